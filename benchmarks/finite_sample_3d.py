@@ -86,7 +86,7 @@ def compare(case: dict[str, Any]) -> dict[str, Any]:
     assert correction is not None
     depths = axes.depth + np.array([0.0, correction.depth[0, 0]])
     dents = [dents_of(contact_at(setup, DESIGN.sheets, depth), DESIGN.sheets)[0] for depth in depths]
-    pivot = float(dents[0].heights[-1] - depths[0] + setup.indenter.reach)
+    pivot = float(dents[0].heights[-1] - depths[0] + setup.indenter.largest_radius)
     _, paths, centre = board_coils()
     loops = [path - [*(centre + place), 0.0] for path in paths]
     package = changes[1] - changes[0]

@@ -5,6 +5,7 @@ from .circuit.impedance import sweep_design as sweep_design
 from .circuit.noise_budget import noise_budget as noise_budget
 from .circuit.operating_field import operating_currents as operating_currents
 from .circuit.operating_field import operating_field as operating_field
+from .compute.memory import MemoryLimitError as MemoryLimitError
 from .design.export import export as export
 from .design.model import Circuit as Circuit
 from .design.model import Design as Design
@@ -31,12 +32,14 @@ from .electromagnetics.resistance import dc_resistance as dc_resistance
 from .errors import BoardError as BoardError
 from .errors import ClusterError as ClusterError
 from .errors import CoilarrayError as CoilarrayError
+from .errors import DamagedError as DamagedError
 from .errors import DesignError as DesignError
 from .errors import ElastomerError as ElastomerError
 from .errors import GeometryError as GeometryError
 from .errors import GoalError as GoalError
 from .errors import HardwareError as HardwareError
 from .errors import LocalizeError as LocalizeError
+from .errors import MetalError as MetalError
 from .errors import MissingDependencyError as MissingDependencyError
 from .errors import NetworkError as NetworkError
 from .errors import OutputError as OutputError

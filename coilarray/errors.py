@@ -8,6 +8,8 @@ from collections.abc import Iterable
 _LONGEST = 500  # characters of an error, a path of 200 included
 _END = 150  # of them behind what is cut out
 _SHOWN = 80  # characters of a value
+LARGEST = 1e30
+"""Of any number: powers of it, up to the sixth in the kernels, stay within the range of float64."""
 _LISTED = 120  # characters of a list of names
 
 
@@ -111,14 +113,19 @@ class MissingDependencyError(CoilarrayError):
 
 
 def require_positive(what: str, value: float, unit: str = " m", error: type[Exception] = GeometryError) -> None:
-    """Raise an error unless a value is positive and finite; `unit` stands behind it, and " mm" shows one in m in mm."""
-    if not (math.isfinite(value) and value > 0):
+    """Raise an error unless a value is positive and at most `LARGEST`; `unit` stands behind it, " mm" of one in m."""
+    if not 0 < value <= LARGEST:
         shown = f"{value * 1e3:g}" if unit == " mm" else f"{value}"
-        raise error(f"{what} must be positive and finite; got {shown}{unit}.")
+        raise error(f"{what} must be positive and {_bound(value)}; got {shown}{unit}.")
 
 
 def require_finite(what: str, *values: float, error: type[CoilarrayError] = GeometryError) -> None:
-    """Raise an error unless all values are finite."""
+    """Raise an error unless all values are finite, up to `LARGEST`."""
     for value in values:
-        if not math.isfinite(value):
-            raise error(f"{what} must be finite; got {value}.")
+        if not abs(value) <= LARGEST:
+            raise error(f"{what} must be {_bound(value)}; got {value}.")
+
+
+def _bound(value: float) -> str:
+    """Say what a number that is beyond every limit must be."""
+    return "of a size up to 1e30" if LARGEST < abs(value) < math.inf else "finite"

@@ -84,7 +84,7 @@ def _inner_radius(pieces: int, angle: float) -> float:
 
 
 def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
-    """Centre in m of an arc, shape (2,); None where the three points lie on a line."""
+    """Centre in m of an arc, shape (2,); None if the three points lie on a line."""
     a, b, c = (np.array(point) for point in (start, middle, end))
     if np.array_equal(a, c):
         return None if np.array_equal(a, b) else (a + b) / 2

@@ -99,8 +99,9 @@ class Placement:
             yield self.to_board(line), widths, layer
 
 
-LatticeKind = Literal["single", "linear", "square", "hexagonal", "rings"]
-"""One coil, a row, rows one above the other, rows shifted by half a pitch, or rings of hexagons about one coil."""
+LatticeKind = Literal["single", "linear", "square", "hexagonal", "triangle", "rings"]
+"""One coil, a row, rows one above the other, rows shifted by half a pitch, such rows each shorter by one coil, or rings
+of hexagons about one coil."""
 
 
 @dataclass(frozen=True)
@@ -109,14 +110,16 @@ class Lattice:
 
     Parameters
     ----------
-    kind : {"single", "linear", "square", "hexagonal", "rings"}
+    kind : {"single", "linear", "square", "hexagonal", "triangle", "rings"}
         Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second
-        one shifted by half a pitch, so that every inner point has six neighbours one pitch away. Rings: such points,
-        one and its neighbours ring by ring, counter-clockwise from `direction`.
+        one shifted by half a pitch, so that every inner point has six neighbours one pitch away. Triangle: such points,
+        in as many rows as columns, each shorter by one. Rings: one such point and its neighbours ring by ring,
+        counter-clockwise from `direction`.
     pitch : float or None
         Distance of neighbours in m; None is for one coil.
     columns, rows : int
-        Coils a row and number of rows; a linear lattice has one row, a single point and rings one of both.
+        Coils a row and number of rows; a linear lattice and a triangle are given one row, a single point and rings one
+        of both.
     layers : tuple of tuple of str
         Sets of copper layers that the coils take in turn along a row.
     direction : float
@@ -158,7 +161,7 @@ class Lattice:
             raise GeometryError("a lattice must have at least one set of layers; got none.")
         # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
         # one, and (i + 2j) mod 4 between its diagonal neighbours too
-        default = -1 if self.kind in ("hexagonal", "rings") else 2 if len(self.layers) == 4 else 1
+        default = -1 if self.kind in ("hexagonal", "triangle", "rings") else 2 if len(self.layers) == 4 else 1
         shift = default if self.layer_shift is None else self.layer_shift
         return tuple(
             Placement(name, coil, self.layers[(i + shift * j) % len(self.layers)], x, y, self.rotation)
@@ -289,18 +292,18 @@ class CoilArray:
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
-        points, reach = [], []
+        points, radii = [], []
         for placement in self.placements:
             coil = placement.coil
             for line, width, _ in placement.traces():
                 points.append(line)
-                reach.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
+                radii.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
             for hole, at in ((coil.via, coil.via_points), (coil.terminal, coil.terminal_points)):
                 if hole is not None and len(at):
                     points.append(placement.to_board(at))
-                    reach.append(np.full(len(at), hole.pad / 2))
+                    radii.append(np.full(len(at), hole.pad / 2))
         xy = np.vstack(points)
-        r = np.concatenate(reach)[:, None] + self.board_margin
+        r = np.concatenate(radii)[:, None] + self.board_margin
         x_min, y_min = (xy - r).min(axis=0).tolist()
         x_max, y_max = (xy + r).max(axis=0).tolist()
         return x_min, y_min, x_max, y_max
@@ -367,7 +370,7 @@ def lattice_array(
     coil : Coil
         The shape of all coils.
     lattice : Lattice
-        Where they lie, and on which layers.
+        Their positions and layers.
 
     Examples
     --------
@@ -417,27 +420,28 @@ def lattice(
     require_finite("direction of a lattice", direction)
     if columns < 1 or rows < 1:
         raise GeometryError(f"columns and rows must be at least 1; got {columns} and {rows}.")
-    if kind == "linear" and rows != 1:
-        raise GeometryError(f"a linear lattice has one row; got {rows}.")
+    if kind in ("linear", "triangle") and rows != 1:
+        raise GeometryError(f"a {kind} lattice takes one row; got {rows}.")
     if kind in ("single", "rings") and (rows, columns) != (1, 1):
-        raise GeometryError(f"a lattice of the kind {kind} has no rows and columns; got {rows} and {columns}.")
+        raise GeometryError(f"a lattice of kind {kind} has no rows and columns; got {rows} and {columns}.")
     if (kind == "rings") != (rings > 0):
         raise GeometryError(
-            f"a lattice has at least one ring where its kind is rings, else none; got {rings} of {kind}."
+            f"a lattice of kind rings must have at least one ring, any other none; got {rings} for {kind}."
         )
     row, column = np.divmod(np.arange(rows * columns), columns)
     if kind == "rings":
         i, row = _rings(rings).T
-        x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
     elif kind == "hexagonal":
         i = column - row // 2
-        x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
+    elif kind == "triangle":
+        row, i = np.divmod(np.arange(columns**2), columns)
+        i, row = i[i + row < columns], row[i + row < columns]
     elif kind in ("single", "linear", "square"):
         i = column
-        x, y = pitch * column.astype(np.float64), pitch * row.astype(np.float64)
     else:
-        raise GeometryError(f"lattice must be single, linear, square, hexagonal or rings; got {kind!r}.")
-    points = np.column_stack((x, y))
+        raise GeometryError(f"lattice must be single, linear, square, hexagonal, triangle or rings; got {kind!r}.")
+    slant, rise = (0.0, 1.0) if kind == "square" else (0.5, math.sqrt(3) / 2)
+    points = np.column_stack((pitch * (i + slant * row), pitch * rise * row))
     points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
     c, s = math.cos(direction), math.sin(direction)
     return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))

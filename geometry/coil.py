@@ -14,9 +14,9 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError, require_positive
+from coilarray.errors import LARGEST, GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line
-from coilarray.geometry.conductor import LARGEST, SMALLEST
+from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import place_in_mm
 
@@ -128,7 +128,7 @@ class Coil:
     via : PlatedHole
         The hole that joins consecutive lines.
     terminal : PlatedHole or None
-        The hole at both ends of the path; None where the ends are bare.
+        The hole at both ends of the path; None if the ends are bare.
     outline : ndarray, shape (m, 2)
         Closed outline of the winding without leads, x and y in m, first point not repeated.
     name : str
@@ -199,8 +199,8 @@ class Coil:
         they leave the arc by `chord` times half the size of the outline. Bends within a trace have three pieces.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
-        reach = float(np.ptp(self.outline, axis=0).max()) / 2 if radii else 0.0
-        step = math.sqrt(8 * chord * reach / max(radii, default=1.0))
+        radius = float(np.ptp(self.outline, axis=0).max()) / 2 if radii else 0.0
+        step = math.sqrt(8 * chord * radius / max(radii, default=1.0))
         for k, (line, widths) in enumerate(zip(self.lines, self.widths, strict=True)):
             points, pieces = coarser_line(line, self.arcs_of(k), step, small=0.6 * self.trace_width)
             yield points, widths[pieces]
@@ -433,7 +433,7 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
         at = place_in_mm(*point)
         raise GeometryError(f"line {index} of a coil crosses itself: segments {i} and {j} meet at {at}.")
     at = place_in_mm(*line[0])
-    raise GeometryError(f"line {index} of a coil must have two separate ends; it is closed at {at}.")
+    raise GeometryError(f"line {index} of a coil must have two separate ends; it closes at {at}.")
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
@@ -518,8 +518,8 @@ def _fan(
     direction = -outwards if inside else outwards
     across = np.array([-direction[1], direction[0]])
     clear_of_trace = pads / 2 + spiral.gap + spiral.trace_width / 2
-    reach = float(np.hypot(*end)) if inside else 4 * m * float(clear_of_trace.max())
-    distance = np.linspace(0.0, reach, 2001 if m == 1 else 401)[1:]
+    longest = float(np.hypot(*end)) if inside else 4 * m * float(clear_of_trace.max())
+    distance = np.linspace(0.0, longest, 2001 if m == 1 else 401)[1:]
     obstacles = shapely.MultiLineString(list(lines))
     shapely.prepare(obstacles)
     # no stub leaves at less than 45° to the side of a circle

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError
+from coilarray.errors import LARGEST, GeometryError
 
-SMALLEST, LARGEST = 1e-30, 1e30
-"""Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""
+SMALLEST = 1 / LARGEST
+"""Least length in m."""
 
-_STRAIGHT = 1e-6  # rad; less is no bend
+_STRAIGHT = 1e-6  # rad; less is not a bend
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class Conductor:
 
     @property
     def is_filament(self) -> bool:
-        """True where any segment has no cross-section."""
+        """True if any segment has no cross-section."""
         return bool((self.widths == 0).any())
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
 _TOUCHING = 1e-8
 # A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3 µm off the circle.
-_BARREL_REACH = 1e-6
+_BARREL_MARGIN = 1e-6
 # Segments a quarter of a stroke's round end: within 1.2e-3 of its radius, 1 µm for a trace of 1.6 mm.
 _STROKE_QUADRANT = 16
 # Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out there.
@@ -98,7 +98,7 @@ class NetCheck:
 
     @property
     def passed(self) -> bool:
-        """True where the copper is exactly the coils."""
+        """True if the copper is exactly the coils."""
         return not self.faults
 
 
@@ -131,7 +131,7 @@ def connected_pieces(
     first = dict(zip(parts, np.cumsum([0, *map(len, parts.values())]).tolist(), strict=False))
     count = sum(map(len, parts.values()))
     centres = np.array([shapely.Point(hole.x, hole.y) for hole in holes], dtype=object)
-    reach = np.array([hole.drill / 2 + _BARREL_REACH for hole in holes])
+    radius = np.array([hole.drill / 2 + _BARREL_MARGIN for hole in holes])
     met = []
     for layer, shapes in parts.items():
         tree = shapely.STRtree(shapes)
@@ -139,7 +139,7 @@ def connected_pieces(
         met.append(np.column_stack((i, j)) + first[layer])
         piercing = np.array([k for k, hole in enumerate(holes) if layer in hole.layers], dtype=np.int64)
         if len(piercing):
-            h, j = tree.query(centres[piercing], predicate="dwithin", distance=reach[piercing])
+            h, j = tree.query(centres[piercing], predicate="dwithin", distance=radius[piercing])
             met.append(np.column_stack((piercing[h] + count, j + first[layer])))
     label = np.array(groups(count + len(holes), np.vstack(met) if met else ()))
     pieces: dict[int, dict[str, BaseGeometry]] = {}
@@ -320,7 +320,7 @@ class _Coil:
         )
 
     def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
-        """Where the way from the first to the second terminal leaves the first one's piece; None where it does not."""
+        """Where the way from the first to the second terminal leaves the first one's piece; None if it does not."""
         begin, end = self.lines[0][0], self.lines[-1][-1]
         first, last = self.line_layers[0], self.line_layers[-1]
         piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
@@ -346,8 +346,8 @@ class _Coil:
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
         """Whether the piece has copper at a point of a layer, or around the hole that is drilled there."""
         here = [d for d in self.drills if d.drilled and np.hypot(d.x - point[0], d.y - point[1]) < 1e-9]
-        reach = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_REACH
-        return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), reach))
+        radius = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_MARGIN
+        return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), radius))
 
     def missing(
         self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel], tolerance: float
@@ -402,8 +402,8 @@ def _meetings(
 
 def _reaches(hole: Barrel, coil: _Coil) -> bool:
     centre = shapely.Point(hole.x, hole.y)
-    reach = hole.drill / 2 + _BARREL_REACH
-    return any(layer in coil.most and shapely.dwithin(coil.most[layer], centre, reach) for layer in hole.layers)
+    radius = hole.drill / 2 + _BARREL_MARGIN
+    return any(layer in coil.most and shapely.dwithin(coil.most[layer], centre, radius) for layer in hole.layers)
 
 
 def _foreign_hole(hole: Barrel) -> NetFault:

@@ -32,6 +32,7 @@ _ACROSS = 4.0  # length of a way across a winding, over that beside it
 _MOST_NODES = 90_000  # of the grid: a larger board gets a coarser one
 _SHARE = 0.49  # of a piece between two corners, which each may round: they must not meet
 _TRIES = 4  # orders of the coils, each time that which found no way first
+_FIRST_LOOK = 1.5  # of the straight line from a coil to its pad: ways up to that length are looked for first
 _LOOK_AHEAD = 10  # corners of a way that one may replace
 _NANOMETRE = 9  # digits of m: rounding errors of a design's lengths are to lead no other way
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
@@ -45,7 +46,7 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     array : CoilArray
         Coils with leads.
     connector : Connector
-        Where the leads end.
+        Connector at which the leads end.
 
     Returns
     -------
@@ -83,7 +84,7 @@ def _led(
     array = CoilArray(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
     for place in array.placements:
         if place.coil.terminal is None:
-            raise GeometryError(f"{place.name} has no leads to be led to a connector.")
+            raise GeometryError(f"{place.name} has no leads that could be routed to a connector.")
     board = _turned(array, connector.side)
     farthest: NoWayError | None = None
     orders = [_along_the_edge(board, near_first=near_first) for near_first in (True, False)]
@@ -211,9 +212,8 @@ class _Grid:
             (number[:-1, :-1], number[1:, 1:]),
             (number[:-1, 1:], number[1:, :-1]),
         )
-        self._families = tuple(pair[0].shape for pair in pairs)
+        self._shape, self._families = i.shape, tuple(pair[0].shape for pair in pairs)
         self.start, self.stop = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
-        self.edges = np.asarray(shapely.linestrings(np.stack((self.nodes[self.start], self.nodes[self.stop]), axis=1)))
         self.length = np.hypot(*(self.nodes[self.start] - self.nodes[self.stop]).T)
         self.windings = shapely.union_all(
             [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
@@ -295,7 +295,7 @@ class _Grid:
                 shapely.prepare(shape)
                 near = np.hypot(*(self.nodes[self.start[piece.edges]] - (x, y)).T) < self.around + 2 * self.step
                 meets = np.ones(len(near), dtype=np.bool_)
-                meets[near] = shapely.intersects(shape, self.edges[piece.edges[near]])
+                meets[near] = shapely.intersects(shape, self._lines(piece.edges[near]))
                 pieces.append(_Taken(shape, line, piece.edges[meets]))
             elif piece.owner not in ((coil, "pad", end), (coil, "lead", end)):
                 pieces.append(piece)
@@ -309,7 +309,7 @@ class _Grid:
         begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
         taken = self._foreign(coil, end)
         foreign = np.array([piece.shape for piece in taken])
-        free = np.ones(len(self.edges), dtype=np.bool_)
+        free = np.ones(len(self.length), dtype=np.bool_)
         for piece in taken:
             free[piece.edges] = False
         line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
@@ -321,7 +321,12 @@ class _Grid:
             np.append(self.length[free], np.hypot(*(places[start] - places[stop])[free.sum() :].T)), _NANOMETRE
         )
         graph = coo_array((length, (start, stop)), shape=(len(places),) * 2).tocsr()
-        distance, before = dijkstra(graph, directed=False, indices=np.array(first), return_predecessors=True)
+        for limit in (_FIRST_LOOK * float(np.hypot(*(pad - begin))), math.inf):
+            distance, before = dijkstra(
+                graph, directed=False, indices=np.array(first), return_predecessors=True, limit=limit
+            )
+            if math.isfinite(distance[last]):
+                break
         if math.isfinite(distance[last]):
             nodes = [last]
             while nodes[-1] != first:
@@ -331,8 +336,8 @@ class _Grid:
             return way
         raise NoWayError(
             coil,
-            f"the lead of {place.name} on {layer} finds no way to the {self.connector.side} edge with "
-            f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; give it room by array.pitch_mm, "
+            f"the lead of {place.name} on {layer} cannot be routed to the {self.connector.side} edge with "
+            f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; make room by array.pitch_mm, "
             "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side.",
         )
 
@@ -373,18 +378,31 @@ class _Grid:
             self.copper[layer].append(taken)
 
     def _meeting(self, shape: BaseGeometry) -> IntArray:
-        """Edges of the grid that meet a shape; asked of those of the cells about it only."""
+        """Edges of the grid that meet a shape: those of its nodes, and of the others near it those that cross it."""
         x_min, y_min, x_max, y_max = (np.array(shape.bounds) - np.tile(self.nodes[0], 2)) / self.step
         around, first = [], 0
-        for columns, rows in self._families:  # an edge lies in the cell right of and above its number's
-            i = np.arange(max(math.floor(x_min) - 1, 0), min(math.ceil(x_max) + 1, columns))
-            j = np.arange(max(math.floor(y_min) - 1, 0), min(math.ceil(y_max) + 1, rows))
+        for columns, rows in (*self._families, self._shape):  # an edge lies in the cell right of and above its number's
+            i = np.arange(max(math.floor(x_min) - 1, 0), min(math.ceil(x_max) + 2, columns))
+            j = np.arange(max(math.floor(y_min) - 1, 0), min(math.ceil(y_max) + 2, rows))
             around.append((first + i[:, None] * rows + j).ravel())
             first += columns * rows
-        near: IntArray = np.concatenate(around)
-        shapely.prepare(shape)
-        meets: IntArray = np.flatnonzero(shapely.intersects(shape, self.edges[near]))
-        return near[meets]
+        near: IntArray = np.concatenate(around[:-1])
+        nodes = around[-1] - len(self.length)
+        inside, close = np.zeros((2, len(self.nodes)), dtype=np.bool_)
+        for marked, about in ((inside, shape), (close, shape.buffer(self.step))):
+            shapely.prepare(about)
+            marked[nodes] = shapely.intersects_xy(about, *self.nodes[nodes].T)
+        one, other = self.start[near], self.stop[near]
+        meets = inside[one] | inside[other]
+        unsure = np.flatnonzero(~meets & (close[one] | close[other]))
+        meets[unsure] = shapely.intersects(shape, self._lines(near[unsure]))
+        found: IntArray = near[meets]
+        return found
+
+    def _lines(self, edges: IntArray) -> npt.NDArray[np.object_]:
+        return np.asarray(
+            shapely.linestrings(np.stack((self.nodes[self.start[edges]], self.nodes[self.stop[edges]]), axis=1))
+        )
 
 
 _Owner = tuple[int, int] | tuple[int, str, int] | None

@@ -53,7 +53,7 @@ class Drill:
     net : str
         Name of the coil it belongs to.
     kind : {"via", "terminal"}
-        What it is for.
+        Purpose.
     x, y : float
         Position in m, in the frame of the board.
     diameter, pad : float
@@ -255,7 +255,7 @@ def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
 def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArray], FloatArray | None]:
     """Find normals of segments (n − 1, 2), mitres of corners (n − 2, 2), and offsets of the sides (n, 2) in m.
 
-    A mitre beyond the limit is zero. The offsets are None where there is one, or where a segment is shorter than its
+    A mitre beyond the limit is zero. The offsets are None if there is one, or where a segment is shorter than its
     corners.
     """
     half = width / 2

@@ -20,19 +20,15 @@ Symmetry = Literal["axial", "plane"]
 """``"axial"``: a body of revolution; ``"plane"``: infinitely long along y."""
 
 
-@dataclass(frozen=True)
-class _Body:
-    """What all indenters with a radius share; each says its `profile` and `radius_at`."""
+class _Tip:
+    """What all indenters share; each says its `profile` and `radius_at`."""
 
     radius: float
     name: ClassVar[str]
     symmetry: ClassVar[Symmetry] = "axial"
 
-    def __post_init__(self) -> None:
-        require_positive(f"radius of a {self.name}", self.radius)
-
     @property
-    def reach(self) -> float:
+    def largest_radius(self) -> float:
         """Largest radius (of a plane body: |x|) in m at which the body can touch; inf where it has no end."""
         return self.radius
 
@@ -40,6 +36,16 @@ class _Body:
     def height(self) -> float:
         """Largest depth in m that the shape is known for; inf where it goes on, as the rod above an edge does."""
         return math.inf
+
+
+@dataclass(frozen=True)
+class _Body(_Tip):
+    """An indenter whose first parameter is its radius."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        require_positive(f"radius of a {self.name}", self.radius)
 
 
 class _Round(_Body):
@@ -97,7 +103,7 @@ class Paraboloid(_Body):
     name: ClassVar[str] = "paraboloid"
 
     @property
-    def reach(self) -> float:
+    def largest_radius(self) -> float:
         """Infinite: a paraboloid has no end."""
         return math.inf
 
@@ -114,12 +120,10 @@ EDGE = 0.1
 """Radius of the rounded edge of a punch over the punch's own, where none is given: it takes some 5 % of the force."""
 
 
-class _Edged:
+class _Edged(_Tip):
     """An indenter that ends with an edge, rounded for large deformations: a sharp one would cut the sheet."""
 
-    radius: float
     edge_radius: float | None
-    name: ClassVar[str]
 
     @property
     def rounding(self) -> float:
@@ -194,7 +198,6 @@ class Cone(_Edged):
     radius: float = math.inf
     edge_radius: float | None = None
     name: ClassVar[str] = "cone"
-    symmetry: ClassVar[Symmetry] = "axial"
 
     def __post_init__(self) -> None:
         if not 0 < self.half_angle < math.pi / 2:
@@ -202,16 +205,6 @@ class Cone(_Edged):
         if not self.radius > 0:
             raise GeometryError(f"radius of a cone must be positive; got {self.radius} m.")
         self._check_edge()
-
-    @property
-    def reach(self) -> float:
-        """Largest radius in m at which the cone can touch."""
-        return self.radius
-
-    @property
-    def height(self) -> float:
-        """Infinite: where the cone ends, its edge touches, and a rod follows."""
-        return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
         """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the end."""

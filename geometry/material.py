@@ -47,7 +47,9 @@ class Material:
                 f"relative permeability of {self.name!r} must be at least 1; got {self.relative_permeability}."
             )
         if self.conductivity == 0 and self.relative_permeability == 1:
-            raise GeometryError(f"{self.name!r} must have a conductivity above 0 or a permeability above 1; got air.")
+            raise GeometryError(
+                f"{self.name!r} must have a conductivity above 0 or a permeability above 1; it has neither."
+            )
 
     @property
     def words(self) -> str:

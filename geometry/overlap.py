@@ -1,126 +1,156 @@
-"""Copper in copper: traces of an array that would be one conductor where they are counted as two."""
+"""Copper in copper: paths that would be one conductor where they are counted as two, or as a longer one."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
-from itertools import combinations
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, combinations, groupby
 
 import numpy as np
 import shapely
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError
-from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.coil import Coil
+from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.copper import MITRE_LIMIT, simple_outline, trace_outline
-from coilarray.geometry.rules import KEPT_WITHIN, FabRules, Gap, clearances, trace_to_itself, trace_to_trace
+from coilarray.geometry.rules import (
+    KEPT_WITHIN,
+    TRACE_DETOUR,
+    FabRules,
+    clearances,
+    trace_to_itself,
+    trace_to_trace,
+)
+from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import place_in_mm
 
 _NO_GAP = FabRules(min_gap=0.0)
 _JOINED = FabRules().min_gap  # the corners that the rules count as joined copper, by their default
+_ALIKE = 1e-9  # of a size: equal but for rounding
 
 
-def require_apart(array: CoilArray) -> None:
-    """Raise GeometryError where traces of two coils, or two turns of one coil, overlap on a layer.
+@dataclass(frozen=True, eq=False)
+class _Trace:
+    """Flat bars of a path that follow each other: centre line, shape (n + 1, 2), and widths, shape (n,), in m.
 
-    Measured as `coilarray.geometry.check_rules` does: the outlines of the traces of different coils, and within a coil
-    the places that face each other across the way of the current. Traces may touch, and overlap by up to 1 µm as the
-    limits of the rules may be missed by so much. Pads and holes are left to the rules.
+    `path` is the number of the path, z and thickness are in m, and what has one `shape` is equal but for the place.
+    `closed` says that the trace is all of the path, whose end meets its beginning.
+    """
+
+    path: int
+    line: FloatArray
+    widths: FloatArray
+    z: float
+    thickness: float
+    closed: bool
+    shape: int
+
+    @cached_property
+    def outline(self) -> shapely.Polygon:
+        return trace_outline(self.line, self.widths)
+
+    def is_level_with(self, other: _Trace) -> bool:
+        return abs(self.z - other.z) < (0.5 - _ALIKE) * (self.thickness + other.thickness)
+
+
+_Place = tuple[_Trace, _Trace, float, float, float]
+"""Two traces, or one twice, their distance in m, negative where they overlap, and x and y in m of the place."""
+
+
+def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = None) -> None:
+    """Raise GeometryError where flat bars of two paths, or two turns of one path, overlap at one height.
+
+    Measured as `coilarray.geometry.check_rules` does: the outlines of different paths, with mitred corners, and within
+    a path the places that face each other across the way of the current. Copper may touch, and overlap by up to 1 µm as
+    the limits of the rules may be missed by so much, and the end of a path may meet its beginning. Bars that are not
+    flat, as those of vias, are left out. With the `stackup` the error names the layer instead of the height.
 
     Examples
     --------
-    >>> from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.2e-3, 0.4e-3))
-    >>> places = (Placement("A", coil, ("top",), 0, 0), Placement("B", coil, ("top",), 0, 0.15e-3))
-    >>> require_apart(CoilArray(Stackup(("top",), (35e-6,), (), ()), places))
+    >>> bars = [Conductor([[0, y, 0], [1e-2, y, 0]], 2e-4, 35e-6, name=name) for name, y in (("A", 0), ("B", 1.5e-4))]
+    >>> require_apart(bars)
     Traceback (most recent call last):
-    coilarray.errors.GeometryError: copper of A – B overlaps on layer top at (9.975, 0.075) mm, by 0.05 mm.
+    coilarray.errors.GeometryError: copper of A – B overlaps on z 0 mm at (9.975, 0.075) mm, by 0.05 mm.
     """
-    problem = _overlap(array)
-    if problem:
-        raise GeometryError(problem)
+    shapes: dict[bytes, int] = {}
+    traces = [trace for number, one in enumerate(conductors) for trace in _traces(number, one, shapes)]
+    for one, other, distance, x, y in chain(_within(traces), _between(traces)):
+        if distance <= -KEPT_WITHIN:
+            names = " – ".join(conductors[number].name for number in dict.fromkeys((one.path, other.path)))
+            layers = {} if stackup is None else {stackup.centre(name): f"layer {name}" for name in stackup.names}
+            at = layers.get(one.z, f"z {one.z * 1e3:.4g} mm")
+            raise GeometryError(
+                f"copper of {names} overlaps on {at} at {place_in_mm(x, y)}, by {-distance * 1e3:.4g} mm."
+            )
 
 
-@lru_cache(maxsize=16)  # of the arrays in use: a design is computed with more than once
-def _overlap(array: CoilArray) -> str:
-    """Where the first overlap is, empty where there is none."""
-    for layer in array.stackup.names:
-        here = [one for one in array.placements if one.lines_on(layer)]
-        for placement in here:
-            gap = _overlap_within(placement.coil, placement.lines_on(layer))
-            if gap is not None:
-                x, y = placement.to_board(gap[1]).tolist()
-                return _text(placement.name, layer, x, y, -gap[0])
-        for one, other in _near_pairs(here, layer):
-            copper = {each.name: shapely.union_all(_outlines(each, layer)) for each in (one, other)}
-            for margin in clearances(layer, copper, _NO_GAP):
-                if not margin.kept and margin.x is not None and margin.y is not None:
-                    return _text(margin.feature, layer, margin.x, margin.y, -margin.value)
-    return ""
+def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
+    """Give the flat runs of a path, and keep what shapes there are."""
+    vertices, z = conductor.vertices, conductor.vertices[:, 2]
+    flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
+    ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        line, widths = vertices[start : stop + 1, :2], conductor.widths[start:stop]
+        closed = stop - start == len(flat) and np.hypot(*(line[-1] - line[0])) <= (widths[0] + widths[-1]) / 2
+        key = _steps(line - line[0], line).tobytes() + widths.tobytes()
+        thickness = float(conductor.thicknesses[start:stop].min())
+        yield _Trace(
+            number, line, widths, float(z[start]), thickness, bool(closed), shapes.setdefault(key, len(shapes))
+        )
 
 
-def _near_pairs(here: Sequence[Placement], layer: str) -> Iterator[tuple[Placement, Placement]]:
-    """Give the pairs of coils whose traces on a layer may meet; of those that lie to each other alike, one."""
-    reach = np.array([_reach(one.coil, one.lines_on(layer)) for one in here])
-    centres = np.array([(one.x, one.y) for one in here]).reshape(-1, 2)
-    boxes = shapely.box(*(centres - reach[:, None]).T, *(centres + reach[:, None]).T)
+def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
+    """Write vectors in m as steps that are small against the size of a line; + 0.0: no −0."""
+    return np.asarray(np.round(way / (_ALIKE * np.abs(line - line[0]).max())) + 0.0)
+
+
+def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
+    """Give the nearest places of each trace that face each other, and of two traces of one path."""
+    for trace in {trace.shape: trace for trace in traces}.values():
+        # the cheaper of two that agree
+        if np.ptp(trace.widths) > 0 or simple_outline(trace.line, float(trace.widths[0])) is None:
+            for line, widths in _opened(trace) if trace.closed else [(trace.line, trace.widths)]:
+                gap = trace_to_itself(line, widths / 2, _JOINED, within=0.0)
+                if gap is not None:
+                    yield trace, trace, gap[0], *gap[1].tolist()
+    for _, own in groupby(traces, key=lambda trace: trace.path):
+        for one, other in combinations(own, 2):
+            if one.is_level_with(other):
+                gap = trace_to_trace((one.line, one.widths / 2), (other.line, other.widths / 2), within=0.0)
+                if gap is not None:
+                    yield one, other, gap[0], *gap[1].tolist()
+
+
+def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Give a closed trace twice, without its end and without its beginning, which are joined to each other."""
+    for line, widths in ((trace.line, trace.widths), (trace.line[::-1], trace.widths[::-1])):
+        step = np.diff(line, axis=0)
+        way = np.cumsum(np.hypot(*step.T))
+        left = TRACE_DETOUR * (float(widths.max()) + _JOINED)
+        if left < way[-1]:
+            k = int(np.searchsorted(way, left, side="right"))
+            begin = line[k + 1] - (way[k] - left) / np.hypot(*step[k]) * step[k]
+            yield np.vstack((begin, line[k + 1 :])), widths[k:]
+
+
+def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
+    """Give the places where traces of two paths meet; of those that lie to each other alike, one."""
+    margin = MITRE_LIMIT / 2 * np.array([trace.widths.max() for trace in traces])
+    low = np.array([trace.line.min(axis=0) for trace in traces]).reshape(-1, 2) - margin[:, None]
+    high = np.array([trace.line.max(axis=0) for trace in traces]).reshape(-1, 2) + margin[:, None]
+    boxes = np.array(shapely.box(*low.T, *high.T))
     i, j = shapely.STRtree(boxes).query(boxes, predicate="intersects")
     seen = set()
     for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
-        one, other = here[a], here[b]
-        c, s = math.cos(one.rotation), math.sin(one.rotation)
-        apart = (centres[b] - centres[a]) @ np.array([[c, -s], [s, c]]) / reach[a]  # in the frame of the first coil
-        turn = (other.rotation - one.rotation) / (2 * math.pi) % 1.0
-        alike = (
-            one.coil,
-            one.lines_on(layer),
-            other.coil,
-            other.lines_on(layer),
-            *np.round((*apart, turn), 9).tolist(),
-        )
+        one, other = traces[a], traces[b]
+        if one.path == other.path or not one.is_level_with(other):
+            continue
+        alike = (one.shape, other.shape, *_steps(other.line[0] - one.line[0], one.line).tolist())
         if alike in seen:
             continue
         seen.add(alike)
-        # a mitred corner stands out by so many half widths
-        distance = MITRE_LIMIT * max(max(float(w.max()) for w in each.coil.widths) for each in (one, other))
-        if shapely.dwithin(_centre_lines(one, layer), _centre_lines(other, layer), distance):
-            yield one, other
-
-
-def _centre_lines(placement: Placement, layer: str) -> shapely.MultiLineString:
-    return shapely.MultiLineString([placement.to_board(placement.coil.lines[k]) for k in placement.lines_on(layer)])
-
-
-@lru_cache(maxsize=256)
-def _reach(coil: Coil, lines: tuple[int, ...]) -> float:
-    """Radius in m about a coil's centre within which its traces lie."""
-    return max(float(np.hypot(*coil.lines[k].T).max() + MITRE_LIMIT * coil.widths[k].max() / 2) for k in lines)
-
-
-def _text(coils: str, layer: str, x: float, y: float, depth: float) -> str:
-    return f"copper of {coils} overlaps on layer {layer} at {place_in_mm(x, y)}, by {depth * 1e3:.4g} mm."
-
-
-def _outlines(placement: Placement, layer: str) -> list[shapely.Polygon]:
-    """Outlines of the traces of a coil on a layer, in the frame of the board in m."""
-    return [shapely.transform(_outline(placement.coil, line), placement.to_board) for line in placement.lines_on(layer)]
-
-
-@lru_cache(maxsize=256)  # one of the coils of a lattice stands for all
-def _outline(coil: Coil, line: int) -> shapely.Polygon:
-    return trace_outline(coil.lines[line], coil.widths[line])
-
-
-@lru_cache(maxsize=256)
-def _overlap_within(coil: Coil, lines: tuple[int, ...]) -> Gap | None:
-    """Deepest overlap of the lines of a coil that lie on one layer, in its own frame; None where there is none."""
-    traces = [(coil.lines[k], coil.widths[k] / 2) for k in lines]
-    found = [
-        trace_to_itself(line, half, _JOINED, reach=0.0)
-        for line, half in traces
-        if np.ptp(half) > 0 or simple_outline(line, 2 * float(half[0])) is None  # the cheaper of two that agree
-    ]
-    found += [trace_to_trace(one, other, reach=0.0) for one, other in combinations(traces, 2)]
-    deep = [gap for gap in found if gap is not None and gap[0] <= -KEPT_WITHIN]
-    return min(deep, key=lambda gap: gap[0], default=None)
+        if shapely.dwithin(shapely.LineString(one.line), shapely.LineString(other.line), float(margin[a] + margin[b])):
+            for found in clearances("", {"one": one.outline, "other": other.outline}, _NO_GAP):
+                if found.x is not None and found.y is not None:
+                    yield one, other, found.value, found.x, found.y

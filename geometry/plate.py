@@ -33,7 +33,7 @@ class Plate:
     thickness : float
         Thickness in m.
     material : Material
-        What it is made of.
+        Material.
 
     Raises
     ------
@@ -157,7 +157,9 @@ class Polygon:
         outline = shapely.Polygon(self.exterior, self.holes)
         if not outline.is_valid or outline.area == 0:
             reason = shapely.is_valid_reason(shapely.transform(outline, lambda corners: corners * 1e3))
-            raise GeometryError(f"an outline must not cross or touch itself, its holes inside; {reason} (mm).")
+            raise GeometryError(
+                f"an outline must not cross or touch itself, and its holes must be inside; {reason} (mm)."
+            )
 
 
 def _circle(radius: float) -> tuple[Point, ...]:
@@ -185,7 +187,7 @@ class FinitePlate:
     thickness : float
         Thickness in m.
     material : Material
-        What it is made of.
+        Material.
     tilt : float
         Angle in rad by which it rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float

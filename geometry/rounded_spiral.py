@@ -80,12 +80,12 @@ class RoundedSpiral(Winding):
 
     @property
     def is_circle(self) -> bool:
-        """True where the enclosing shape is a circle."""
+        """True if the enclosing shape is a circle."""
         return self.sides == 4 and self.extent == self.breadth == 2 * self.corner_radius
 
     @property
     def is_racetrack(self) -> bool:
-        """True where the enclosing shape ends in half circles."""
+        """True if the enclosing shape ends in half circles."""
         return self.sides == 4 and self.corner_radius == min(self.extent, self.breadth) / 2
 
     @property

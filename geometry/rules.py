@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN
 from coilarray.compute.recent import Recent
-from coilarray.errors import GeometryError, RuleViolationError
+from coilarray.errors import LARGEST, GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
 from coilarray.geometry.values import place_in_mm
@@ -34,7 +34,7 @@ KEPT_WITHIN = 1e-6
 _HORIZON = 10.0
 # Two places of one trace count as separate pieces where the way along the copper is at least this many times the
 # distance across: a corner of 39° or more, an arc or a straight run never is, facing turns and hairpins are.
-_TRACE_DETOUR = 3.0
+TRACE_DETOUR = 3.0
 # The same for a pad and the trace that leaves it; 1.42 is a right angle at the pad.
 _PAD_DETOUR = 1.5
 
@@ -88,7 +88,7 @@ class FabRules:
         for field in fields(self):
             value = getattr(self, field.name)
             for number in () if value is None else value if isinstance(value, tuple) else (value,):
-                if not (math.isfinite(number) and number >= 0):
+                if not 0 <= number <= LARGEST:
                     unit = "" if field.name in ("max_layers", "max_aspect_ratio") else " m"
                     raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 
@@ -107,8 +107,8 @@ class Margin:
     feature : str
         The net, both nets joined by " – ", or "board".
     margin : float
-        What is to spare: positive kept, negative broken. `value` − `limit`, or `limit` − `value` where the limit is a
-        largest value.
+        Distance from the limit: positive if the rule is kept, negative if it is broken. `value` − `limit`, or `limit` −
+        `value` where the limit is a largest value.
     limit, value : float
         Limit and measured value.
     x, y : float or None
@@ -137,7 +137,7 @@ class Margin:
 
     @property
     def kept(self) -> bool:
-        """True where the limit is kept to within `KEPT_WITHIN`."""
+        """True if the limit is kept to within `KEPT_WITHIN`."""
         return self.margin > -KEPT_WITHIN
 
 
@@ -351,7 +351,7 @@ def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> 
 
 
 def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | None]:
-    """Diameter in m and centre of the largest circle in the overlap; 0 and None where they only touch."""
+    """Diameter in m and centre of the largest circle in the overlap; 0 and None if they only touch."""
     parts = shapely.get_parts(shapely.intersection(a, b))
     parts = parts[shapely.area(parts) > 0]
     if parts.size == 0:
@@ -366,15 +366,15 @@ Gap = tuple[float, FloatArray]
 
 
 def _gap_within(array: CoilArray, placement: Placement, layer: str, limit: float) -> Gap | None:
-    """Smallest distance of the separate pieces of one net on one layer; None where none are near."""
+    """Smallest distance of the separate pieces of one net on one layer; None if none are near."""
     coil = placement.coil
     holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
     found: list[Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
         found += _pads_to_trace(line, half, holes, limit)
-        found += [trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
-    found += [trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
+        found += [trace_to_itself(line, half, limit, within=_HORIZON * limit)]
+    found += [trace_to_trace(one, other, within=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
     gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
     return min(gaps, key=lambda gap: gap[0], default=None)
 
@@ -384,11 +384,11 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 
 
 def trace_to_trace(
-    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], reach: float
+    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
 ) -> Gap | None:
-    """Smallest gap of two traces, each with half its widths, up to `reach` (m)."""
+    """Smallest gap of two traces, each with half its widths, up to `within` (m)."""
     segments, others = _segments(one[0]), _segments(other[0])
-    i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + reach)
+    i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
     if not len(i):
         return None
     gaps = shapely.distance(segments[i], others[j]) - one[1][i] - other[1][j]
@@ -397,18 +397,18 @@ def trace_to_trace(
     return float(gaps[k]), bridge.mean(axis=0)
 
 
-def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> Gap | None:
-    """Smallest gap of the trace to itself up to `reach` (m)."""
-    near = min(float(4 * half.max()), reach)
-    while (gap := _gap_to_itself(line, half, limit, near)) is None and near < reach:
-        near = min(4 * near, reach)  # pairs of segments by pairs: a wide search costs the square of their number
+def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
+    """Smallest gap of the trace to itself up to `within` (m)."""
+    near = min(float(4 * half.max()), within)
+    while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
+        near = min(4 * near, within)  # pairs of segments by pairs: a wide search costs the square of their number
     return gap
 
 
-def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> Gap | None:
+def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
-    r = 2 * half.max() + reach
+    r = 2 * half.max() + within
     # boxes that overlap, which costs less than distances: those below are computed anyway
     i, j = shapely.STRtree(segments).query(shapely.box(x_min - r, y_min - r, x_max + r, y_max + r))
     i, j = i[j > i + 1], j[j > i + 1]
@@ -417,10 +417,10 @@ def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: floa
     length = np.hypot(*step.T)
     start = np.concatenate(([0.0], np.cumsum(length)))
     between = start[j] - start[i + 1]  # way from the end of segment i to the beginning of segment j
-    joined = _TRACE_DETOUR * (copper + limit)
+    joined = TRACE_DETOUR * (copper + limit)
     along = step / length[:, None]
     a, b, distance = _nearest_beyond(line[j] - line[i + 1], along[i], along[j], length[i], length[j], joined - between)
-    counts = (between + a + b >= _TRACE_DETOUR * distance) & (distance <= copper + reach)
+    counts = (between + a + b >= TRACE_DETOUR * distance) & (distance <= copper + within)
     if not counts.any():
         return None
     k = int(np.argmin(np.where(counts, distance - copper, np.inf)))
@@ -487,11 +487,11 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
     """Gaps of every pad and the part of the trace that does not lead into it."""
     for hole in holes:
         end = _end_at(line, hole)
-        points, reach = (line[::-1], half[::-1]) if end == "last" else (line, half)
+        points, radius = (line[::-1], half[::-1]) if end == "last" else (line, half)
         step = np.diff(points, axis=0)
         length = np.hypot(*step.T)
         start = np.concatenate(([0.0], np.cumsum(length)[:-1]))
-        joined = 0.0 if end is None else _PAD_DETOUR * (hole.pad / 2 + reach + limit)
+        joined = 0.0 if end is None else _PAD_DETOUR * (hole.pad / 2 + radius + limit)
         low = np.clip(joined - start, 0, None)
         along = step / length[:, None]
         offset = points[:-1] - (hole.x, hole.y)
@@ -499,8 +499,8 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
         distance = np.where(low <= length, np.hypot(*(offset + t[:, None] * along).T), np.inf)
         if end is not None:
             distance[start + t < _PAD_DETOUR * distance] = np.inf
-        k = int(np.argmin(distance - reach))
-        yield float(distance[k]) - hole.pad / 2 - float(reach[k]), points[k] + t[k] * along[k]
+        k = int(np.argmin(distance - radius))
+        yield float(distance[k]) - hole.pad / 2 - float(radius[k]), points[k] + t[k] * along[k]
 
 
 def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[Gap]:

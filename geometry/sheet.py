@@ -31,7 +31,7 @@ class Sheet:
     relative_permeability : float
         1 for a plain elastomer, above 1 for a filled one.
     youngs_modulus : float or None
-        Young's modulus in Pa; None where it is not known, and then the sheet cannot be indented.
+        Young's modulus in Pa; None if it is not known, and then the sheet cannot be indented.
     poissons_ratio : float
         Poisson's ratio from 0 to 0.5; 0.5 is incompressible.
     """

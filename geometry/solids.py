@@ -224,5 +224,5 @@ def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
 def _near(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
     """Return the holes that may meet the outline of a prism."""
     at = np.asarray(shapely.points(np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)))
-    reach = max((hole.diameter / 2 for hole in holes), default=0.0)
-    return [holes[k] for k in np.flatnonzero(shapely.dwithin(prism.shape, at, reach)).tolist()]
+    radius = max((hole.diameter / 2 for hole in holes), default=0.0)
+    return [holes[k] for k in np.flatnonzero(shapely.dwithin(prism.shape, at, radius)).tolist()]

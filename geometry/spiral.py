@@ -125,8 +125,8 @@ class Winding(ABC):
         if outer - self.trace_width / 2 - self.pitch * self.turns <= least:
             fit = math.floor((outer - self.trace_width / 2 - least) / self.pitch * self.sides) / self.sides
             raise GeometryError(
-                f"{self.turns:g} turns of {self.trace_width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap do not fit "
-                f"into {outer * 1e3:g} mm from edge to centre; at most {max(fit, 0):.4g} turns do."
+                f"{self.turns:g} turns of {self.trace_width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap do not "
+                f"fit into {outer * 1e3:g} mm from edge to centre; at most {max(fit, 0):.4g} turns fit."
             )
 
 

@@ -106,7 +106,7 @@ class Stackup:
         return sum(self.copper_thickness) + sum(self.dielectric_thickness)
 
     def index(self, name: str) -> int:
-        """Position of the copper layer `name`, 0 on top; GeometryError where there is none."""
+        """Position of the copper layer `name`, 0 on top; GeometryError if there is none."""
         try:
             return self.names.index(name)
         except ValueError:

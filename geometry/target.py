@@ -66,9 +66,9 @@ class Target:
             )
         require_finite("distances and places of a target", *self.distances, *self.x, *self.y, *self.origin_point)
         if bool(self.x) != bool(self.y):
-            raise GeometryError("a target must have x and y, or none of both.")
+            raise GeometryError("a target must have both x and y, or neither.")
         if isinstance(self.body, Plate) and max(len(self.x), len(self.y)) > 1:
-            raise GeometryError("an infinite plate is the same everywhere: its target must have one x and one y.")
+            raise GeometryError("an infinite plate is the same everywhere: as a target it must have one x and one y.")
 
     @property
     def kind(self) -> str:

@@ -28,7 +28,9 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "viz/test_studio_page", "compute/test_cluster", "fuzz/test_flips", "fuzz/test_fuzz", "cli/test_live",
+    "viz/test_studio_page", "metal/test_backing", "metal/test_ball", "viz/test_studio_doors", "response/test_seat",
+    "hardware/test_recording_kill", "viz/test_metal_scenes", "studies/test_optimize_write",
+    "compute/test_cluster", "fuzz/test_flips", "fuzz/test_fuzz", "cli/test_live",
     "response/test_response", "test_examples", "cli/test_no_room", "cli/test_interrupts",
     "compute/test_under_load", "report/test_report", "studies/test_calibrate_campaigns", "cli/test_localize",
     "studies/test_tolerance_analysis", "metal/test_finite_plates", "metal/test_coupled_plates",
@@ -116,6 +118,12 @@ def chromium():
         pytest.skip(problem)
     with browser.launched() as started:
         yield started
+
+
+@pytest.fixture
+def small_pictures(monkeypatch):
+    """Draw the pictures of pages in few pixels, which takes less time."""
+    monkeypatch.setattr("coilarray.report.png._DPI", 40)
 
 
 @pytest.fixture

@@ -65,11 +65,9 @@ def registered(node):
 
 def words_of(tree):
     """Words of all names and texts in a module."""
-    for node in ast.walk(tree):
-        for _, value in ast.iter_fields(node):
-            for one in value if isinstance(value, list) else [value]:
-                if isinstance(one, str):
-                    yield from re.findall(r"\w+", one)
+    fields = (value for node in ast.walk(tree) for value in vars(node).values())
+    texts = (one for value in fields for one in (value if isinstance(value, list) else [value]) if isinstance(one, str))
+    return re.findall(r"\w+", "\n".join(texts))
 
 
 def without_docstrings(tree):

@@ -132,13 +132,9 @@ def active_coil(
     frequency : float
         Frequency in Hz.
     terminations : sequence of {"short", "open"}, length n, optional
-        What closes each coil while it is passive; the active one's is not used. All shorted by default.
+        Termination of each coil while it is passive; that of the active coil is not used. All shorted by default.
     short_resistance : float
         Resistance in Ω of a short to ground, the switches included.
-
-    Returns
-    -------
-    ActiveCoil
 
     Raises
     ------
@@ -174,10 +170,6 @@ def every_active_coil(
     ----------
     inductance, resistance, frequency, short_resistance
         See `active_coil`.
-
-    Returns
-    -------
-    EveryActiveCoil
 
     Raises
     ------
@@ -227,9 +219,9 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
     values, vectors = np.linalg.eigh((k + k.T) / 2)
     if values[0] <= _LEAST_EIGENVALUE:
         raise NetworkError(
-            f"an inductance matrix must be positive definite; the smallest of the {len(k)} eigenvalues of its coupling "
-            f"coefficients is {values[0]:.6g}, mostly of coil {int(np.argmax(np.abs(vectors[:, 0]))) + 1}: coils lie "
-            "in one place, or the matrix belongs to no real coils."
+            f"an inductance matrix must be positive definite; the smallest of the {len(k)} eigenvalues of its "
+            f"coupling coefficients is {values[0]:.6g}, mostly of coil {int(np.argmax(np.abs(vectors[:, 0]))) + 1}: "
+            "two coils are in the same place, or the matrix is not that of real coils."
         )
     try:
         R = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), (len(L),)))

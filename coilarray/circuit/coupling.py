@@ -51,7 +51,7 @@ class CircuitParts:
     """The network of a design with all losses and strays, and what it was made of.
 
     `direct` is the network with direct-current resistances. `capacitance` is the result of
-    `coilarray.electromagnetics.capacitance.coil_capacitance`, None where a coil has no model of it for the reason in
+    `coilarray.electromagnetics.capacitance.coil_capacitance`, None if a coil has no model of it for the reason in
     `problem`; `resistance` that of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's
     frequencies.
     """
@@ -414,7 +414,7 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
 
 
 def plate_errors(design: Design) -> dict[str, float]:
-    """Return the attributes that say how the model of a plate with an outline errs, none where there is no such plate.
+    """Return the attributes that say how the model of a plate with an outline errs, none if there is no such plate.
 
     ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates at the working frequency, where
     the plate with the largest is ``plate_skin_depths`` thick.
@@ -445,10 +445,11 @@ def _without_plates(
 
 
 def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | None) -> tuple[FloatArray, FloatArray]:
-    # not of the array: copper in copper is one of the rules that a search breaks on its way and a command may allow
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
-    return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
+    # copper in copper is one of the rules that a search breaks on its way and a command may allow
+    L = inductance_matrix(conductors, accuracy=accuracy, allow_overlaps=True, progress=progress)
+    return L + by_sheets, by_sheets
 
 
 def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | None:
@@ -482,7 +483,7 @@ def _followed(
     """Compute plates around the resonances that a network has with them, beginning with what is known of them.
 
     Returns the network with the plates' part in the inductance, at the working frequency in Hz where one is given.
-    NetworkError where there are no such resonances.
+    NetworkError if there are no such resonances.
     """
     states = (*design.plan, *design.coils_in_turn)
     for _ in range(_ROUNDS):
@@ -496,8 +497,8 @@ def _followed(
             return effect, beside
         effect = plate_effect(design, (1 - _PLATES_MARGIN) * low, (1 + _PLATES_MARGIN) * high, accuracy)
     raise NetworkError(
-        f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside of the {_ROUNDS} bands in which "
-        "the plates were computed."
+        f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside the {_ROUNDS} bands of "
+        "frequency in which the plates were computed."
     )
 
 
@@ -532,7 +533,7 @@ def couple(
     capacitance : float
         Capacitance of the tank in F.
     terminations : sequence of {"short", "open"}, length n, optional
-        What closes each coil while it is passive; all shorted by default (the plan of Gast & Zimmermann 2020).
+        Termination of each coil while it is passive; all shorted by default (the plan of Gast & Zimmermann 2020).
     short_resistance : float
         Resistance in Ω of the two switches that ground a coil; the measured coil has two of them as well.
 

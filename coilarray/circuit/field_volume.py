@@ -96,7 +96,7 @@ def write_field_volume(
         raise OutputError(f"a volume is written as .nc; got {path}.")
     if design.plates:
         raise MetalError(
-            f"B written block by block is that of coils alone; {design.name} has the plate {design.plates[0].name!r}: "
+            f"B is written block by block only without plates; {design.name} has the plate {design.plates[0].name!r}: "
             "compute a smaller grid in memory."
         )
     sample = operating_field(
@@ -126,7 +126,9 @@ def write_field_volume(
         return float(np.abs(fields[0, :, 2]).max())
 
     key = content_key("field volume", sample.attrs, currents, axes, conductors)
-    peaks = fill_large(path, frame, variables, key, len(blocks), blocks.__getitem__, field_block, write, pool, progress)
+    peaks = fill_large(
+        path, frame, variables, key, len(blocks), blocks.__getitem__, field_block, write, pool, progress=progress
+    )
     return max(peaks.values())
 
 

@@ -208,7 +208,7 @@ def sweep_design(
     ValueError
         Frequencies that are not positive, finite and rising.
     MemoryLimitError
-        More coils and frequencies than there is memory for.
+        More coils and frequencies than fit into memory.
     NetworkError
         A state that cannot be solved.
     """

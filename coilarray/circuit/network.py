@@ -65,7 +65,7 @@ class Network:
     The inductance matrix (n, n) is in H; `resistance` takes a frequency in Hz and returns the resistance matrix (n, n)
     in Ω; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n, n) C_ij in F between two
     coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what of the board's circuit is
-    not in it. `dispersion` is the inductance at a frequency minus `inductance`, in H; None where it is the same at all
+    not in it. `dispersion` is the inductance at a frequency minus `inductance`, in H; None if it is the same at all
     frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, are a NetworkError.
 
     Notes
@@ -142,7 +142,7 @@ class Resonance(StateResult):
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
     """Solve one state at one frequency in Hz.
 
-    A coil that is not there or stands twice in the state, a frequency that is not positive and finite, or a singular
+    A coil that is unknown or occurs twice in the state, a frequency that is not positive and finite, or a singular
     network is a NetworkError.
 
     Examples
@@ -282,7 +282,7 @@ def changed_resonances(
     `inductances` gives for frequencies (cases,) in Hz the matrices (cases, n, n) in H that replace the network's own,
     their losses as imaginary parts −ΔR/ω. Returns the frequencies (cases,) in Hz, and there the impedances in Ω and the
     admittances with the tank in S. The secant method on Im Y(f) = 0 for all cases at once, beginning with the slope of
-    the given resonance of this network; a NetworkError where it finds no resonance.
+    the given resonance of this network; a NetworkError if it finds no resonance.
     """
     f0, wiring = result.frequency, _wire(network, result.state)
     first = susceptance_slope(network, result.state, f0)
@@ -301,7 +301,7 @@ def changed_resonances(
         step[settled] = 0.0
         frequencies, before = frequencies - step, B
     raise NetworkError(
-        f"state {result.state.name}: no resonance found from {f0:.6g} Hz on for a changed inductance matrix; the last "
+        f"state {result.state.name}: no resonance found above {f0:.6g} Hz for a changed inductance matrix; the last "
         f"step of the secant method was {np.abs(step).max():.3g} Hz."
     )
 
@@ -317,7 +317,7 @@ def resonances_near(
     `inductances` (cases, n, n) in H, or L − jR/ω with losses, and `winding_capacitances` (cases, n) in F replace the
     network's own; a change may make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for
     all cases at once, with the slope of the given resonance of this network: the error falls by about the relative
-    change of L at every step. A NetworkError where it finds no resonance.
+    change of L at every step. A NetworkError if it finds no resonance.
     """
     f0 = result.frequency
     slope = susceptance_slope(network, result.state, f0)
@@ -425,7 +425,7 @@ def _solve(
     try:
         solution[:, keep] = np.linalg.solve(matrix[:, keep[:, None], keep], source[keep])[..., 0]
     except np.linalg.LinAlgError:
-        raise NetworkError(f"state {wiring.state.name} makes a singular network at {frequencies[0]:.6g} Hz.") from None
+        raise NetworkError(f"state {wiring.state.name} gives a singular network at {frequencies[0]:.6g} Hz.") from None
     plus, minus = wiring.port
     return (solution[:, plus] - solution[:, minus]) * unit, solution[:, nodes : nodes + n]
 
@@ -474,14 +474,14 @@ def between_coils(mutual: FloatArray) -> FloatArray:
 
 
 def _passive(state: ScanState, name: str) -> Passive | None:
-    """Say what closes a coil; None where it is measured."""
+    """Say what closes a coil; None if it is measured."""
     if any(name == measured for measured, _ in state.measured):
         return None
     return state.exceptions.get(name, state.others)
 
 
 def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
-    """Net of both terminals of every coil in the order of `names`; empty where the terminal is open."""
+    """Net of both terminals of every coil in the order of `names`; empty if the terminal is open."""
     nets: dict[str, tuple[str, str]] = {}
     closed: dict[Passive, tuple[str, str]] = {
         "ground": (_GROUND, _GROUND),

@@ -35,7 +35,7 @@ class Cause:
     Parameters
     ----------
     name : str
-        What it is.
+        Name of the cause.
     noise : ndarray, shape (states,)
         Standard deviation of L of one scan, relative to L, independent from scan to scan.
     drift : ndarray, shape (states,)
@@ -46,7 +46,7 @@ class Cause:
     common : bool
         Whether it is the same cause at all coils, so that a reference coil takes out what is equal.
     source : str
-        Where the size is from.
+        Source of its size.
     assumed : bool
         Whether no public source or device has confirmed it.
     """

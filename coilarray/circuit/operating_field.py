@@ -50,11 +50,13 @@ def operating_currents(
     if not terminated:
         return np.asarray(np.eye(len(names), dtype=np.complex128)[names.index(active)])
     mine = coupling.sel(coil=active)
-    return np.asarray(mine.current_real.values + 1j * mine.current_imag.values)
+    parts = mine.current_real.values, mine.current_imag.values
+    require_finite("the currents of the coupling", *np.concatenate(parts).tolist())
+    return np.asarray(parts[0] + 1j * parts[1])
 
 
 def require_endless(design: Design) -> tuple[Plate, ...]:
-    """Return the plates of a design, all of which must be without end for their field to be computed: MetalError."""
+    """Return the plates of a design, all of which must be infinite for their field to be computed: MetalError."""
     for plate in design.plates:
         if isinstance(plate, FinitePlate):
             raise MetalError(

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 _KINDS = {"serial": "serial ports", "linux": "buses of this computer", "ftdi": "adapters"}
 _CHAIN = {
-    "same": "wired back, and returns what was sent",
-    "differ": "returns other words than were sent",
+    "same": "wired back, returns what was sent",
+    "differ": "wired back, does not return what was sent",
     "none": "not wired back, so that a broken data line shows only as coils that do not oscillate",
 }
 _NONE, _ALWAYS = "–", 2  # in the table of the self-test: no value; columns that are always shown
@@ -43,22 +43,27 @@ _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 def board(
     design: DesignArgument = None,
     self_test: Annotated[
-        bool, typer.Option("--self-test", help="Test every switch and coil; the exit code is 2 where one has a fault.")
+        bool, typer.Option("--self-test", help="Test every switch and coil; the exit code is 2 if one has a fault.")
     ] = False,
     find_drives: Annotated[
         bool,
-        typer.Option("--find-drives", help="Find IDRIVE of every coil, in the surroundings of the later measurement."),
+        typer.Option(
+            "--find-drives", help="Find the drive current (IDRIVE) of every coil. Run it where the board will be used."
+        ),
     ] = False,
     noise: Annotated[
         str | None,
         typer.Option(
             metavar="SECONDS|RECORDING",
-            help="Measure at rest for a time, or read a recording: Allan deviation of δ beside the budget.",
+            help="Measure at rest for this time, or read a recording, and show the Allan deviation of δ beside the "
+            "noise budget.",
         ),
     ] = None,
     reference: Annotated[
         list[str] | None,
-        typer.Option(help="With --noise: reference coil whose δ is taken from the others'; may be repeated."),
+        typer.Option(
+            help="With --noise: reference coil whose δ is subtracted from that of the others; may be repeated."
+        ),
     ] = None,
     plot: Annotated[Path | None, plot_option("the Allan deviation, with --noise")] = None,
     *,
@@ -69,21 +74,21 @@ def board(
     """Show the ports of this computer and test the board at one.
 
     Run the self-test once with every new board: until it has passed, the order of the switches' bits is an assumption.
-    It also compares the first conversions after sleep with later ones and says whether to throw some away (--discard).
-    It detects stuck switches, broken and shorted coils and a wrong map of the switches from what oscillates and from
-    the coupling of neighbouring coils.
+    It also compares the first conversions after sleep with later ones and says whether some of them must be discarded
+    (--discard). It detects stuck switches, broken and shorted coils, and switches assigned to the wrong coils, from
+    which coils oscillate and how neighbouring coils couple.
 
     Options of a port follow a question mark: i2c:1?mode=2&speed=500000&order=lsb&readback=yes for the switches, and
     with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
-    baud=any where the rate is not known.
+    baud=any if the rate is not known.
 
     Without switches, coils are wired to the channels of the converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz
     (clock at the pin CLKIN, internal by default), or a known board: i2c:1?board=grove-ldc1612, btt-eddy, cartographer,
-    mellow-fly or ldc1614evm, none of them verified on a device. The self-test then tells which coils oscillate.
+    mellow-fly or ldc1614evm, none of them verified on a device. The self-test then reports which coils oscillate.
 
-    With --noise nothing may touch the board: the noise of single scans, averages over longer times and the drift are
-    shown with their confidence intervals, beside the budget that `coilarray noise` explains. At a --rate faster than
-    full resolution allows, both are those of the shorter conversions.
+    Do not touch the board during --noise. It shows the noise of single scans, the noise of averages over longer times,
+    and the drift, each with its confidence interval, beside the budget that `coilarray noise` explains. If --rate is
+    faster than full resolution allows, both are for the shorter conversions that it needs.
 
     Example: coilarray board --port /dev/ttyACM0 --self-test
 
@@ -163,16 +168,16 @@ def _tried(
 
 
 def _left_out(design: Design, options: BoardOptions) -> str:
-    """Say that the emulator leaves out capacitances of the switches' part, where the design does; else nothing."""
+    """Say that the emulator leaves out the capacitances of the switch part, if the design does."""
     from coilarray.circuit.impedance import part_switches
 
     switches = design.circuit.switches
     if options.emulation.get("count_parts") or part_switches(design).across_coil == switches.across_coil:
         return ""
     return (
-        f"capacitance at a coil: {switches.across_coil * 1e12:.4g} pF, as the design says; with those of "
-        f"{design.circuit.part} it would be {part_switches(design).across_coil * 1e12:.4g} pF: "
-        "--emulate switches=counted"
+        f"switch capacitance across a coil: {switches.across_coil * 1e12:.4g} pF, from the design; with "
+        f"{design.circuit.part} it would be {part_switches(design).across_coil * 1e12:.4g} pF (--emulate "
+        "switches=counted)"
     )
 
 
@@ -205,40 +210,44 @@ def _first_text(first: FirstConversions) -> str:
 
     if not first.offsets:
         return "first conversions could not be compared: no coil has a result in every scan"
-    headers = ("coil", *(f"{discard} thrown away" for discard in DISCARDS[:-1]), "scan reversed")
+    headers = ("coil", *(f"{discard} discarded" for discard in DISCARDS[:-1]), "scan reversed")
     rows = [
         (name, *(f"{one * 1e6:.1f}" for one in offsets[:-1]), f"{first.backwards[name] * 1e6:.1f}")
         for name, offsets in first.offsets.items()
     ]
     limit = f"{first.noticeable * 1e6:.1f}e-6"
-    parts = [table_text(headers, rows, f"offset of f in 1e-6 against that with {DISCARDS[-1]} conversions thrown away")]
+    parts = [table_text(headers, rows, f"change of f in 1e-6 from that with {DISCARDS[-1]} conversions discarded")]
     if not first.recommended:
-        parts.append(f"first conversions after sleep agree with later ones to {limit}: nothing has to be thrown away")
+        parts.append(f"first conversions after sleep agree with later ones to {limit}: none need be discarded")
     elif first.settled:
-        parts.append(f"first conversions after sleep are off by more than {limit}; throw some away:")
+        parts.append(f"first conversions after sleep are off by more than {limit}; discard some:")
         parts.append(f"--discard {first.recommended}")
     else:
         parts.append(f"first conversions after sleep are off by more than {limit}, and {DISCARDS[-1]} may be too few:")
         parts.append(f"--discard {first.recommended}")
     if first.order_matters:
-        parts.append(f"f changes by more than {limit} where the scan runs backwards: a state feels the one before it")
+        parts.append(
+            f"f changes by more than {limit} when the scan runs backwards: a state is affected by the one before it"
+        )
     return "\n".join(parts)
 
 
 def _test_text(result: SelfTest) -> str:
-    headers = ("coil", "f in MHz", "turned round", "felt by", "both ends grounded", "end a", "end b")
+    headers = ("coil", "f in MHz", "reversed", "sensed by", "both ends grounded", "end a", "end b")
     rows = [_row(check) for check in result.coils]
     # of coils at channels nothing but f is measured
     kept = [k for k in range(len(headers)) if k < _ALWAYS or any(row[k] != _NONE for row in rows)]
     title = "rise of the neighbour's frequency in 1e-6" if len(kept) > _ALWAYS else ""
     parts = [table_text([headers[k] for k in kept], [[row[k] for k in kept] for row in rows], title)]
     if result.passed:
-        parts.append("self-test passed: the board is as its wiring says, as far as can be seen")
-        parts += _listed("one thing stays open; press on a coil in `coilarray live` to tell:", result.untested)
+        parts.append("self-test passed: the board agrees with its wiring, as far as the test can show")
+        parts += _listed(
+            "one question is left open; press on a coil in `coilarray live` to settle it:", result.untested
+        )
     else:
         parts += _listed("self-test failed:", result.symptoms)
-        parts += _listed("each of these alone explains it:", result.findings)
-        parts += [] if result.findings else ["no single fault that is known explains it"]
+        parts += _listed("any one of these explains it:", result.findings)
+        parts += [] if result.findings else ["no single known fault explains it"]
     return "\n".join(parts)
 
 

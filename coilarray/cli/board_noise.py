@@ -105,7 +105,7 @@ def _seconds(text: str) -> float | None:
     except ValueError:
         return None
     if not 0 < seconds <= _LONGEST:
-        raise HardwareError(f"--noise must be a recording, or a time above 0 and up to {_LONGEST:g} s; got {text}.")
+        raise HardwareError(f"--noise must be a recording, or a time above 0 and at most {_LONGEST:g} s; got {text}.")
     return seconds
 
 
@@ -152,8 +152,8 @@ def _recorded(path: Path, design: str | None, allow_violations: bool) -> _AtRest
         known = [state.name for state in opened.plan]
         if unknown := [name for name in recording.states if name not in known]:
             raise HardwareError(
-                f"{path} has the state {unknown[0]!r}, which the design {opened.name} has not; "
-                f"there are {', '.join(known)}."
+                f"{path} has the state {unknown[0]!r}, which the design {opened.name} does not have; its states are "
+                f"{', '.join(known)}."
             )
         return _AtRest(
             opened,

@@ -1,4 +1,4 @@
-"""The options that all commands with a board share, and the mark on every line about an emulated one."""
+"""Options shared by all commands for a board, and the mark on every line about an emulated one."""
 
 from __future__ import annotations
 
@@ -52,10 +52,11 @@ class BoardOptions:
         str,
         typer.Option(
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
-            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; the "
-            "emulator by default. /dev/ttyACM0?baud=any tries every rate. Coils at the channels of a converter, no "
-            "switches: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz or i2c:1?board=grove-ldc1612; also after ftdi://... "
-            "and emulator. TI's LDC1614EVM by its own firmware, not verified: evm:/dev/ttyACM0?channels=0,1."
+            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), "
+            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate. Without switches, "
+            "coils at the channels of a converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz or "
+            "i2c:1?board=grove-ldc1612; also after ftdi://... and emulator. TI's LDC1614EVM by its own "
+            "firmware, not verified: evm:/dev/ttyACM0?channels=0,1."
         ),
     ] = EMULATOR
     wiring: WiringName = None
@@ -63,8 +64,8 @@ class BoardOptions:
         str | None,
         typer.Option(
             "--coils",
-            help="Coils at the channels of the port, in their order, as coil3,coil1; needed where the design has more "
-            "coils than the port has channels.",
+            help="Coils at the channels of the port, in that order, such as coil3,coil1; needed if the design has "
+            "more coils than the port has channels.",
         ),
     ] = None
     rate: Annotated[
@@ -75,32 +76,36 @@ class BoardOptions:
         float | None,
         typer.Option(
             "--clock-MHz",
-            help="Measured or external clock of the converter; by default that of the port, or 43.4, typical of its "
-            "own oscillator. As that may be 35, a scan with an unknown clock waits a quarter longer.",
+            help="Clock of the converter, measured or external; by default that of the port, or 43.4, typical of "
+            "the internal oscillator. It may be as low as 35, so that scans take a quarter longer while the "
+            "clock is not given.",
         ),
     ] = None
     external_clock: Annotated[
-        bool, typer.Option("--external-clock", help="The clock comes from the pin CLKIN; needs --clock-MHz.")
+        bool,
+        typer.Option("--external-clock", help="The clock is an external one, at the pin CLKIN; needs --clock-MHz."),
     ] = False
     undivided: Annotated[
         bool,
         typer.Option(
             "--undivided",
-            help="Count with the whole clock where one channel alone needs half of it: the converter briefly scans a "
-            "second channel too. Full resolution takes half the time. Not verified; not with a microcontroller.",
+            help="Use the undivided clock, which halves the time of full resolution. As the converter divides the "
+            "clock of a single channel, it briefly scans a second one too. Not verified on a device; not with a "
+            "microcontroller.",
         ),
     ] = False
     discard: Annotated[
         int,
         typer.Option(
-            help="Conversions of each state to throw away after the converter wakes, 0 to 15; "
-            "`coilarray board --self-test` finds how many."
+            help="Conversions of each state to discard after the converter wakes, 0 to 15; `coilarray board "
+            "--self-test` finds how many."
         ),
     ] = 0
     drive: Annotated[
         list[str] | None,
         typer.Option(
-            help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default."
+            help="Drive current (IDRIVE) of all coils, 0 to 31, or of one as COIL=CODE; may be repeated. From the "
+            "design by default."
         ),
     ] = None
     coils: Annotated[
@@ -110,18 +115,19 @@ class BoardOptions:
     temperature: Annotated[
         Path | None,
         typer.Option(
-            help="File of a thermometer, read once a second for a column of temperatures: hwmon, a thermal zone or the "
-            "1-wire bus of Linux (0.001 °C), or a number with a decimal point (°C). The emulator has its own."
+            help="File of a thermometer, read once a second and recorded: hwmon, a thermal zone or the 1-wire bus "
+            "of Linux (in 0.001 °C), or any file with a number that has a decimal point (in °C). The emulator "
+            "has its own."
         ),
     ] = None
     emulate: Annotated[
         list[str] | None,
         typer.Option(
-            help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
-            "drift=0.01 (K/s), clock_MHz=36 (of its oscillator), first_offset=40000 (codes by which the first "
-            "conversion after sleep is off, as users of the FDC2214 report; not verified), press=X,Y,DEPTH (mm on the "
-            "board; in live after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm), "
-            "switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
+            help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of f), drift=0.01 "
+            "(K/s), clock_MHz=36 (of its oscillator), first_offset=40000 (error of the first conversion after "
+            "sleep in codes, as users of the FDC2214 report; not verified), press=X,Y,DEPTH (mm on the board; "
+            "in live, after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm), "
+            "switches=counted (include the capacitances of the wiring's parts: typical, not verified)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
@@ -138,7 +144,7 @@ class BoardOptions:
         if not 0 <= self.discard <= MOST_DISCARDED:
             raise HardwareError(f"--discard must be 0 to {MOST_DISCARDED}; got {self.discard}.")
         if self.emulate and not is_emulator(self.port):
-            raise HardwareError(f"--emulate is for the emulator; the board at {self.port} is a real one.")
+            raise HardwareError(f"--emulate is for the emulator; {self.port} is a real board.")
         if self.temperature is not None and is_emulator(self.port):
             raise HardwareError("--temperature is for a real board; the emulator has a temperature of its own.")
         object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
@@ -208,10 +214,10 @@ def opened_board(
 ) -> Iterator[tuple[Board, ScanSettings]]:
     """Open the board of the options and configure it for the coils of a design, for the length of a ``with`` block.
 
-    Its coils are grounded whichever way the block is left. The emulator takes the time that a board would where
-    `real_time` asks for it, otherwise its time is virtual; `progress` gets (done, total) while it computes its response
-    table, once per design. HardwareError for options that do not fit the design or the wiring, or a board that cannot
-    be opened or configured.
+    Its coils are grounded whichever way the block is left. With `real_time` the emulator takes as long as a board
+    would, otherwise its time is virtual; `progress` gets (done, total) while it computes its response table, once per
+    design. HardwareError for options that do not fit the design or the wiring, or a board that cannot be opened or
+    configured.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
@@ -223,8 +229,8 @@ def opened_board(
     bus_clock = bus_rate(port)
     if options.rate is not None and not bus_clock.known:
         typer.echo(
-            f"The system does not say the clock of {options.port}; --rate assumes {bus_clock.hertz * 1e-3:g} kHz. "
-            "State another as ?rate=400000 after the port.",
+            f"The system does not report the clock of {options.port}; --rate assumes {bus_clock.hertz * 1e-3:g} kHz. "
+            "Give another one after the port, such as ?rate=400000.",
             err=True,
         )
     wiring = wiring_of_board(port, design, options.wiring, options.coils_of_channels)
@@ -278,7 +284,7 @@ def opened_board(
 
 @contextmanager
 def _option_named(parameter: str, option: str) -> Iterator[None]:
-    """Refuse a parameter by the name of its option: the library says what is allowed."""
+    """Name the option instead of the parameter in an error of the library."""
     try:
         yield
     except HardwareError as error:
@@ -304,7 +310,7 @@ def marked(text: str, *, emulated: bool) -> str:
 def all_or_each(
     option: str, what: str, form: str, texts: Sequence[str], read: Callable[[str], tuple[str, _T]]
 ) -> dict[str, _T]:
-    """Read an option that is given once for all, which gets an empty name, or once for each coil or state."""
+    """Read an option given once for all coils or states, kept under an empty name, or once for each."""
     found: dict[str, _T] = {}
     for text in texts:
         name, value = read(text)
@@ -335,10 +341,10 @@ def _emulation(texts: Sequence[str]) -> dict[str, Any]:
         key, equals, value = text.partition("=")
         reader = _EMULATED.get(key)
         if reader is None or not equals:
-            raise HardwareError(f"--emulate must be KEY=VALUE with the key {', '.join(_EMULATED)}; got {text!r}.")
+            raise HardwareError(f"--emulate must be KEY=VALUE with a key of {', '.join(_EMULATED)}; got {text!r}.")
         name, emulated = reader(value)
         if name in given:
-            raise HardwareError(f"--emulate must say {key} once, and press or path; got {text!r} too.")
+            raise HardwareError(f"--emulate must give {key} once, and press or path but not both; got {text!r} too.")
         given[name] = emulated
     return given
 

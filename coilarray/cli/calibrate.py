@@ -38,7 +38,9 @@ def calibrate(
     ] = None,
     unknown: Annotated[
         list[str] | None,
-        typer.Option("--unknown", help="KEY=LOW:HIGH in the unit of the key, instead of a plan; repeat for more."),
+        typer.Option(
+            "--unknown", help="Unknown entry KEY=LOW:HIGH, in the unit of the key, instead of a plan; may be repeated."
+        ),
     ] = None,
     calibration: shared.BoardConstants = None,
     workers: shared.Workers = None,
@@ -50,18 +52,19 @@ def calibrate(
             ("--out", "-o"), "Folder for page, tables, netCDF and the calibrated design (calibrated.toml).", kept=True
         ),
     ] = None,
-    plot: Annotated[Path | None, shared.plot_option("data, model and what remains")] = None,
+    plot: Annotated[Path | None, shared.plot_option("data, model and residuals")] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Fit unknown entries of a design to what was measured.
+    """Fit unknown entries of a design to a measurement.
 
     A plan names keys of the design, and imperfections of the experiment, with bounds and priors (tables [[unknown]]:
     entry, low, high, prior_mean, prior_std), and alternatives such as the order of layers ([[alternative]] with
-    [[alternative.choice]]: name, set, without). Printed are the values with errors and correlations, the alternatives
-    by their evidence, and what the data cannot tell. Of ellipses A, B and peaks are fitted; x0 is predicted, and fitted
-    only where the plan says so. Evaluations are stored: the same command goes on from an interrupted one.
+    [[alternative.choice]]: name, set, without). It prints the fitted values with their errors and correlations, the
+    alternatives with their evidence, and what the data cannot determine. Of an ellipse model, A, B and the peaks are
+    fitted; x0 is predicted, and fitted only if the plan says so. Evaluations are stored, so that the same command
+    resumes an interrupted one.
 
     Example: coilarray calibrate gast2020 campaign.sqlite --unknown elastomer.1.relative_permeability=2:4 --out fit
     """
@@ -72,7 +75,7 @@ def calibrate(
     from coilarray.studies.calibrate import calibrate as fit_to
 
     if calibration is not None and not is_recording(data):
-        raise GoalError(f"--calibration is for a recording; {data} is none.")
+        raise GoalError(f"--calibration is for a recording; {data} is not one.")
     opened = shared.open_design_file(design, allow_violations=allow_violations)
     chosen = _plan(plan, unknown, data)
     measured = _measured(data, calibration)
@@ -118,7 +121,7 @@ def _plan(plan: str | None, unknown: list[str] | None, data: str) -> Plan:
                 raise GoalError(f"--unknown must be KEY=LOW:HIGH; got the values {', '.join(axis.labels)}.")
         return simple_plan({axis.key: axis.values for axis in axes})
     if plan is None and data != _PAPER:
-        raise GoalError("what is unknown must be given: --plan FILE, or --unknown KEY=LOW:HIGH.")
+        raise GoalError("the unknown entries must be given: --plan FILE, or --unknown KEY=LOW:HIGH.")
     return load_plan("table_a1" if plan is None else plan)
 
 

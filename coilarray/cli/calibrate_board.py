@@ -40,31 +40,32 @@ def calibrate_board(
         bool,
         typer.Option(
             "--simulated",
-            help="Take the inductances of the simulated design instead: measured and simulated L then agree by "
-            "construction, which is no test.",
+            help="Take the inductances of the simulated design instead. Measured and simulated L then agree by "
+            "construction, which proves nothing.",
         ),
     ] = False,
     frequency_mhz: Annotated[
         str | None,
         typer.Option(
             "--frequency-MHz",
-            help="Known frequency that replaced the tank of a state, as STATE=VALUE. It gives the clock.",
+            help="Frequency of a known source in place of a state's tank, as STATE=VALUE. It gives the clock.",
         ),
     ] = None,
     frequency_error: Annotated[
         float, typer.Option(help="Relative standard error of the known frequency, as 1e-6.")
     ] = 0.0,
     drift_order: Annotated[
-        int | None, typer.Option(help="Order of the polynomial of the drift, 1 to 3; by default the lowest that fits.")
+        int | None,
+        typer.Option(help="Order of the polynomial of the drift, 1 to 3; by default the lowest order that fits."),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .toml.")] = Path("board.toml"),
     as_json: AsJson = False,
 ) -> None:
     """Find the constants of a board from a recording.
 
-    They are the clock, the capacitance of every tank and the drift. L depends on all of them, δ only on the drift. The
-    clock needs a known frequency, the capacitances known inductances; the drift of L_0 follows from the scans at rest.
-    Use the file with: coilarray compare --calibration
+    The constants are the clock, the capacitance of every tank, and the drift. L depends on all of them, δ only on the
+    drift. The clock is found from a known frequency, the capacitances from known inductances, and the drift of L_0 from
+    the scans at rest. Use the file with: coilarray compare --calibration
 
     Example: coilarray calibrate-board run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
 
@@ -150,13 +151,17 @@ def _text(result: BoardCalibration, expected: Switches | None) -> list[str]:
     error = "" if result.clock_error is None else f" ± {result.clock_error:.3g} Hz"
     parts = [f"clock {result.clock:.8g} Hz{error}, from the {result.clock_from}"]
     if result.clock_error is not None:
-        parts.append(f"with --clock-MHz {result.clock * 1e-6:.4f} scans wait for this clock, not for the slowest")
+        parts.append(
+            f"with --clock-MHz {result.clock * 1e-6:.4f} scans are timed by this clock, not by the slowest possible one"
+        )
     if result.channels:
         parts.append(table_text(("state", "L (µH)", "C (pF)", "±"), [_channel_row(one) for one in result.channels]))
     if expected is not None:
         parts.append(_expected(expected))
     if result.inductances_from == "design":
-        parts.append("L is that of the simulation: measured and simulated L agree by construction, which is no test.")
+        parts.append(
+            "L is taken from the simulation: measured and simulated L agree by construction, which proves nothing."
+        )
     if result.drifts:
         headers = ("session", "state", "order", "drift of L_0 (10⁻⁶/h)", "±", "scatter (10⁻⁶)", "smooth")
         parts.append(table_text(headers, [_drift_row(one) for one in result.drifts]))
@@ -166,7 +171,7 @@ def _text(result: BoardCalibration, expected: Switches | None) -> list[str]:
 def _expected(switches: Switches) -> str:
     tank, whole = switches.tank_capacitance * 1e12, switches.across_coil * 1e12
     more = "" if whole == tank else f", {whole:.4g} pF with the capacitances of its switches (typical, not verified)"
-    return f"expected of the design: {tank:.4g} pF{more}, and what winding and traces add"
+    return f"expected from the design: {tank:.4g} pF{more}, plus the capacitance of winding and traces"
 
 
 def _channel_row(channel: Channel) -> tuple[str, ...]:

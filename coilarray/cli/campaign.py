@@ -56,46 +56,47 @@ def campaign(
     depth_mm: Depths = None,
     repeats: Annotated[int, typer.Option(help="Number of passes over the whole grid.")] = 1,
     average: Annotated[int, typer.Option(help="Number of scans at every baseline and every peak.")] = 1,
-    dwell_s: Annotated[float, typer.Option(help="Time at full depth before the peak is measured.")] = 0.5,
-    speed_mm_s: Annotated[float, typer.Option(help="Speed of indenting and lifting.")] = 1.5,
+    dwell_s: Annotated[float, typer.Option(help="Wait at full depth before the peak is measured.")] = 0.5,
+    speed_mm_s: Annotated[float, typer.Option(help="Speed of the indenter, down and up.")] = 1.5,
     stage: Annotated[
         str | None,
         typer.Option(
-            help="What moves the indenter: person, who is asked (by default, with a real board); grbl:PORT or "
-            "marlin:PORT, homed, x and y on the board, z = 0 where the indenter touches."
+            help="What moves the indenter: person, prompted for every position (the default with a real board); or "
+            "a homed G-code machine, grbl:PORT or marlin:PORT, with x and y on the board and z = 0 at contact."
         ),
     ] = None,
     reach_mm: Annotated[
-        str | None, typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go on the board.")
+        str | None,
+        typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Limits of the travel of a G-code stage, on the board."),
     ] = None,
     clearance_mm: Annotated[
         float | None,
-        typer.Option(help="Height at which a G-code stage travels and baselines are measured; 2 by default."),
+        typer.Option(
+            help="Height over the sheets at which a G-code stage travels and the baselines are measured; 2 by default."
+        ),
     ] = None,
     ignore_self_test: Annotated[
-        bool, typer.Option("--ignore-self-test", help="Continue although the self-test has failed.")
+        bool, typer.Option("--ignore-self-test", help="Continue even if the self-test fails.")
     ] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print the grid and how long it takes; measure nothing.")
-    ] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Only print the grid and how long it would take.")] = False,
     response: Annotated[
-        Path | None, typer.Option(help="File for the measured response (.nc or .csv), as of coilarray scan-info.")
+        Path | None, typer.Option(help="Also write the measured response (.nc or .csv), as coilarray scan-info does.")
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace a response that the command did not write itself.")
+        bool, typer.Option("--force", help="Replace a response file that the command did not write itself.")
     ] = False,
     *,
     options: BoardOptions,
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Press an indenter on a grid of positions and measure.
+    """Measure while an indenter presses on a grid of positions.
 
-    The result is the response of every coil. At every position: baseline, indent, dwell, peak, relax. The grid is that
-    of the design unless options change it. Every scan is in the file as soon as it arrives; --resume measures the
-    positions that are missing. A campaign begins and ends with a self-test of switches and coils, since scans alone do
-    not show every fault. Without --port an emulator replaces board and indenter, in virtual time, and every line says
-    so.
+    The result is the response of every coil. Steps at every position: measure the baseline, indent, wait, measure the
+    peak, relax. The grid is that of the design unless options change it. Every scan is in the file as soon as it
+    arrives; --resume measures the positions that are missing. A campaign begins and ends with a self-test of switches
+    and coils, since scans alone do not show every fault. Without --port an emulator replaces board and indenter, in
+    virtual time, and every line of the output says so.
 
     Example: coilarray campaign gast2020 --out campaign.sqlite --response measured.nc
 
@@ -161,7 +162,7 @@ def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) ->
     if not (result.passed or ignore):
         raise HardwareError(
             f"the self-test {when} the campaign has failed: {result.symptoms[0]}; see `coilarray board --self-test`, "
-            "or go on with --ignore-self-test."
+            "or continue with --ignore-self-test."
         )
     return result
 
@@ -210,9 +211,9 @@ def _stage_maker(
     if stage is not None and is_emulator(port):
         raise HardwareError("--stage is for a real board; the emulator has its own.")
     if (kind in _DIALECTS) != (reach_mm is not None):
-        raise HardwareError("--reach-mm must be given with a stage of G-code, and with no other.")
+        raise HardwareError("--reach-mm must be given with a G-code stage, and only with one.")
     if clearance_mm is not None and reach_mm is None:
-        raise HardwareError("--clearance-mm is for a stage of G-code.")
+        raise HardwareError("--clearance-mm is for a G-code stage.")
     if stage_port == port:
         raise HardwareError(f"--stage and --port must be different ports; got {port} twice.")
     from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
@@ -235,4 +236,4 @@ def _ask(text: str) -> None:
     """Show a text and wait for the Enter key."""
     typer.echo(f"{text} Then press Enter. ", nl=False, err=True)
     if not sys.stdin.readline():
-        raise HardwareError("nobody answers: standard input has ended.")
+        raise HardwareError("no answer: standard input has ended.")

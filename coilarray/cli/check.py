@@ -21,11 +21,13 @@ if TYPE_CHECKING:
 def check(
     design: shared.DesignArgument = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Print every margin, not only the worst of each rule on each layer.")
+        bool, typer.Option("--all", help="Print every margin, not only the smallest of each rule on each layer.")
     ] = False,
     fab: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Check against the limits of this profile instead of the design's."),
+        typer.Option(
+            metavar="NAME", help="Check against the limits of this board house's profile instead of the design's."
+        ),
     ] = None,
     list_fabs: Annotated[bool, typer.Option("--list-fabs", help="Print the bundled profiles and exit.")] = False,
     picture: Annotated[Path | None, shared.plot_option("the worst places", "--picture")] = None,
@@ -36,9 +38,9 @@ def check(
 ) -> None:
     """Check a design against its fabrication rules.
 
-    Prints the worst margin of each rule on each layer: the broken ones first, then lengths of the copper, ratios, and
-    the bare board, each by rising margin. The exit code is 2 where one is broken. A picture shows the
-    copper of every layer with these places circled; their numbers are those of the table.
+    Prints the smallest margin of each rule on each layer: first the broken rules, then those for lengths, for ratios,
+    and for the bare board, each by rising margin. The exit code is 2 if one is broken. A picture shows the copper of
+    every layer, with these places circled and numbered as in the table.
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
@@ -76,9 +78,9 @@ def check(
         require_kept(margins)
     broken = sum(not margin.kept for margin in margins)
     if broken and not as_json:
-        typer.echo(f"{broken} of {len(margins)} margins are broken")
+        typer.echo(f"{broken} of {len(margins)} rules are broken")
     elif not as_json:
-        typer.echo(f"all margins are kept (to {KEPT_WITHIN * 1e6:g} µm)")
+        typer.echo(f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)")
 
 
 def _source(profile: FabProfile) -> dict[str, object]:
@@ -106,6 +108,6 @@ def _margins_text(table: Table, whose: str) -> str:
     cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
     broken = [k for k, row in enumerate(cells) if row[-1] == "no"]
     title = (
-        f"margins to the limits of {whose}: the broken first, then lengths, ratios and the bare board, each by margin"
+        f"margins to the limits of {whose}: broken rules first, then lengths, ratios and the bare board, each by margin"
     )
     return shared.table_text(("no.", *table.headers[:-1]), [row[:-1] for row in cells], title, broken)

@@ -37,7 +37,10 @@ def compare(
         ),
     ],
     simulated: Annotated[
-        str, typer.Argument(metavar="SIMULATED", help="The same; a design is computed at the measured positions.")
+        str,
+        typer.Argument(
+            metavar="SIMULATED", help="The same; the response of a design is computed at the measured positions."
+        ),
     ],
     calibration: shared.BoardConstants = None,
     reference: shared.References = None,
@@ -47,11 +50,14 @@ def compare(
             ("--largest-shift-mm", "--reach-mm"),
             0,
             1000,
-            "Largest shift that is tried; the measured spacing by default.",
+            "Largest shift to try; the spacing of the measured positions by default.",
         ),
     ] = None,
     replicates: Annotated[
-        int, shared.number_option(("--replicates",), 0, 1000, "Noisy maps for the uncertainty of the ellipses.")
+        int,
+        shared.number_option(
+            ("--replicates",), 0, 1000, "Number of noisy maps from which the uncertainty of the ellipses is found."
+        ),
     ] = 16,
     out: Annotated[
         Path | None,
@@ -59,21 +65,21 @@ def compare(
             ("--out", "-o"), "Also write: one page (.html), or a folder with page, tables and netCDF.", kept=True
         ),
     ] = None,
-    picture: Annotated[Path | None, shared.plot_option("what remains and x0 of both", "--picture")] = None,
+    picture: Annotated[Path | None, shared.plot_option("the residuals and x0 of both", "--picture")] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Compare a measured response with a simulated one.
 
-    For every coil the scale and the shift that bring the simulated map onto the measured one, what remains before and
-    after, and the ellipses of both with the same settings. Maps on different grids are interpolated, never
-    extrapolated; states, depths and positions that one lacks are named.
+    For every coil it finds the scale and the shift that fit the simulated map to the measured one, the residuals before
+    and after, and the ellipses of both with the same settings. Maps on different grids are interpolated, never
+    extrapolated; states, depths and positions that are in one map only are listed.
 
     Example: coilarray compare campaign.sqlite gast2020 --out comparison
     """
     if calibration is not None and not is_recording(measured):
-        raise LocalizeError(f"--calibration is for a recording; {measured} is none.")
+        raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
     from coilarray.compute.files import make_folder
     from coilarray.localize.comparison import compare_responses
     from coilarray.report.comparison import comparison_notes, comparison_tables

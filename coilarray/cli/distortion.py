@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 def distortion(
     design: shared.DesignArgument = None,
     coil: Annotated[
-        list[str] | None, typer.Option(help="Coil to look at; may be repeated. coil1 to coil3 by default.")
+        list[str] | None, typer.Option(help="Coil to evaluate; may be repeated. coil1 to coil3 by default.")
     ] = None,
     posterior: Annotated[
         Path | None,
-        typer.Option(help="Result of `coilarray calibrate` (calibration.nc): x0 then has the error that it leaves."),
+        typer.Option(
+            help="Result of `coilarray calibrate` (calibration.nc), from which the uncertainty of x0 is found."
+        ),
     ] = None,
-    draws: Annotated[int, typer.Option(min=2, help="Number of designs drawn from the posterior.")] = 16,
+    draws: Annotated[
+        int, typer.Option(min=2, help="Number of designs drawn from the posterior of that calibration.")
+    ] = 16,
     out: Annotated[Path | None, shared.out_option("Also write every number: .nc or .csv.", ".nc", ".csv")] = None,
     plot: Annotated[Path | None, shared.plot_option("x0 and its causes over δ")] = None,
     force: shared.Force = False,
@@ -32,9 +36,9 @@ def distortion(
 ) -> None:
     """Predict how the ellipses' centre x0 moves with δ, and why.
 
-    The map of the design goes through the paper's own processing; each cause is then switched off. Nothing is fitted
-    to x0. What remains between the prediction and Table A1 is printed, without the levels of δ of which the window
-    leaves too little to know an ellipse. It takes a minute.
+    The map of the design is evaluated as in the paper; then each cause is switched off in turn. Nothing is fitted to
+    x0. The difference between prediction and Table A1 is printed, without the levels of δ at which too little of the
+    ellipse is inside the window. It takes about a minute.
 
     Example: coilarray distortion gast2020 --out distortion.nc --plot distortion.png
     """
@@ -72,5 +76,5 @@ def _verdict(remaining: Table) -> str:
     if not parts:
         return "No coil is in Table A1: there is nothing to compare with."
     hidden = sum(int(row["undetermined"]) for row in remaining.records())
-    left_out = f" Undetermined levels of δ, left out: {hidden}." if hidden else ""
-    return "Not explained of the published x0 − centre, rms: " + "; ".join(parts) + "." + left_out
+    left_out = f" Levels of δ left out as undetermined: {hidden}." if hidden else ""
+    return "Difference from the published x0 − centre, rms: " + "; ".join(parts) + "." + left_out

@@ -24,10 +24,10 @@ def docs(
     ] = "index",
     only_print: Annotated[bool, typer.Option("--print", help="Print the page's path and open nothing.")] = False,
 ) -> None:
-    """Open the documentation, built beforehand, in the browser.
+    """Open the documentation in the browser, once it is built.
 
-    The pages are those of the clone that the package is installed from, in docs/_build/html. PAGE is the end of a
-    page's path: first_report and start/first_report name the same one.
+    The pages are in docs/_build/html of the clone that the package is installed from. PAGE is the end of a page's path:
+    first_report and start/first_report name the same page.
 
     Example: coilarray docs start/first_report
 

@@ -19,7 +19,7 @@ def export(
     *,
     to: Annotated[Format, typer.Option("--to", help="Format to write.")],
     out: Annotated[
-        Path | None, shared.out_option("File to write, for kicad a folder; named after the design by default.")
+        Path | None, shared.out_option("File to write (a folder for kicad); named after the design by default.")
     ] = None,
     no_sheets: Annotated[
         bool, typer.Option("--no-sheets", help="Leave the elastomer out of step, stl and glb.")
@@ -31,8 +31,8 @@ def export(
     """Write a board for fabrication or for another program.
 
     kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house. Both
-    are read back before they replace anything, and every coil must be in one piece and apart from the others. dxf, svg:
-    drawings in mm. step, stl: solids in mm. glb: a scene for viewers.
+    are read back and checked before they replace anything: every coil must be in one piece and isolated from the
+    others. dxf, svg: drawings in mm. step, stl: solids in mm. glb: a scene for viewers.
 
     Example: coilarray export gast2020 --to gerber --out board.zip
     """
@@ -52,8 +52,8 @@ def export(
     lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
         count = len(opened.array.names)
-        coils = "1 coil, whole" if count == 1 else f"{count} coils, each whole and by itself"
-        lines.append(f"net check of the copper as written: {coils}")
+        coils = "1 coil, in one piece" if count == 1 else f"{count} coils, each in one piece and isolated"
+        lines.append(f"check of the copper as written: {coils}")
     files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
     shared.print_result(
         {**shared.design_record(opened), "format": to, "files": files, "net_faults": list(faults)},
@@ -69,7 +69,7 @@ def _default_name(name: str, to: Format) -> str:
 
 
 def _check(target: Path, to: Format, *, force: bool) -> None:
-    """Refuse before any work what could not be written after it.
+    """Refuse before any work a target that could not be written after it.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
             shared.check_file("--out", target, SUFFIXES[to])
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")
+            raise OutputError(f"cannot write {target}: the folder {folder} is not writable.")
         require_own("export", target.rglob("*") if target.is_dir() else [target], force=force)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}.") from None
@@ -92,7 +92,7 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
 
 def _check_project_folder(target: Path) -> None:
     if target.suffix.startswith(".kicad"):
-        raise OutputError(f"--out must be a folder, in which kicad has several files; got {target}.")
+        raise OutputError(f"--out must be a folder, as kicad has several files; got {target}.")
     if target.exists() and not target.is_dir():
         raise OutputError(f"cannot write {target}: a file has that name, and kicad needs a folder.")
     if not target.parent.is_dir():

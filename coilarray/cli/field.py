@@ -29,33 +29,31 @@ _MOST_LARGE = 100_000_000_000  # 4.8 TB
 
 def field(
     design: shared.DesignArgument = None,
-    coil: Annotated[str | None, typer.Option(help="Coil that carries the current; the middle one by default.")] = None,
+    coil: Annotated[str | None, typer.Option(help="Coil that is measured; the middle one by default.")] = None,
     z_mm: Annotated[
         str | None, typer.Option(help="Height above the board, or FROM:TO for a volume; the design's plane by default.")
     ] = None,
     spacing_mm: Annotated[float, _SPACING] = 0.5,
-    current_mA: Annotated[float, typer.Option("--current-mA", help="Current in the coil.")] = 1.0,
+    current_mA: Annotated[float, typer.Option("--current-mA", help="Current in that coil.")] = 1.0,
     others_open: shared.OthersOpen = False,
     large: Annotated[
         bool, typer.Option("--large", help="Write block by block (.nc), for more points than fit into memory.")
     ] = False,
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,
-    out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .vtr (ParaView).", ".nc", ".vtr")] = Path(
-        "field.nc"
-    ),
+    out: shared.FieldFile = Path("field.nc"),
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Write the field over the board.
+    """Write the magnetic field over the board.
 
-    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space or beside the
-    design's plates; magnetic sheets change the currents alone. Traces count as thin wires on their middle lines, so
-    points nearer to the copper than a trace is wide show the wire's field, not the trace's.
+    Computes B on a plane or in a volume while one coil is measured, in free space or beside the design's plates, and
+    writes it as netCDF or VTK. Magnetic sheets change only the currents. Traces are taken as thin wires along their
+    middle lines, so that B is not that of the trace nearer to it than its width.
 
-    With --large the file is written block by block, by local processes or a cluster; an interrupted one goes on from
-    the folder FILE.parts when the same command runs again.
+    With --large the file is written block by block, by local processes or a cluster; after an interruption the same
+    command resumes from the folder FILE.parts.
 
     Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
 
@@ -63,13 +61,13 @@ def field(
     """
     if not abs(current_mA) <= _LARGEST_MA:
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g}; got {current_mA:g}.")
-    if large and out.suffix.lower() != ".nc":
-        raise OutputError(f"--large writes .nc; got {out}.")
+    if large and (out is None or out.suffix.lower() != ".nc"):
+        raise OutputError(f"--large writes .nc; got {out or 'no --out'}.")
     if not large and (workers is not None or cluster is not None):
         raise ClusterError("--workers and --cluster are for --large.")
     shared.check_workers(workers, cluster)
     heights = None if z_mm is None else _heights(z_mm)
-    if out.suffix.lower() == ".vtr":
+    if out is not None and out.suffix.lower() == ".vtr":
         require_pyvista("files for ParaView")
     from coilarray.circuit.coupling import couple_design
 
@@ -81,13 +79,13 @@ def field(
     axes = _axes(opened, heights, spacing_mm, large=large)
     setting = {"current": current_mA * 1e-3, "terminated": not others_open}
     coupling = couple_design(opened)
-    if large:
+    if large and out is not None:
         peak = _write_large(opened, coupling, active, axes, out, (workers, cluster), **setting)
     else:
         peak = _write(opened, coupling, active, axes, out, **setting)
     shape = [len(axis) for axis in axes]
     data = {
-        **shared.design_record(opened), "file": str(out), "coil": active,
+        **shared.design_record(opened), "file": out and str(out), "coil": active,
         "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3, "shape": shape,
         "peak_Bz_T": peak,
     }  # fmt: skip
@@ -113,8 +111,8 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
     return x, y, z
 
 
-def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, **setting: Any) -> float:
-    """Compute the field in memory for a current in A and write it; return the largest |B_z| in T."""
+def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path | None, **setting: Any) -> float:
+    """Compute the field in memory for a current in A, write it where a file is given; return the largest |B_z| in T."""
     from coilarray.circuit.operating_field import operating_field
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
@@ -123,9 +121,9 @@ def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: P
 
     with shared.progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
         result = operating_field(design, coupling, active, *axes, **setting, progress=progress)
-    if out.suffix.lower() == ".nc":
+    if out is not None and out.suffix.lower() == ".nc":
         save_dataset(result, out)
-    else:
+    elif out is not None:
         grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)
         write_text(out, vtk_text(grid))
     return float(abs(result.B.sel(component="z")).max())

@@ -20,10 +20,10 @@ def fit(
             help="Response as netCDF (.nc), measured or of `coilarray response`, or a design; gast2020 by default.",
         ),
     ] = None,
-    depth_mm: Annotated[float | None, typer.Option(help="Depth; the first one by default.")] = None,
+    depth_mm: Annotated[float | None, typer.Option(help="Depth of the map; the first one by default.")] = None,
     coil: Annotated[
         list[str] | None,
-        typer.Option(help="Coil to fit; may be repeated. All whose curves close within the map by default."),
+        typer.Option(help="Coil to fit; may be repeated. By default all whose curves close within the map."),
     ] = None,
     out: Annotated[Path | None, shared.out_option("Also write the model: .json.", ".json")] = None,
     plot: Annotated[Path | None, shared.plot_option("A, B and x0 over δ")] = None,
@@ -33,8 +33,9 @@ def fit(
 ) -> None:
     """Fit the ellipse model of Gast & Zimmermann (2020).
 
-    Curves of equal δ of a response become ellipses, and their A, B and x0 polynomials of δ. Printed in mm beside Table
-    A1 of the paper where it has a coil of that name: that compares like with like on the paper's board alone.
+    Fits ellipses to the curves of equal δ of a response, and polynomials of δ to their A, B and x0. They are printed in
+    mm beside those of the paper's Table A1 for coils of the same names, a comparison that makes sense for the paper's
+    board only.
 
     Example: coilarray fit gast2020 --out model.json --plot model.png
     """

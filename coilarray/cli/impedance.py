@@ -20,7 +20,10 @@ def impedance(
     ] = None,
     to_mhz: Annotated[
         float | None,
-        typer.Option("--to-MHz", help="Highest one; four times the resonance and the self-resonance by default."),
+        typer.Option(
+            "--to-MHz",
+            help="Highest frequency; by default four times the resonance or the self-resonance, whichever is higher.",
+        ),
     ] = None,
     points: Annotated[
         int,
@@ -32,9 +35,9 @@ def impedance(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Solve the circuit: resonances, impedance over frequency.
+    """Compute the resonances, and the impedance over frequency.
 
-    With AC resistance, the capacitance of the windings and the switches, for each state of the design's scan plan.
+    Solves the circuit with AC resistance, winding capacitance and switches, for each state of the design's scan.
 
     Example: coilarray impedance gast2020 --from-MHz 0.5 --to-MHz 5 --out sweep.csv --plot sweep.png
     """

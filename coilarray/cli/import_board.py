@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from coilarray.geometry.readers import BoardCopper, TracedArray, Tracing
 
 _NO_FAB = (
-    "Board files have no fab rules and the design has no [fab]: check takes its defaults, which are no board house's."
+    "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
+    "board house."
 )
 
 
@@ -24,18 +25,19 @@ def import_board(
         Path, typer.Argument(metavar="BOARD", help="KiCad board (.kicad_pcb), or Gerber files (a .zip or a folder).")
     ],
     nets: Annotated[
-        str | None, typer.Option(help="Names of the nets that are coils, as A,B; by default every net that winds.")
+        str | None,
+        typer.Option(help="Names of the nets that are coils, such as A,B; by default every net that has turns."),
     ] = None,
     stackup: Annotated[
-        str | None, typer.Option(metavar="DESIGN", help="Design whose [stackup] to take for the board's.")
+        str | None, typer.Option(metavar="DESIGN", help="Design whose [stackup] is taken for that of the board.")
     ] = None,
     out: Annotated[Path, shared.out_option("Design file to write: .toml.", ".toml")] = Path("design.toml"),
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Make a design file of the coils of an existing board.
+    """Make a design file from an existing board.
 
-    Every coil is a net that runs from one end to the other in one path, over tracks and vias.
+    Each coil must be a net that runs over tracks and vias from one end to the other without a branch.
 
     Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
     """
@@ -59,7 +61,7 @@ def import_board(
     headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
     title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
     lines = [shared.table_text(headers, [_cells(record) for record in records], title)]
-    lines += ["\nnets with tracks that are no coils"] if tracing.left_out else []
+    lines += ["\nnets with tracks that are not coils"] if tracing.left_out else []
     lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
     lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
     lines += [*(f"note: {note}" for note in notes), f"wrote {out}; next: coilarray check {out}"]
@@ -85,7 +87,7 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
         return read_kicad(board, layers)
     if is_folder or board.suffix.lower() == ".zip":
         return read_gerbers(board, layers)
-    raise BoardError(f"{board}: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
+    raise BoardError(f"{board}: not a board; it must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
 
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:

@@ -24,23 +24,23 @@ def indent(
     depth_mm: shared.Depths = None,
     base: Annotated[
         Literal["bonded", "frictionless"] | None,
-        typer.Option(help="How the lowest sheet lies on the board, instead of the design's."),
+        typer.Option(help="How the lowest sheet is held on the board, instead of what the design says."),
     ] = None,
     strain: Annotated[
         Literal["finite", "linear"] | None,
-        typer.Option(help="Large deformations, or quick linear elasticity, instead of what the design says."),
+        typer.Option(help="Large deformations, or linear elasticity (faster), instead of what the design says."),
     ] = None,
     out: Annotated[
         Path | None, shared.out_option("Also write .nc (all interfaces) or .csv (the table).", ".nc", ".csv")
     ] = None,
-    plot: Annotated[Path | None, shared.plot_option("the deepest dent and, of several depths, the force")] = None,
+    plot: Annotated[Path | None, shared.plot_option("the deepest dent and, for several depths, the force")] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Press the indenter into the elastomer: force and dent.
+    """Compute the dent and the force of the indenter.
 
-    No friction under the indenter. Displacements are those of the upper faces of the sheets on the axis;
-    the ring is the highest rise of the free surface.
+    The indenter has no friction. The table has the displacement of each sheet's upper face on the axis, and the height
+    of the ring, the highest rise of the free surface.
 
     Example: coilarray indent gast2020 --depth-mm 0.1:1:10 --plot dent.png --out dent.csv
     """

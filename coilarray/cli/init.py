@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -19,26 +19,39 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.design.model import Design, DesignFile
+    from coilarray.hardware.chips.ldc1614_limits import Limit
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
-_COILS = "3"  # of `coilarray.studies.create.new_design`
 _FEW = 2  # layers of a winding: no board has fewer
+_HELPS = {
+    ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
+    ("frequency over self-resonance", "high"): "; a larger --capacitance-pF lowers it",
+    ("R_p", "low"): "; larger coils, more inductance or less capacitance raise it",
+    ("R_p", "high"): "; a larger --capacitance-pF lowers it",
+    ("amplitude with the smallest drive current", "high"): "; a larger --capacitance-pF lowers it",
+    ("quality factor", "low"): "; larger coils and less capacitance raise it",
+}
+"""What mends a limit of the converter, by its name and the side on which it is broken."""
 
 
 def init(
     file: Annotated[Path, typer.Argument(metavar="NAME", help="File to write, .toml.")] = Path("design.toml"),
-    coils: Annotated[str | None, typer.Option(help="1, 6 (a row), 4x4 (columns by rows), 7-hex or 19-hex.")] = None,
-    shape: Annotated[Shape | None, typer.Option(help="Shape of the coils.")] = None,
+    coils: Annotated[
+        str | None,
+        typer.Option(help="1, 6 (a row), 4x4 (columns by rows), 3-hex (a triangle), 7-hex or 19-hex; 3 by default."),
+    ] = None,
+    shape: Annotated[Shape | None, typer.Option(help="Shape of the coils; hexagon by default.")] = None,
     size_mm: Annotated[
-        str | None, typer.Option(help="Width of a coil's copper, of a hexagon across flats; 20x12 for a rectangle.")
+        str | None,
+        typer.Option(help="Width of a coil's copper, of a hexagon across flats; 20x12 for a rectangle; 16 by default."),
     ] = None,
     inductance_uH: Annotated[
         float | None, typer.Option("--inductance-uH", help="Inductance to find turns and trace for.")
     ] = None,
     layers: Annotated[
-        int | None, typer.Option(help="Copper layers of the board; as many as needed by default.")
+        int | None, typer.Option(help="Copper layers of the board; by default those of --fab, or as many as needed.")
     ] = None,
     fab: Annotated[
         str | None, typer.Option(metavar="PROFILE", help="Board house to keep the limits of (check --list-fabs).")
@@ -52,12 +65,18 @@ def init(
     frequency_MHz: Annotated[
         float | None, typer.Option("--frequency-MHz", help="Frequency to choose the tank's capacitance for.")
     ] = None,
+    capacitance_pF: Annotated[
+        float | None,
+        typer.Option("--capacitance-pF", help="Capacitance of the tank; chosen for the converter by default."),
+    ] = None,
     connector: Annotated[
         Side | None, typer.Option(help="Edge of the board to which the leads of all coils run.")
     ] = None,
     elastomer: Annotated[
         bool | None,
-        typer.Option("--elastomer/--no-elastomer", help="A magnetic elastomer on the board, and what presses on it."),
+        typer.Option(
+            "--elastomer/--no-elastomer", help="A magnetic elastomer on the board, and what presses on it; by default."
+        ),
     ] = None,
     title: Annotated[str | None, typer.Option(help="Title in reports.")] = None,
     copied: Annotated[str | None, typer.Option("--from", help="Copy this bundled design instead.")] = None,
@@ -66,7 +85,8 @@ def init(
     """Write a commented design file from a few choices.
 
     Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board house can make the
-    board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for.
+    board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for. What is not chosen
+    has the same default everywhere, also in Python (coilarray.new_design).
 
     Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
 
@@ -89,8 +109,8 @@ def init(
     require_own("init", [target], force=force)
     given = {
         "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
-        "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "connector": connector,
-        "elastomer": elastomer, "title": title,
+        "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz,
+        "capacitance_pF": capacitance_pF, "connector": connector, "elastomer": elastomer, "title": title,
     }  # fmt: skip
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if copied is not None:
@@ -104,13 +124,16 @@ def init(
         return
     if not chosen:
         asking = sys.stdin.isatty() and sys.stdout.isatty()
-        chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {"overlap": "decoupled"}
+        chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {}
     with shared.progress_bar("layers, winding, pitch, terminals and tank"):
         made = _made(target.stem, chosen)
-        fewer = _fewer_layers(made, chosen)
+        described = (
+            *_described(made, chosen),
+            *_fewer_layers(made, chosen),
+        )  # with what is refused before it is written
     save_design(made, target)
     remember("init", [target])
-    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen), *fewer):
+    for line in (f"wrote {target}: {made.design.title}", *described):
         typer.echo(line)
     quoted = shlex.quote(str(target))
     typer.echo(f"next: coilarray check {quoted}, coilarray report {quoted}")
@@ -126,14 +149,14 @@ def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
 
 def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     """Say what fewer layers reach, where the wanted inductance is what needs so many."""
-    from coilarray.studies.create import reach_of_fewer_layers
+    from coilarray.studies.create import Choices, reach_of_fewer_layers
 
     layers = len(made.design.array.stackup.names)
     (coil,) = made.document["coils"].values()
-    if "inductance_uH" not in chosen or "layers" in chosen or coil["winding_layers"] <= _FEW:
+    choices = Choices(**in_si(chosen))
+    if choices.inductance is None or choices.layers or choices.layers_of_fab or coil["winding_layers"] <= _FEW:
         return []
-    deciding = {key: value for key, value in in_si(chosen).items() if key not in ("coils", "connector", "title")}
-    reach = reach_of_fewer_layers(layers, chosen.get("coils", _COILS), **deciding)
+    reach = reach_of_fewer_layers(layers, choices)
     wanted = f"layers: {chosen['inductance_uH']:g} µH takes {layers}"
     if reach is None:
         return [f"{wanted}; on fewer there is no place for the terminals"]
@@ -171,20 +194,29 @@ def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     f = low if low == high else f"{low} to {high}"
     C = values["circuit.capacitance_pF"]
     tuned = f" ({chosen['frequency_MHz']:g} wanted)" if "frequency_MHz" in chosen else ""
-    standard = "" if is_standard(design.circuit.capacitance) else "; no standard value (E24) comes within 1 % of that"
-    lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{standard}")
-    broken = broken_limits(scan)
-    lines.append(
-        "converter: every limit of an LDC1614 is kept"
-        if not broken
-        else f"converter: an LDC1614 cannot read {broken[0][0]}: {broken[0][1].words}"
+    standard = (
+        ""
+        if "frequency_MHz" not in chosen or is_standard(design.circuit.capacitance)
+        else "; no standard value (E24) comes within 1 % of that"
     )
+    lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{standard}")
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     lines.append(
         f"board: {x_max - x_min:.1f} × {y_max - y_min:.1f} mm, {len(design.array.stackup.names)} copper layers; "
         f"every limit of {values['fab.profile']} is kept"
     )
-    return lines
+    return [*lines, _read_by_converter(broken_limits(scan), len(scan.state))]
+
+
+def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int) -> str:
+    """Say as the last word whether an LDC1614 can read the coils, and what would help where it cannot."""
+    if not broken:
+        return "converter: every limit of an LDC1614 is kept"
+    state, limit = broken[0]
+    too = "low" if limit.value < limit.low else "high"
+    which = state if states == 1 else f"{len({name for name, _ in broken})} of {states} coils, as {state}"
+    helps = _HELPS.get((limit.name.partition(" (")[0], too), "")
+    return f"WARNING: an LDC1614 cannot read {which}: {limit.words}{helps}"
 
 
 def _resistance(design: Design, scan: xr.Dataset) -> str:

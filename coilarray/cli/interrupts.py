@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of a long computation, also where it does not return to Python for a while."""
+"""Ctrl-C during a long computation, even one that does not return to Python for a while."""
 
 from __future__ import annotations
 
@@ -20,43 +20,43 @@ _PATIENCE = 2.0  # s for a computation to return to Python
 
 @contextmanager
 def ending_on_interrupt() -> Iterator[None]:
-    """End the program where Ctrl-C comes while the block computes in a library that does not return to Python in time.
+    """End the program on Ctrl-C if the block computes in a library that does not return to Python in time.
 
-    Otherwise KeyboardInterrupt is raised as usual, and the block takes as long as it needs to end. Files stay whole,
-    as each gets its name in one step. It does nothing where another program has its own way with Ctrl-C.
+    Otherwise KeyboardInterrupt is raised as usual, and the block takes as long as it needs to end. Files stay whole, as
+    each gets its name in one step. It does nothing if another program handles Ctrl-C itself.
     """
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
     heard = Event()
-    told, tell = socket.socketpair()
-    tell.setblocking(False)  # as set_wakeup_fd demands
+    read_end, write_end = socket.socketpair()
+    write_end.setblocking(False)  # as set_wakeup_fd demands
 
     def raise_interrupt(number: int, frame: object) -> NoReturn:
         heard.set()
         raise KeyboardInterrupt
 
     def watch() -> None:
-        with told:
-            while came := told.recv(1):
+        with read_end:
+            while came := read_end.recv(1):
                 if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
                     with suppress(OSError):
                         os.write(2, _MESSAGE)
                     os._exit(INTERRUPTED)
 
     signal.signal(signal.SIGINT, raise_interrupt)
-    before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
+    before = signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
     Thread(target=watch, daemon=True).start()
     try:
         yield
     finally:
         signal.set_wakeup_fd(before)
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        tell.close()
+        write_end.close()
 
 
 def end_interrupted() -> NoReturn:
-    """End the program at once: Python would wait for threads that still compute, and might end by the signal itself."""
+    """End the program at once: Python would wait for threads that still compute, and might die of the signal."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, AttributeError):
             stream.flush()

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def pressed_keys() -> Iterator[Callable[[], str]]:
-    """Give a function that returns the keys that were pressed since its last call; none where there is no keyboard.
+    """Yield a function that returns the keys pressed since its last call; none without a keyboard.
 
     The terminal is as it was when the block is left.
     """

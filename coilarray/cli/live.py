@@ -51,45 +51,51 @@ def live(
     recording: Annotated[
         Path | None, typer.Option(help="Replay a recording (.sqlite) instead of reading a board.")
     ] = None,
-    speed: Annotated[float, typer.Option(help="Speed of a replay: 1 as it was recorded, 0 without any waiting.")] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed of a replay: 1 as recorded, 0 as fast as possible.")] = 1.0,
     table: Annotated[
-        Path | None, typer.Option(help="Where the table for positions is kept (.nc); in the user's cache by default.")
+        Path | None,
+        typer.Option(help="File of the design's response table for positions (.nc); in the user's cache by default."),
     ] = None,
-    locate: Annotated[bool, typer.Option("--locate/--no-locate", help="Also find where the indentation is.")] = True,
+    locate: Annotated[bool, typer.Option("--locate/--no-locate", help="Find the position of the indentation.")] = True,
     baseline: Annotated[
         int,
-        typer.Option("--baseline-scans", help="Number of first scans, without an indentation, from which δ counts."),
+        typer.Option(
+            "--baseline-scans", help="Number of first scans, without an indentation, that are the baseline of δ."
+        ),
     ] = 10,
     noise: Annotated[
         float | None,
         typer.Option(
-            help="Standard deviation of δ beside that of the readings, of each coil by itself; by default what the "
-            "noise budget says of changes since the baseline, of each coil and common to all."
+            help="Standard deviation of δ in addition to the scatter of the readings, independent for each coil; by "
+            "default that of changes since the baseline in the noise budget, independent and common to all."
         ),
     ] = None,
-    scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
+    scans: Annotated[int | None, typer.Option(help="End after this number of scans; never by default.")] = None,
     reference: References = None,
     log: Annotated[
         Path | None,
-        typer.Option(help="Log of every scan: .csv, which grows line by line, or .nc, made of such lines at the end."),
+        typer.Option(help="Log of every scan: .csv, written line by line, or .nc, made from such lines at the end."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a log that exists.")] = False,
     plot: Annotated[
-        bool, typer.Option("--plot", help="Show curves, position and presses in a window: a page of the browser.")
+        bool, typer.Option("--plot", help="Show curves, position and presses on a page in the browser.")
     ] = False,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="With --plot: open the page, or only print its address.")
+        bool,
+        typer.Option(
+            "--browser/--no-browser", help="With --plot: open the page in the browser, or only print its address."
+        ),
     ] = True,
     *,
     options: BoardOptions,
-    as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON in SI units for each scan.")] = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show δ of every coil and where the indentation is.
+    """Show δ of every coil and the position, scan by scan.
 
-    It goes on scan by scan. The first scans, without an indentation, are the baseline; the key z measures it again, q
-    ends. Piped, it prints a line for each scan. A press begins where δ rises above what noise and drift of the baseline
-    can do. Without --port an emulator replaces the board, every line says so, and a finger moves over it unless
+    The first scans, without an indentation, are the baseline; the key z measures it again, q ends. If the output is
+    piped, it has one line for each scan. A press begins when δ exceeds what noise and drift of the baseline can
+    explain. Without --port an emulator replaces the board, every line says so, and a finger moves over it unless
     --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the
     converter asleep.
 
@@ -112,7 +118,7 @@ def live(
         force=force,
     )
     if plot and as_json:
-        raise HardwareError("--plot shows a window; it cannot be given with --json.")
+        raise HardwareError("--plot cannot be given with --json.")
     file = _design_file(design, recording, allow_violations=allow_violations)
     if plot:
         show_window(asked, file, table, locate=locate, browser=browser)
@@ -120,7 +126,7 @@ def live(
     model = _model(file.design, table) if locate and not asked.opens_first else None
     with ExitStack() as opened:
         with progress_bar("emulator") as progress:  # over before the first scan is shown
-            source = opened.enter_context(live_source(asked, file.design, progress))
+            source = opened.enter_context(live_source(asked, file.design, progress=progress))
         if locate and asked.opens_first:
             model = _model(file.design, table)
         if not as_json and recording is None:
@@ -159,7 +165,7 @@ def _design_file(design: str | None, recording: Path | None, *, allow_violations
 
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
-    """Return the forward model of a design; its table is kept for the next time."""
+    """Return the forward model of a design; its table is stored."""
     from coilarray.localize.forward import forward_model
     from coilarray.response.coordinates import on_board
 
@@ -167,7 +173,7 @@ def _model(design: Design, table: Path | None) -> ForwardModel:
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
-    """Return what prints one line per scan, at once."""
+    """Return a function that prints one line per scan, at once."""
 
     def show(reading: LiveReading) -> None:
         sys.stdout.write(text(reading) + "\n")
@@ -250,7 +256,7 @@ def less_text(reference: Sequence[str]) -> str:
 
 
 def _beside(reading: LiveReading) -> list[str]:
-    """Return what else a line says: the press, and the temperature."""
+    """Return the rest of a line: the press, and the temperature."""
     texts = []
     if reading.press is not None:
         begun = f"press {reading.press.number} since {reading.press.begin:.2f} s"
@@ -262,9 +268,9 @@ def _beside(reading: LiveReading) -> list[str]:
 
 
 def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = ()) -> list[str]:
-    """Return the lines of a picture: a bar for every state, which ends at δ = `scale`, the position, and the rate."""
+    """Return the lines on the screen: a bar for every state, full at δ = `scale`, the position, and the rate."""
     width = max((len(state.name) for state in reading.states), default=0)
-    lines = [f"δ in 10⁻⁶; bars end at {scale * 1e6:.0f}"]
+    lines = [f"δ in 10⁻⁶; a full bar is {scale * 1e6:.0f}"]
     for state in reading.states:
         why = "" if state.verdict == "good" and not state.reasons else f" {state.verdict}: {', '.join(state.reasons)}"
         bar = _bar(0.0 if state.delta is None else state.delta / scale)
@@ -306,7 +312,7 @@ def _bar(part: float) -> str:
 
 
 def _place_text(reading: LiveReading) -> str:
-    """Return where the indentation is, or why that is unknown."""
+    """Return the position of the indentation, or why it is unknown."""
     if reading.waiting:
         from coilarray.localize.presses import baseline_text
 

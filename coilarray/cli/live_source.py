@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from coilarray.localize.forward import ForwardModel
 
 QUIT, ZERO = "q", "z"
-"""Orders to a running display: end, and measure the baseline anew."""
+"""Orders to a running display: end, and measure the baseline again."""
 
 _MOST_SCANS = 100_000_000
 _FASTEST = 1000.0  # times the recorded speed
@@ -38,7 +38,7 @@ _FIRST = 5  # points of the path until the finger has pressed once
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Options of a live display, checked; plain values that another process can take.
+    """Options of a live display, checked; plain values that can be sent to another process.
 
     Raises
     ------
@@ -81,28 +81,28 @@ class LiveOptions:
     def opens_first(self) -> bool:
         """Whether the source is opened before the table for positions is computed, which may take minutes.
 
-        A wrong port or file shall not cost them; but the finger of an emulator moves from when it is opened.
+        A wrong port or file must fail before that wait; but the finger of an emulator moves as soon as it is opened.
         """
         return self.recording is not None or not is_emulator(self.board.port)
 
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Readings of scans, each with whether the indenter is at rest, and where they come from."""
+    """Readings of scans, each with whether the indenter is at rest, and their origin."""
 
     readings: Iterator[tuple[ScanReading, bool]]
     line: str  # for people
     emulated: bool
     states: tuple[str, ...]  # of a scan
     temperature: bool  # whether there is a thermometer
-    budget: NoiseBudget | None  # of the board as it is read; None where the design is another one
+    budget: NoiseBudget | None  # of the board as it is read; None if the design is another one
     begin: Callable[[], None] = lambda: None  # to be called once the baseline is complete
 
 
 def live_readings(
     source: LiveSource, options: LiveOptions, design: Design, model: ForwardModel | None, orders: Callable[[], str]
 ) -> Generator[LiveReading]:
-    """Evaluate scan after scan, and log it; `orders` returns what of `QUIT` and `ZERO` was asked since its last call.
+    """Evaluate scan after scan, and log it; `orders` returns those of `QUIT` and `ZERO` given since its last call.
 
     A position is computed at most twenty times a second, so that it never delays the scans of a board.
     """
@@ -135,7 +135,7 @@ def live_readings(
 
 @contextmanager
 def _logged(source: LiveSource, options: LiveOptions, design: Design) -> Iterator[Callable[[LiveReading], None]]:
-    """Yield what writes a reading into the log of the options; nothing where there is none."""
+    """Yield a function that writes a reading into the log of the options, if there is one."""
     if options.log is None:
         yield lambda reading: None
         return
@@ -152,11 +152,11 @@ def _logged(source: LiveSource, options: LiveOptions, design: Design) -> Iterato
 
 
 @contextmanager
-def live_source(options: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
+def live_source(options: LiveOptions, design: Design, *, progress: Progress) -> Iterator[LiveSource]:
     """Open the recording or the board of the options; a board rests afterwards.
 
     `progress` gets (done, total) while the response of an emulated board is computed. HardwareError for a reference
-    that is none of the states.
+    that is not a state.
     """
     from coilarray.design.scan_states import referenced_names
 
@@ -197,7 +197,7 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
 
 
 def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
-    """Return the budget of a board with these settings; None where the noise is given, or the states are others."""
+    """Return the noise budget of a board with these settings; None if the noise is given, or the states differ."""
     if asked.noise is not None or not {one.name for one in settings.states} <= {one.name for one in design.plan}:
         return None
     from coilarray.compute.store import open_store
@@ -207,7 +207,7 @@ def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> Noise
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
-    """Return what moves the finger of an emulator after the baseline; compute here what that needs."""
+    """Return a function that moves the finger of an emulator after the baseline; what it needs is computed here."""
     from coilarray.hardware.emulator.indenter import Place
 
     emulator, setup = board.emulator, design.indentation
@@ -226,7 +226,7 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
 
 
 def _held_back(options: BoardOptions) -> list[str]:
-    """Return the options of the emulator that take effect after the baseline: a finger that presses from the start."""
+    """Return the options of the emulator that wait for the baseline: a finger that presses from the start."""
     return [text for text in options.emulate or () if text.startswith("press=")]
 
 

@@ -1,7 +1,7 @@
-"""What the page of the live display needs of a board: its readings in another process, and a window of its own.
+"""The live display on a page: readings of a board in another process, and a window of its own.
 
-The page is that of the studio, so that there is one display for both; a browser is on every system, unlike a toolkit
-for windows, and shows a board of another computer too.
+The page is that of the studio, so that there is one display for both. A browser is on every system, unlike a toolkit
+for windows, and can show a board at another computer.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _LINGER = 5.0  # s to load the page again before the window counts as closed
 
 
 def show_window(options: LiveOptions, file: DesignFile, table: Path | None, *, locate: bool, browser: bool) -> None:
-    """Serve a page with the live display alone until it is closed, or Ctrl-C; the board rests afterwards.
+    """Serve a page with only the live display until it is closed, or Ctrl-C; the board is at rest afterwards.
 
-    HardwareError where the reading of the board failed.
+    HardwareError if the reading of the board failed.
     """
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, serve
     from coilarray.viz.studio.services import Services
@@ -90,7 +90,7 @@ def watch_board(
         wait = partial(_wait, tell, name, emulated)
         locates = locate and design.indentation is not None
         model = _model(design, table, wait) if locates and not options.opens_first else None
-        with live_source(options, design, wait) as source:
+        with live_source(options, design, progress=wait) as source:
             if locates and options.opens_first:
                 model = _model(design, table, wait)
 
@@ -103,7 +103,7 @@ def watch_board(
 
 
 def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
-    """Return the options with the choices of the page; what is for another kind of board is left out."""
+    """Return the options with the choices of the page, without those for another kind of board."""
     board = base.board
     if request.recording is not None:
         board = BoardOptions()
@@ -130,7 +130,7 @@ def _model(design: Design, table: Path | None, wait: Progress) -> ForwardModel:
     from coilarray.localize.forward import forward_model
     from coilarray.response.coordinates import on_board
 
-    return forward_model(on_board(stored_table(design, wait) if table is None else kept_table(design, table)))
+    return forward_model(on_board(stored_table(design, progress=wait) if table is None else kept_table(design, table)))
 
 
 def _wait(tell: Callable[[BoardFrame], None], name: str, emulated: bool, done: int, total: int) -> None:
@@ -164,9 +164,9 @@ def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
 
 @contextmanager
 def _sender(send: Callable[[Sequence[BoardFrame]], None]) -> Iterator[Callable[[BoardFrame], None]]:
-    """Yield what hands frames to a thread, which sends all that wait ten times a second.
+    """Yield a function that passes frames to a thread, which sends those that wait ten times a second.
 
-    A page that does not take them never delays the scans.
+    So a slow page never delays the scans.
     """
     waiting: deque[BoardFrame] = deque(maxlen=_MOST_WAITING)
     ended = threading.Event()

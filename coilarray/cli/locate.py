@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Record = dict[str, Any]
 Solver = Callable[[Sequence[Reading]], list[Record]]
-"""From readings to what they say: mappings for JSON, with ``error`` alone for a bad reading."""
+"""Function from readings to answers: mappings for JSON, with only ``error`` for a bad reading."""
 
 _MOST_MM = 10.0
 _PUBLISHED = "published"
@@ -35,8 +35,8 @@ def locate(
         list[str],
         typer.Argument(
             metavar="READINGS...",
-            help="δ as coil1=7.1e-4,coil2=3e-4,...; or files: .csv with the coils' names at the top, .json, .jsonl; "
-            "or - for a stream of JSON lines.",
+            help="δ as coil1=7.1e-4,coil2=3e-4,...; or files: .csv with the coils' names in the first line, .json, "
+            ".jsonl; or - for a stream of JSON lines on standard input.",
         ),
     ],
     model: Annotated[
@@ -49,28 +49,30 @@ def locate(
     table: shared.TableFile = None,
     coil: Annotated[
         list[str] | None,
-        typer.Option(help="Use this coil; may be repeated. All by default; for example without a broken one."),
+        typer.Option(help="Use this coil, for example to leave out a broken one; may be repeated. All by default."),
     ] = None,
     reference: shared.References = None,
     noise: shared.Noise = None,
     ellipse: Annotated[
         bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
     ] = False,
-    addition_mm: Annotated[float, typer.Option(help="With --ellipse: added to every A; the paper adds 0.2.")] = 0.2,
+    addition_mm: Annotated[
+        float, typer.Option(help="With --ellipse: length added to every semi-axis A; the paper adds 0.2.")
+    ] = 0.2,
     depth_mm: Annotated[
         float | None, typer.Option(help="With --ellipse: depth of the map; the first one by default.")
     ] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Find where an indentation or a target is from δ.
+    """Find the position of an indentation or a target from δ.
 
-    Maximum likelihood over all coils, which finds the depth or distance too; every position that explains a reading is
-    listed, both signs of y on a board that is symmetric. Positions are those on the board; those of an ellipse model of
-    `coilarray fit` or of the paper count from its own origin. The table of a design is computed once and kept; that of
-    one with a [target] and no [indentation] is the target's map, of which coordinates with a single value are known. A
-    stream gives one JSON line out for each line in, with "error" for a bad one; the exit code is 2 only where no line
-    was a reading.
+    The estimate is that of maximum likelihood over all coils, and includes the depth or distance. Every position that
+    explains a reading is listed, such as both signs of y on a symmetric board. Positions are on the board; those of an
+    ellipse model of `coilarray fit` or of the paper count from the model's own origin. The response table of a design
+    is computed once and kept. For a design with a [target] and no [indentation] it is the target's map; coordinates
+    with a single value are then taken as known. A stream gives one line of JSON for each line of input, with "error"
+    for a bad one; the exit code is 2 only if no line was a reading.
 
     Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
 
@@ -90,9 +92,9 @@ def locate(
     if (json_model or model == _PUBLISHED) and not ellipse:
         raise LocalizeError(f"{model} is an ellipse model; it needs --ellipse.")
     if table is not None and (ellipse or is_map(model)):
-        raise LocalizeError("--table is for the table of a design, without --ellipse.")
+        raise LocalizeError("--table is for the response table of a design, without --ellipse.")
     if depth is not None and not ellipse:
-        raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
+        raise LocalizeError("--depth-mm is for --ellipse; without it the depth is found.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
     assumed: dict[str, float | None] = {"noise": None}
     said: list[str] = []
@@ -117,13 +119,13 @@ def locate(
 
 
 def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
-    """Return what readings say; where one is none, why."""
+    """Return the answers to readings; to a bad one, why it is bad."""
     found = iter(solve([one for one in readings if not isinstance(one, LocalizeError)]))
     return [{"error": str(one)} if isinstance(one, LocalizeError) else next(found) for one in readings]
 
 
 def _stream(solve: Solver) -> None:
-    """Answer every line of standard input at once; a bad one with its error."""
+    """Answer every line of standard input at once, a bad one with its error."""
     good, first = False, None
     try:
         for raw in line_readings(sys.stdin.buffer):
@@ -162,7 +164,7 @@ def _response(source: str | None, table: Path | None, allow_violations: bool) ->
 def _ellipse_model(
     source: str | None, depth: float | None, allow_violations: bool
 ) -> tuple[EllipseModel, tuple[float, float]]:
-    """Return an ellipse model, and x and y in m on the board from which it counts; zero for the paper's and a file."""
+    """Return an ellipse model, and its origin on the board in m; zero for the paper's model and a file."""
     from coilarray.localize.ellipse import fit_ellipses
     from coilarray.localize.ellipse_model import ellipse_model
     from coilarray.localize.published import published_model
@@ -188,11 +190,11 @@ def _with_all_coils(
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
 ) -> tuple[Solver, dict[str, float | None], list[str]]:
-    """Solve with maximum likelihood, and say with which noise, in numbers and in words.
+    """Solve by maximum likelihood, and return the noise assumed, in numbers and in words.
 
-    What no response could answer is refused before it is made.
+    What no response could answer is refused before one is computed.
 
-    The readings are `given`, and the texts of the command line from which they are; none of a stream.
+    `given` are the readings, and the texts of the command line that they come from; empty for a stream.
     """
     from coilarray.design.scan_states import referenced_names
     from coilarray.hardware.record.reference_coil import less_reference
@@ -249,12 +251,12 @@ def _with_all_coils(
         + shared.noise_source(noise, table)
     ]
     if worst:
-        said.append(f"± counts the mesh error of the table, up to {worst:.2g} of δ (estimated)")
+        said.append(f"± includes the mesh error of the table, up to {worst:.2g} of δ (estimated)")
     return solve, {"noise": level, "common_noise": common, "table_error": worst}, said
 
 
 def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:
-    """Take the δ of the states that are used: a list has all of the model in its order, a mapping may hold more."""
+    """Return the δ of the states that are used: a list has all those of the model in order, a mapping may hold more."""
     if isinstance(reading, dict):  # a time, for example; a misspelt coil is noticed as missing
         return {name: reading[name] for name in used if name in reading}
     if len(reading) == len(every):

@@ -103,7 +103,7 @@ class _Grouped(typer.core.TyperGroup):
     """A program whose help shows all commands in their groups, whichever of them it was made of."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; typer would take the end of a file in it for that of what a user types."""
+        """Run a command so that typer does not take an EOFError in it for the end of the user's input."""
         try:
             return super().invoke(ctx)
         except EOFError as error:
@@ -132,8 +132,8 @@ def program(name: str) -> Callable[..., Any]:
     """
     app = typer.Typer(
         name="coilarray",
-        help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\n"
-        "Start with: coilarray report; help with one: coilarray COMMAND --help",
+        help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\nStart with: coilarray "
+        "report. Help on a command: coilarray COMMAND --help",
         cls=_Grouped,
         add_completion=False,
         rich_markup_mode=None,
@@ -147,8 +147,8 @@ def program(name: str) -> Callable[..., Any]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line, that of the process by default, and return its exit code.
 
-    It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. An error that is ours,
-    not the user's, keeps its traceback.
+    It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. A fault of the program
+    itself keeps its traceback.
     """
     for variable in _BLAS_THREADS:
         os.environ.setdefault(variable, "1")
@@ -196,10 +196,10 @@ def run() -> None:
 
 
 def _refuse_damaged(error: Exception) -> int:
-    """Refuse to go on where Python could not read one of its own compiled files; any other error is ours."""
+    """Report a compiled file that Python could not read; any other error is a fault of the program."""
     for frame, _ in traceback.walk_tb(error.__traceback__):
         if frame.f_code.co_name == "_compile_bytecode":  # of importlib
-            return _refuse(f"{frame.f_locals.get('bytecode_path')} is damaged; delete it, and Python makes it anew.")
+            return _refuse(f"{frame.f_locals.get('bytecode_path')} is damaged; delete it, and Python makes a new one.")
     raise error
 
 

@@ -1,4 +1,4 @@
-"""What the commands of the localization share: a response from a file or a design, and files to be written."""
+"""Shared by the commands for positions: a response from a file or a design, and files to be written."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _RECORDING = ".sqlite"
 
 
 def depth_in_metres(depth_mm: float | None) -> float | None:
-    """Convert the option --depth-mm; LocalizeError where it is not positive and finite."""
+    """Convert the option --depth-mm; LocalizeError if it is not positive and finite."""
     if depth_mm is not None and not (math.isfinite(depth_mm) and depth_mm > 0):
         raise LocalizeError(f"--depth-mm must be positive and finite; got {depth_mm:g}.")
     return None if depth_mm is None else depth_mm * 1e-3
 
 
 def is_map(source: str | None) -> bool:
-    """Whether a response is given as a netCDF file, else it is a design; LocalizeError where it is a recording."""
+    """Whether a response is given as a netCDF file, not as a design; LocalizeError for a recording."""
     if source is not None and is_recording(source):
-        raise LocalizeError(f"{source} is a recording; make a response of it: coilarray scan-info {source} --to nc")
+        raise LocalizeError(f"{source} is a recording; convert it to a response: coilarray scan-info {source} --to nc")
     return source is not None and source.lower().endswith(".nc")
 
 
 def is_recording(source: str) -> bool:
-    """Whether a file is a database of SQLite, whatever its name; where there is no file, by its ending."""
+    """Whether a file is an SQLite database, whatever its name; if there is no file, by its ending."""
     begins = b""
     with suppress(OSError, ValueError), Path(source).open("rb") as file:  # no file to be read; a name with a zero byte
         begins = file.read(len(_SQLITE))
@@ -52,7 +52,7 @@ def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
     """Read a response with `read_response`, and say on standard error that it is of an emulated board."""
     response = read_response(path, target=target)
     if response.attrs.get("emulated", 0):
-        text = f"{path} is of an emulated board: no real one was measured."
+        text = f"{path} is of an emulated board: no real board was measured."
         typer.echo(marked(text, emulated=True), err=True)
     return response
 
@@ -83,7 +83,7 @@ def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list
 
 
 def campaign_response(recording: Recording, calibration: Path | None, *, partial: bool) -> xr.Dataset:
-    """Return the response of a campaign, calibrated where a file with the constants of the board is given."""
+    """Return the response of a campaign, calibrated if a file with the constants of the board is given."""
     from coilarray.hardware.record.calibration_file import load_calibration
     from coilarray.hardware.record.channel_calibration import calibrated_response
     from coilarray.hardware.record.recorded_response import recorded_response
@@ -94,7 +94,7 @@ def campaign_response(recording: Recording, calibration: Path | None, *, partial
 
 
 def read_ellipses(path: Path) -> EllipseModel:
-    """Read an ellipse model of `coilarray fit`; LocalizeError where it is none."""
+    """Read an ellipse model of `coilarray fit`; LocalizeError for another file."""
     from coilarray.compute.files import read_text
     from coilarray.localize.ellipse_model import model_from_json
 
@@ -102,7 +102,7 @@ def read_ellipses(path: Path) -> EllipseModel:
 
 
 def one_map(source: str | None, depth: float | None, *, allow_violations: bool) -> tuple[xr.Dataset, int | float]:
-    """Return a response and which of its depths is meant: read from a file, or computed on the grid of a design.
+    """Return a response, read from a file or computed on the grid of a design, and the index of a depth.
 
     `source` is a netCDF file, a design file or the name of a bundled design, gast2020 by default; `depth` is in m, the
     first one by default. Errors are those of `read_map`, `open_design` and `coilarray.response.map.response_map`.
@@ -119,25 +119,27 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
-    """Read the table of a design for positions from a file, else from the store; compute and keep it where it is new.
+    """Read the response table of a design from a file or the store; compute and keep it if it is new.
 
-    LocalizeError where the file is the table of another design.
+    LocalizeError if the file is the table of another design.
     """
     from coilarray.compute.netcdf import save_dataset
 
     if kept is not None and kept.exists():
         response = read_map(kept, target=True)
         if response.attrs.get("design_hash") != design.digest:
-            raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
+            raise LocalizeError(
+                f"{kept} is the table of a design other than {design.name}; remove it or name another file."
+            )
         return response
     with shared.progress_bar(f"table of {design.name}") as progress:
-        response = stored_table(design, progress)
+        response = stored_table(design, progress=progress)
     if kept is not None:
         save_dataset(response, kept)
     return response
 
 
-def stored_table(design: Design, progress: Progress) -> xr.Dataset:
+def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
     """Return the table of a design from the store, computed where it is new; OutputError as `open_store`."""
     from coilarray.compute.store import open_store
     from coilarray.hardware.scan.board_network import board_network

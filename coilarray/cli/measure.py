@@ -45,10 +45,11 @@ def measure(
         typer.Option("--out", "-o", help="Recording to write (SQLite); run.sqlite by default, none with --single."),
     ] = None,
     scans: Annotated[
-        int | None, typer.Option(help="Number of scans, including those that --resume finds; 100 by default.")
+        int | None,
+        typer.Option(help="Number of scans, including those already recorded with --resume; 100 by default."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Duration instead of a number of scans, by the board's clock.")
+        float | None, typer.Option(help="Duration instead of a number of scans, by the clock of the board.")
     ] = None,
     single: Annotated[
         bool, typer.Option("--single", help="Print one scan; write a file only where --out names one.")
@@ -72,15 +73,15 @@ def measure(
 
     The raw words of a scan are in the file as soon as they arrive: a run that is killed loses at most the scan in
     progress. A recording is never overwritten; --resume continues it. Without --port an emulator replaces the board, in
-    virtual time, and every line says so. `coilarray scan-info` shows and converts a recording; `coilarray campaign`
-    measures the response to an indenter on a grid.
+    virtual time, and every line of the output says so. `coilarray scan-info` shows and converts a recording; `coilarray
+    campaign` measures the response to an indenter on a grid.
 
     Example: coilarray measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
 
     Example: coilarray measure starter --port "i2c:1?board=grove-ldc1612" --coils coil1,coil2 --single
     """
     if campaign or of_campaign:
-        raise HardwareError("campaigns have a command of their own, with the same options: coilarray campaign.")
+        raise HardwareError("use the command coilarray campaign, which has the same options, for a campaign.")
     modes = {"--single": single, "--scans": scans is not None, "--seconds": seconds is not None}
     given = [name for name, is_given in modes.items() if is_given]
     if len(given) > 1:
@@ -116,7 +117,7 @@ def measure(
 def recorded_session(
     recorder: Recorder, board: Board, settings: ScanSettings, design: Design, plan: str | None = None, *, quiet: bool
 ) -> Iterator[None]:
-    """Record a session of a board; where the block fails, say how many scans are kept."""
+    """Record a session of a board; if the block fails, say how many scans are kept."""
     from coilarray.hardware.record.recorder import begin_session
 
     recorder.start(begin_session(board, settings, design), plan, board.thermometer)
@@ -125,13 +126,13 @@ def recorded_session(
     try:
         yield
     except BaseException:
-        kept = f"coilarray: {recorder.count()} scans are kept in {recorder.path}; --resume goes on from there"
+        kept = f"coilarray: {recorder.count()} scans are kept in {recorder.path}; --resume continues from there"
         typer.echo(marked(kept, emulated=board.emulated), err=True)
         raise
 
 
 def print_recording(path: Path, *, as_json: bool) -> RecordingSummary:
-    """Print what is in a recording, and return it."""
+    """Print a summary of a recording, and return it."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.recording_summary import summarize_recording
 

@@ -11,12 +11,12 @@ def noise(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Say how far readings of δ scatter and drift, and why.
+    """Predict how much readings of δ scatter and drift, and why.
 
-    Every cause with the noise of one scan, the drift per kelvin, what has changed since L_0 was read, whether it is
-    common to all coils, and where its size is from; sizes, settings and the change of temperature are in the table
-    [readout] of the design. The σ of δ at the end is the noise that `locate`, the position errors and the ranges of
-    targets assume. `coilarray board --noise` measures it.
+    Lists every cause: its noise in one scan, its drift per kelvin, its change since L_0 was read, whether it is common
+    to all coils, and the source of the value. Values, settings and the change of temperature are in the table [readout]
+    of the design. The σ of δ at the end is the noise that `locate`, the position errors and the ranges of targets
+    assume. `coilarray board --noise` measures it.
 
     Example: coilarray noise gast2020 --reference coil6
     """

@@ -33,22 +33,27 @@ def optimize(
     vary: Annotated[
         list[str] | None,
         typer.Option(
-            "--vary", help="KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…, instead of what the goal varies."
+            "--vary",
+            help="Entry to vary instead of those of the goal: KEY=START:STOP, KEY=START:STOP:COUNT or "
+            "KEY=A,B,…; may be repeated.",
         ),
     ] = None,
     keep: Annotated[
         list[str] | None,
-        typer.Option("--keep", help="QUANTITY>=VALUE or QUANTITY<=VALUE, a bound beside those of the goal."),
+        typer.Option(
+            "--keep",
+            help="Bound in addition to those of the goal: QUANTITY>=VALUE or QUANTITY<=VALUE; may be repeated.",
+        ),
     ] = None,
     template: Annotated[
         Path | None,
         shared.file_option(
-            ("--template",), "Write the goal for this design as a commented file, and stop.", (".toml",)
+            ("--template",), "Write the goal for this design to a commented file, and exit.", (".toml",)
         ),
     ] = None,
     force: shared.Force = False,
     out: Annotated[
-        Path, shared.file_option(("--out", "-o"), "Folder for the results and the study.", kept=True)
+        Path, shared.file_option(("--out", "-o"), "Folder for the results and the points.", kept=True)
     ] = Path("optimization"),
     trials: Annotated[
         int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
@@ -63,13 +68,13 @@ def optimize(
         bool, typer.Option("--json", help="Print the result as JSON in the units of its names, and nothing else.")
     ] = False,
 ) -> None:
-    """Change a design until it is the best by a goal.
+    """Search for the design that meets a goal best.
 
     A goal says which entries of the design may change, which quantities to minimise or maximise, and which bounds to
-    keep. Those with a name fit any design, as their ranges follow from it; --template writes one as a file to edit.
-    Every point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and
-    one with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs as files.
-    Where no design is better than the one at hand none is written, and the exit code is 1.
+    keep. Named goals fit any design, as they take their ranges from it; --template writes one to a file to edit. Every
+    point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and one
+    with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs. If no design
+    is better than the given one, none is written and the exit code is 1.
 
     Example: coilarray optimize gast2020 worst_k --trials 100 --out better
 
@@ -116,8 +121,8 @@ def optimize(
         result = optimize_design(opened, wanted, out, pool, kept, progress=counting(show))
     if result.goal.search.trials > wanted.search.trials:
         typer.echo(
-            f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points of the search; "
-            f"none is left out for {wanted.search.trials}",
+            f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points, more than "
+            f"{wanted.search.trials}; all are kept",
             err=True,
         )
     files = (*write_optimization(result, out), write_optimization_report(result, out))
@@ -140,7 +145,7 @@ def _goal(
     if named is None or is_named(named):
         return adjusted(derive_goal([*([named] if named else []), *wishes], file, axes), (), bounds)
     if wishes:
-        raise GoalError(f"{named} is a goal file, which says what is wanted; --goal cannot be given with it.")
+        raise GoalError(f"{named} is a goal file; --goal cannot be given with it.")
     return adjusted(DerivedGoal(load_goal(named, file), {}), axes, bounds)
 
 
@@ -172,15 +177,15 @@ def _print_quantities(*, as_json: bool) -> None:
 
 
 def _print_result(result: Optimization) -> None:
-    """Print the start and what was found side by side, a quantity or entry a line."""
+    """Print the given and the best design side by side, one quantity or entry per line."""
     from coilarray.geometry import check_rules
     from coilarray.report.optimization import chosen_designs, none_better, reason_table
 
-    tried = f"{len(result.trials)} points, {sum(trial.feasible for trial in result.trials)} keep all bounds"
+    tried = f"{len(result.trials)} points, of which {sum(trial.feasible for trial in result.trials)} keep all bounds"
     if not result.front:
         typer.echo(f"{tried}: {none_better(result)}")
         for reason, *_ in reason_table(result).rows[:1]:
-            typer.echo(f"the most frequent reason why points cannot be: {reason}")
+            typer.echo(f"the most frequent reason why points give no design: {reason}")
         return
     chosen = chosen_designs(result)
     shown = [result.start, *(one.trial for one in chosen)]
@@ -189,7 +194,7 @@ def _print_result(result: Optimization) -> None:
     ] + [
         [axis.entry, *(value_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
     ]  # fmt: skip
-    shared.print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
+    shared.print_table(("", "given", *(one.label for one in chosen)), rows, title=tried)
     broken = [
         one.label
         for one in chosen
@@ -197,7 +202,7 @@ def _print_result(result: Optimization) -> None:
     ]
     if broken:
         typer.echo(
-            f"{', '.join(broken)} break fabrication rules (coilarray check), of which the sampler cmaes knows nothing"
+            f"{', '.join(broken)} break fabrication rules (coilarray check), which the sampler cmaes does not know"
         )
     if len(result.goal.objectives) > 1:
         typer.echo(f"Pareto front: {len(result.front)} designs")
@@ -205,7 +210,7 @@ def _print_result(result: Optimization) -> None:
 
 @contextmanager
 def _progress(goal: Goal) -> Iterator[SearchProgress]:
-    """Show a progress bar with the best so far on standard error; none where that is no terminal."""
+    """Show a progress bar with the best so far on standard error, if that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

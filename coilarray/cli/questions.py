@@ -16,25 +16,25 @@ _FIT, _BESIDE, _DECOUPLED, _ANY, _NONE = "fit", "side by side", "decoupled", "an
 def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
     """Ask for the choices of a new design, by the names of the options; each answer is checked at once."""
     from coilarray.design import fabs
-    from coilarray.studies.create import check_choices, read_arrangement
+    from coilarray.studies.create import Choices, read_arrangement
 
     def checked_coils(text: str) -> str:
         read_arrangement(text)
         return text
 
     def checked_size(text: str) -> str:
-        check_choices(**in_si({"shape": shape, "size_mm": text}))
+        Choices(**in_si({"shape": shape, "size_mm": text}))
         return text
 
-    typer.echo("A new design: Return takes what stands in brackets.")
-    coils = _ask("Coils: 1, 6 (a row), 4x4 (columns by rows) or 7-hex", "4x4", checked_coils)
-    shape = _ask(f"Shape: {', '.join(shapes)}", "square", _one_of(shapes))
-    sides, usual = ("Width x height", "20x12") if shape in _LONG else ("Width", "12")
+    typer.echo("A new design. Press Return for the value in brackets.")
+    coils = _ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), checked_coils)
+    shape = _ask(f"Shape: {', '.join(shapes)}", Choices.shape, _one_of(shapes))
     chosen = {"coils": coils, "shape": shape}
+    sides = "Width, or width x height" if shape in _LONG else "Width"
+    usual = f"{Choices().sides[0] * 1e3:g}"
     chosen["size_mm"] = _ask(f"{sides} of a coil in mm", usual, checked_size)
     chosen |= _ask("Inductance in µH, or as many turns as fit", _FIT, _number_or("inductance_uH", {_FIT: {}}))
-    several = read_arrangement(coils).lattice != "single"
-    if several:
+    if read_arrangement(coils).lattice != "single":
         beside = {_BESIDE: {}, _DECOUPLED: {"overlap": _DECOUPLED}}
         chosen |= _ask(f"Pitch in mm, {_BESIDE}, or {_DECOUPLED} by overlap", _BESIDE, _number_or("pitch_mm", beside))
     at = (_NONE, *edges)
@@ -44,12 +44,12 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
     fab = _ask(f"Board house: {_ANY}, {', '.join(fabs.names())}", _ANY, _one_of((_ANY, *fabs.names())))
     if fab != _ANY:
         chosen["fab"] = fab
-    chosen["elastomer"] = typer.confirm("A magnetic elastomer on the board", default=several)
+    chosen["elastomer"] = typer.confirm("A magnetic elastomer on the board", default=Choices.elastomer)
     return chosen
 
 
 def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
-    """Return choices as `coilarray.studies.create.new_design` takes them, from those by the names of the options."""
+    """Return the choices, given by the names of the options, as `coilarray.studies.create.new_design` takes them."""
     from coilarray.design.units import SCALES
     from coilarray.studies.create import read_size
 
@@ -78,15 +78,15 @@ def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
 def _one_of(words: Sequence[str]) -> Callable[[str], str]:
     def read(text: str) -> str:
         if text not in words:
-            raise DesignError(f"{text!r} is none of {', '.join(words)}.")
+            raise DesignError(f"{text!r} is not one of {', '.join(words)}.")
         return text
 
     return read
 
 
 def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str], dict[str, Any]]:
-    """Return what reads a number for an option, or a word that stands for other options."""
-    from coilarray.studies.create import check_choices
+    """Return a reader of a number for an option, or a word that stands for other options."""
+    from coilarray.studies.create import Choices
 
     def read(text: str) -> dict[str, Any]:
         if text in words:
@@ -94,8 +94,8 @@ def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str],
         try:
             choice = {option: float(text)}
         except ValueError:
-            raise DesignError(f"{text!r} is no number and none of {', '.join(words)}.") from None
-        check_choices(**in_si(choice))
+            raise DesignError(f"{text!r} is neither a number nor one of {', '.join(words)}.") from None
+        Choices(**in_si(choice))
         return choice
 
     return read

@@ -18,8 +18,8 @@ Reading = dict[str, float] | list[float]
 def read_readings(text: str) -> list[Reading | LocalizeError]:
     """Read one argument: coil1=7.1e-4,coil2=3e-4,... or the name of a file, .csv, .json or .jsonl.
 
-    Returns the readings in the order of the file, or what is wrong with them. LocalizeError for another text, a file
-    that cannot be read as a whole, and one without a reading.
+    Returns the readings in the order of the file, or what is wrong with each. LocalizeError for another text, a file
+    that cannot be read at all, and one without a reading.
     """
     path = Path(text)
     suffix = path.suffix.lower()
@@ -42,7 +42,7 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
 
 
 def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
-    """Yield one reading for each line of JSON, or what is wrong with it."""
+    """Yield one reading, or what is wrong with it, for each line of JSON."""
     for line in lines:
         try:
             yield _json_reading(_parsed(line.decode("utf-8")))
@@ -53,7 +53,7 @@ def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
 
 
 def _json_reading(value: object) -> Reading | LocalizeError:
-    """Return a JSON value as a reading, or why it is none: it must be an object or a list of numbers."""
+    """Return a JSON value as a reading, an object or a list of numbers, or what is wrong with it."""
     try:
         if isinstance(value, dict):
             return {name: _number(name, one) for name, one in value.items()}

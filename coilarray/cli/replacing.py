@@ -1,8 +1,8 @@
-"""The one rule of all commands that write: each replaces what it wrote itself, and nothing else without --force.
+"""One rule for all commands that write: each replaces what it wrote itself, and nothing else without --force.
 
-What a command wrote is known by the file's size and time, which are kept beside the store's results: a file that was
-edited since, or that another command or program wrote, is not the command's own. Where the store cannot be written, or
-was deleted, nothing is.
+A command recognises its own file by size and time of modification, which are kept in the store: a file that was edited
+since, or that another command or program wrote, is not its own. If the store cannot be written or was deleted, no file
+is.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def replacing(command: str, *paths: Path, force: bool) -> Iterator[None]:
-    """Refuse as `require_own` before the block, and remember afterwards the files that it wrote."""
+    """Refuse as `require_own` before the block; afterwards remember the files that it wrote."""
     require_own(command, paths, force=force)
     before = [_state(path) for path in paths]
     try:
@@ -49,7 +49,7 @@ def remember(command: str, paths: Iterable[Path]) -> None:
 
 
 def _state(path: Path) -> list[int] | None:
-    """Return size and time of a file, None where there is none."""
+    """Return size and time of a file; None if there is none."""
     try:
         found = path.stat()
     except (OSError, ValueError):  # ValueError: a name with a zero byte
@@ -58,7 +58,7 @@ def _state(path: Path) -> list[int] | None:
 
 
 def _remembered(path: Path) -> object:
-    """Return which command wrote a file last, and the state in which it left it; None where none is known."""
+    """Return which command wrote a file last, and the file's state then; None if unknown."""
     with suppress(OutputError, OSError):
         store, key = _entry(path)
         return store.get(key)
@@ -66,7 +66,7 @@ def _remembered(path: Path) -> object:
 
 
 def _entry(path: Path) -> tuple[Store, str]:
-    """Return the store and the key under which it keeps what is known of a file, for all versions of the code."""
+    """Return the store, and its key for a file, the same for all versions of the code."""
     import hashlib
 
     from coilarray.compute.store import Store, open_store

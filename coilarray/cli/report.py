@@ -23,15 +23,15 @@ def report(
     design: shared.DesignArgument = None,
     out: Annotated[Path, shared.out_option("Folder for report.html and the folder report.")] = Path(),
     distortion: Annotated[
-        Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc): adds what moves x0.")
+        Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc), to be included.")
     ] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Write the coupling report of a design.
+    """Write the report of a design, with tables and pictures.
 
-    Writes report.html and the folder report, which has its numbers as CSV, JSON and netCDF.
+    Writes report.html, and the folder report with its numbers as CSV, JSON and netCDF.
 
     Example: coilarray report gast2020 --out results
     """

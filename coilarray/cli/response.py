@@ -21,7 +21,7 @@ def response(
     depth_mm: shared.Depths = None,
     x_mm: shared.PlacesX = None,
     y_mm: shared.PlacesY = None,
-    tilt: Annotated[tuple[float, float], typer.Option(help="Rise of the sample along x and y, mm per mm.")] = (
+    tilt: Annotated[tuple[float, float], typer.Option(help="Slope of the elastomer along x and y, in mm per mm.")] = (
         0.0,
         0.0,
     ),
@@ -37,20 +37,20 @@ def response(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     ideal: shared.Ideal = False,
     dielectric: Annotated[
-        bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance by the dent.")
+        bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance due to the dent.")
     ] = False,
     metal: Annotated[
-        bool, typer.Option("--metal/--no-metal", help="Count the indenter's material, where it has one.")
+        bool, typer.Option("--metal/--no-metal", help="Include the indenter's material, if it has one.")
     ] = True,
     rest_distance_mm: Annotated[
         float,
-        typer.Option(help="Height over the sheets of an indenter with a material while L_0 is read; inf: far away."),
+        typer.Option(help="Height above the sheets of an indenter with a material while L_0 is read; inf: far away."),
     ] = 0.0,
     reach: Annotated[
         str,
         typer.Option(
-            help="Coils that count at a position: all; a number from 0.0001 to 0.1: those near the indenter, for this "
-            "error of δ relative to its peak; auto: all, on large boards those for 0.001."
+            help="Coils included at a position: all; a number from 0.0001 to 0.1 for only those near the indenter "
+            "that keep the error of δ below this fraction of its peak; auto for 0.001 on large boards, else all."
         ),
     ] = "auto",
     out: shared.NumbersFile = Path("response.nc"),
@@ -59,20 +59,20 @@ def response(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Map what an indentation does to every coil.
+    """Compute the response of every coil to an indentation.
 
-    δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the other
-    coils as the scan terminates them. The table shows the peak of every map; it, the picture and a .csv have places on
-    the board, a .nc those from the map's origin, and where that is. An interrupted map goes on from the folder
-    FILE.parts when the same command runs again. On large boards only the coils near the indenter are counted, and a
-    line says so; --reach all counts every coil.
+    Computes δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the
+    other coils as the scan terminates them. The table shows the peak of every map. Positions in the table, the picture
+    and a .csv are on the board; in a .nc they count from the map's origin, which it states. After an interruption the
+    same command resumes from the folder FILE.parts. On large boards only the coils near the indenter are included, and
+    a line says so; --reach all includes every coil.
 
     An indenter with a material (indenter.material of the design) also changes δ by its eddy currents and its
-    magnetisation, against L_0 read as it just touches; their share stands beside δ. Of such an indenter a depth below 0
-    is a height over the sheets: --depth-mm=-5,-1,0,1.
+    magnetisation; their share is shown beside δ. L_0 is that of the indenter just touching the sheets. A negative depth
+    of such an indenter is a height above the sheets: --depth-mm=-5,-1,0,1.
 
-    Plates below the coils ([[plate]]: a backplane, a copper pour) count with what they send back, at the frequency of
-    each state: infinite ones of the coils' field and of the dent's, those with an outline of the coils' field.
+    Plates below the coils ([[plate]]: a backplane, a copper pour) are included, at the frequency of each state:
+    infinite plates reflect the field of the coils and that of the dent, plates with an outline only that of the coils.
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
@@ -91,29 +91,33 @@ def response(
     x, y = shared.from_map_origin(opened.indentation, *places)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
-    with shared.map_parts(out) as store, shared.progress_bar("response") as progress:
+    with shared.map_parts(out) as parts, shared.progress_bar("response") as progress:
         result = response_map(
             opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=store.folder, progress=progress,
+            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=parts, progress=progress,
         )  # fmt: skip
-    shown = on_board(result)
-    table = response_table(shown)
-    in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
-    shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
-    store.discard(store.keys())
+        shown = on_board(result)
+        table = response_table(shown)
+        in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
+        shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
     shared.draw(plot, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     error = result.attrs["error_of_peak"]
     lines = [f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"]
     if error:
         lines.insert(
             0,
-            f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter count: δ is within "
-            f"{error:g} of its peak; --reach all counts every coil",
+            f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter are included: the error "
+            f"of δ is up to {error:g} of its peak; --reach all includes every coil",
         )
     outside = coils_outside(shown) if x is None and y is None else []
     if outside:
-        lines.append(f"note: the positions of the design leave out the centres of {', '.join(outside)}")
-    data = {**shared.design_record(opened), "file": str(out), "error_of_peak": error, "response": table.records()}
+        lines.append(f"note: the design's positions do not include the centres of {', '.join(outside)}")
+    data = {
+        **shared.design_record(opened),
+        "file": out and str(out),
+        "error_of_peak": error,
+        "response": table.records(),
+    }
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
 
 
@@ -122,7 +126,7 @@ def _reach(text: str) -> Reach:
     try:
         return None if text == "all" else "auto" if text == "auto" else float(text)
     except ValueError:
-        raise ElastomerError(f"--reach must be all, auto or an error of δ; got {text!r}.") from None
+        raise ElastomerError(f"--reach must be all, auto or a relative error of δ; got {text!r}.") from None
 
 
 def _thickness_errors(texts: Sequence[str]) -> dict[str, float]:

@@ -39,26 +39,28 @@ def scan_info(
     series: Annotated[
         bool, typer.Option("--series", help="Convert to a time series of all scans, also for a campaign.")
     ] = False,
-    baseline: Annotated[int, typer.Option(help="Number of first scans from which δ of a time series counts.")] = 10,
+    baseline: Annotated[
+        int, typer.Option(help="Number of first scans that are the baseline of δ of a time series.")
+    ] = 10,
     partial: Annotated[
         bool, typer.Option("--partial", help="Convert an unfinished campaign; missing positions are NaN.")
     ] = False,
     calibration: BoardConstants = None,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Only check the file against its checksums; also .nc and .toml files.")
+        bool, typer.Option("--verify", help="Only check the file against its checksums; also for .nc and .toml files.")
     ] = False,
     recover: Annotated[
-        Path | None, typer.Option(metavar="OUT", help="Write a new recording of the scans of a damaged one.")
+        Path | None, typer.Option(metavar="OUT", help="Write a new recording of the intact scans of a damaged one.")
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what is in a recording, and convert it.
+    """Show a summary of a recording, and convert it.
 
     A campaign becomes a response, as `coilarray response` writes it: netCDF, or a CSV with a line for every position
     and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
-    coil, which `coilarray locate` reads. The whole file is checked for damage: one scan that is not as its checksum
-    says, and it is refused. --verify names all such scans, and --recover writes a new recording without them.
+    coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if the checksum of one scan
+    is wrong. --verify names all such scans, and --recover writes a new recording without them.
 
     Example: coilarray scan-info run.sqlite
 
@@ -121,7 +123,7 @@ def _verify(path: Path, *, as_json: bool) -> None:
 
 
 def _recover(path: Path, target: Path, *, force: bool, as_json: bool) -> None:
-    """Write a new recording of the whole scans of another one, and say how many were lost."""
+    """Write a new recording of the intact scans of another one, and say how many were lost."""
     from coilarray.hardware.record.recovery import recover_recording
 
     if target.resolve() == path.resolve():
@@ -138,7 +140,7 @@ def _recover(path: Path, target: Path, *, force: bool, as_json: bool) -> None:
 
 
 def _named(damage: Damage) -> str:
-    """Return what is damaged, with the numbers of the scans."""
+    """Return a text with the numbers of the damaged scans."""
     count, some = len(damage.damaged), ", ".join(map(str, damage.damaged[:_MOST_NAMED]))
     more = f" and {count - _MOST_NAMED} more" if count > _MOST_NAMED else ""
     scans = [f"scan{'s' if count > 1 else ''} {some}{more} of {damage.scans}"] if count else []
@@ -146,7 +148,7 @@ def _named(damage: Damage) -> str:
 
 
 def summary_lines(summary: RecordingSummary) -> list[str]:
-    """Return what is in a recording for people."""
+    """Return the summary of a recording as lines of text."""
     lines = [f"{summary.file}: design {summary.design}, wiring {summary.wiring}, coilarray {summary.version}"]
     lines += [
         f"{session['started']}  {session['port']} ({session['board']}), settings {session['settings_hash']}: "
@@ -189,7 +191,7 @@ def _self_test_line(symptoms: Sequence[str]) -> str:
 
 
 def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
-    """Return the file to write, with its format as its ending; None where nothing is converted."""
+    """Return the file to write, with its format as its ending; None if nothing is converted."""
     if to is not None and to not in FORMATS:
         raise OutputError(f"--to must be {' or '.join(FORMATS)}; got {to!r}.")
     if run.is_dir():
@@ -211,7 +213,7 @@ def write_response(
     response = campaign_response(recording, calibration, partial=partial)
     board = response.attrs["board"]
     known = response.attrs.get("calibration_board", board)
-    note = "" if known == board else f"\nthe calibration is of the board “{known}”, the recording of “{board}”"
+    note = "" if known == board else f"\nthe calibration is for the board “{known}”, the recording is of “{board}”"
     return _write(response, response_csv, target, "the response") + note
 
 

@@ -1,8 +1,8 @@
-"""What the commands share: arguments and options, and how a command ends.
+"""Shared by the commands: arguments and options, and how a command ends.
 
 A command ends with `print_result`, which prints JSON, or tables and the names of the files that `write_numbers` and
-`draw` wrote. Declare an option here as soon as a second command has it. An option without a name of its own is called
-after its parameter: ``depth_mm`` is --depth-mm.
+`draw` wrote. Declare an option here as soon as a second command has it. An option that is given no name takes that of
+its parameter: ``depth_mm`` is --depth-mm.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from coilarray.compute.store import Store
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
     from coilarray.design.model import Design, DesignFile, Indentation
@@ -38,14 +37,19 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False) -> Any:
-    """Return an option for a file to write, refused before any work: by `check_file`, where it has suffixes.
+def file_option(
+    names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False, printed: bool = False
+) -> Any:
+    """Return an option for a file to write, refused before any work by `check_file`, if it has suffixes.
 
-    Of a command with the option --force, `replacing` refuses too, unless what exists is `kept`: a file that is read, or
-    a folder.
+    If the command has the option --force, `replacing` refuses too, unless what exists is `kept`: a file that is read,
+    or a folder. If it is `printed`, --json prints its content instead, and the file is written only if it is named.
     """
 
-    def check(context: typer.Context, path: Path | None) -> Path | None:
+    def check(context: typer.Context, parameter: typer.CallbackParam, path: Path | None) -> Path | None:
+        source = context.get_parameter_source(str(parameter.name))
+        if printed and context.params["as_json"] and source is not None and source.name == "DEFAULT":
+            return None
         if suffixes:
             check_file(names[0], path, suffixes)
         if path is not None and path.suffix and not kept and "force" in context.params:  # without one: a folder
@@ -67,13 +71,13 @@ def number_option(names: Sequence[str], low: float, high: float, text: str) -> A
     return typer.Option(*names, help=text, callback=check)
 
 
-def out_option(text: str, *suffixes: str) -> Any:
+def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
     """Return the option --out with its help text."""
-    return file_option(("--out", "-o"), text, suffixes)
+    return file_option(("--out", "-o"), text, suffixes, printed=printed)
 
 
 def plot_option(what: str, name: str = "--plot") -> Any:
-    """Return the option for a picture of what is named, such as "the maps"."""
+    """Return the option for a picture of something, such as "the maps"."""
     return file_option((name,), f"Also draw {what}: .png, .svg or .pdf.", PICTURES)
 
 
@@ -85,10 +89,12 @@ AllowViolations = Annotated[
     bool,
     typer.Option(
         "--allow-violations",
-        help="Go on with a design that breaks a fabrication rule; traces that overlap have no inductance.",
+        help="Accept a design that breaks a fabrication rule; the inductance of overlapping traces is not meaningful.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.", is_eager=True)
+]
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files that the command did not write itself.", is_eager=True)
 ]
@@ -99,8 +105,8 @@ Goals = Annotated[
     list[str] | None,
     typer.Option(
         "--goal",
-        help="worst_k, decouple, position_error, smallest (board), or range and resolution (of a target), which fit "
-        "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
+        help="One of worst_k, decouple, position_error, smallest (board), and range or resolution (of a target), "
+        "which fit any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; may be repeated.",
     ),
 ]
 References = Annotated[
@@ -108,44 +114,55 @@ References = Annotated[
     typer.Option(
         "--reference",
         metavar="COIL",
-        help="Coil that nothing touches: δ of the others is less its δ, without the drift of all; may be repeated.",
+        help="Reference coil, which nothing touches: its δ is subtracted from that of the others, which removes "
+        "their common drift; may be repeated.",
     ),
 ]
 BoardConstants = Annotated[
     Path | None,
     typer.Option(
-        "--calibration", help="Constants of the board of a recorded campaign, from coilarray calibrate-board (.toml)."
+        "--calibration",
+        help="Constants of the board of a recorded campaign, found by coilarray calibrate-board (.toml).",
     ),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue the recording if the file exists.")]
 Workers = Annotated[
-    int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
+    int | None,
+    typer.Option("--workers", help="Number of local processes, of one thread each; one per core by default."),
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers compute instead."),
+    typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler; its workers compute instead."),
 ]
 Cache = Annotated[
     Path | None,
-    typer.Option("--cache", metavar="DIR", help="Folder of results already computed; the user's cache by default."),
+    typer.Option("--cache", metavar="DIR", help="Folder of stored results; the user's cache by default."),
 ]
 Depths = Annotated[
-    str | None, typer.Option("--depth-mm", help="Depths, as 0.5,1 or START:STOP:COUNT; the design's by default.")
+    str | None, typer.Option("--depth-mm", help="Depths, such as 0.5,1 or START:STOP:COUNT; the design's by default.")
 ]
 PlacesX = Annotated[
     str | None,
-    typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
+    typer.Option(help="Positions along x on the board, such as 0,5 or START:STOP:COUNT; the design's by default."),
 ]
 PlacesY = Annotated[str | None, typer.Option(help="Positions along y, in the same form.")]
 Ideal = Annotated[
-    bool, typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit.")
+    bool, typer.Option("--ideal/--strays", help="Leave AC resistance and stray capacitances out of the circuit.")
 ]
 Noise = Annotated[
     float | None,
-    typer.Option("--noise", help="Standard deviation of δ in a reading; that of the design's noise budget by default."),
+    typer.Option("--noise", help="Standard deviation of δ of a reading; that of the design's noise budget by default."),
 ]
-NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
-OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]
+_UNLESS_PRINTED = "with --json only if it is given."
+NumbersFile = Annotated[
+    Path | None,
+    out_option(f"File to write: .nc (netCDF) or .csv; {_UNLESS_PRINTED}", ".nc", ".csv", printed=True),
+]
+FieldFile = Annotated[
+    Path | None,
+    out_option(f"File to write: .nc (netCDF) or .vtr (ParaView); {_UNLESS_PRINTED}", ".nc", ".vtr", printed=True),
+]
+OthersOpen = Annotated[bool, typer.Option("--others-open", help="Leave all other coils open.")]
 TableFile = Annotated[
     Path | None,
     file_option(
@@ -161,7 +178,7 @@ _NARROWEST = 10  # characters of a heading before it goes on in the next line
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
-    """Read a design; DesignError where it is none, RuleViolationError where it breaks a rule that it must keep."""
+    """Read a design; DesignError for a bad file, RuleViolationError for a broken rule that is not allowed."""
     return open_design_file(name, allow_violations=allow_violations).design
 
 
@@ -181,19 +198,26 @@ def open_design_file(name: str | None, *, allow_violations: bool) -> DesignFile:
 
 
 def design_record(design: Design) -> dict[str, str]:
-    """Return name and hash of a design as every JSON output has them."""
+    """Return name and hash of a design, as in every JSON output."""
     return {"design": design.name, "design_hash": design.digest}
 
 
 @contextmanager
-def map_parts(out: Path) -> Iterator[Store]:
-    """Keep the parts of a map beside its file, from which an interrupted command goes on."""
+def map_parts(out: Path | None) -> Iterator[Path | None]:
+    """Keep the parts of a map in a folder beside its file, from which an interrupted command goes on; none without one.
+
+    They are discarded at the end of the block, in which the file is written.
+    """
+    if out is None:
+        yield None
+        return
     from coilarray.compute.store import open_store
 
     store = open_store(out.with_name(f"{out.name}.parts"))
     kept = store.keys()
     try:
-        yield store
+        yield store.folder
+        store.discard(store.keys())
     except NetworkError:
         store.discard(store.keys() - kept)  # of no use: going on would end in the same way
         raise
@@ -212,9 +236,9 @@ def from_map_origin(
 
 
 def lengths(option: str, text: str | None) -> list[float] | None:
-    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError where it is neither.
+    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError for another text.
 
-    None where the option is not given.
+    None if the option is not given.
     """
     if text is None:
         return None
@@ -232,17 +256,17 @@ def lengths(option: str, text: str | None) -> list[float] | None:
     rising = all(low < high for low, high in itertools.pairwise(values))
     if not (0 < len(values) <= _MOST_LENGTHS and rising and np.abs(values).max() <= LONGEST_MM):
         raise ElastomerError(
-            f"{option} must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT with 2 to {_MOST_LENGTHS} of them; "
-            f"got {text!r}."
+            f"{option} must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT with 2 to {_MOST_LENGTHS} of "
+            f"them; got {text!r}."
         )
     return [value * 1e-3 for value in values]
 
 
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
-    """Refuse before a long computation what could not be written after it; no path is right.
+    """Refuse before a long computation a file that could not be written after it; None is accepted.
 
-    OutputError for another suffix, where there are some; for a folder of that name, and for a folder that is not there,
-    cannot be looked into, or where nothing may be written.
+    OutputError for a suffix that is not one of `suffixes`, for a folder of that name, and if the folder of the file
+    does not exist, cannot be read, or cannot be written to.
     """
     if path is None:
         return
@@ -258,11 +282,11 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -
     if not placed:
         raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
     if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"cannot write {path}: nothing may be written in the folder {path.parent}.")
+        raise OutputError(f"cannot write {path}: the folder {path.parent} is not writable.")
 
 
 def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str]) -> None:
-    """Write a dataset as netCDF where the file's name ends in .nc, else its table as CSV; no path writes nothing."""
+    """Write a dataset as netCDF if the file's name ends in .nc, else its table as CSV; None writes nothing."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
 
@@ -273,7 +297,7 @@ def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str])
 
 
 def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:
-    """Draw a figure into a file; no path draws nothing."""
+    """Draw a figure into a file; None draws nothing."""
     if path is None:
         return
     from coilarray.compute.files import write_atomically
@@ -293,7 +317,7 @@ def print_result(
     lines: Sequence[str] = (),
     files: Sequence[Path | None] = (),
 ) -> None:
-    """Print the result of a command: `data` as JSON and nothing else, or tables, sentences and the files written."""
+    """Print the result of a command: either `data` as JSON, or tables, sentences and the files written."""
     if as_json:
         print_json(data)
         return
@@ -306,28 +330,31 @@ def print_result(
 
 
 def noise_source(given: float | None, response: xr.Dataset) -> str:
-    """Say where the noise of δ is from, behind its number: nothing for one that the user has given."""
+    """Return where the noise of δ comes from, to follow its number; empty if the user gave it."""
     if given is not None:
         return ""
-    return " by the noise budget" if "noise" in response.attrs else ", as the response does not say its own"
+    return " from the noise budget" if "noise" in response.attrs else " by default, as the response states none"
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
-    """Say how the model of a plate with an outline errs, by a dataset's attributes: its mesh, and what is over 1 %."""
+    """Return lines on the errors of a plate with an outline: of its mesh, and those over 1 %."""
     lines = []
     if "plate_error_mesh" in attributes:
-        lines.append(f"the mesh of the target errs by about {attributes['plate_error_mesh']:.2%} of ΔL (estimated)")
+        lines.append(
+            f"the mesh of the target causes an error of about {attributes['plate_error_mesh']:.2%} of ΔL (estimated)"
+        )
     errors = [attributes.get(f"plate_error_{what}", 0.0) for what in ("inductance", "resistance")]
     if max(errors) > _WORTH_SAYING:
         lines.append(
-            f"a plate with an outline is {attributes['plate_skin_depths']:.2g} skin depths thick: taken for currents "
-            f"on its faces and rim, it errs by up to {errors[0]:.1%} of ΔL and {errors[1]:.1%} of ΔR (estimated)"
+            f"a plate with an outline is {attributes['plate_skin_depths']:.2g} skin depths thick: as its currents are "
+            f"taken to flow on faces and rim, the error is up to {errors[0]:.1%} of ΔL and {errors[1]:.1%} of ΔR "
+            "(estimated)"
         )
     return lines
 
 
 def print_json(data: Any) -> None:
-    """Print a value as JSON; a number that is not finite is an error of the program, never NaN in the output."""
+    """Print a value as JSON; a number that is not finite is a fault of the program, never NaN in the output."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
@@ -372,13 +399,13 @@ def _is_number(text: str) -> bool:
 
 
 def drop_output() -> None:
-    """Let standard output, which cannot be written, go nowhere: Python would fail once more when it closes it."""
+    """Redirect standard output, which cannot be written, to nothing: Python would fail again when it closes it."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Progress]:
-    """Show a progress bar on standard error while the block runs; none where that is no terminal."""
+    """Show a progress bar on standard error while the block runs, if that is a terminal."""
     from rich.console import Console
     from rich.progress import Progress as Bar
 
@@ -408,16 +435,16 @@ def open_pool(workers: int | None, cluster: str | None, tasks: int | None = None
 def check_workers(workers: int | None, cluster: str | None) -> None:
     """Refuse --workers together with --cluster."""
     if workers is not None and cluster is not None:
-        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+        raise ClusterError("--workers is for processes on this machine; it cannot be given with --cluster.")
 
 
 @contextmanager
 def resumable(
     kept: Callable[[int], str], done: int = 0
 ) -> Iterator[Callable[[Callable[..., None]], Callable[..., None]]]:
-    """Say on standard error what is kept when the work in the block is interrupted, by the number of finished tasks.
+    """If the block is interrupted, say on standard error what is kept, from the number of finished tasks.
 
-    The block gets a function that makes of a progress function one that also counts.
+    The block gets a function that wraps a progress function into one that also counts.
     """
 
     def counting(show: Callable[..., None]) -> Callable[..., None]:
@@ -432,5 +459,5 @@ def resumable(
         yield counting
     except (KeyboardInterrupt, ClusterError):
         if done:
-            typer.echo(f"coilarray: {kept(done)}; the same command goes on from there", err=True)
+            typer.echo(f"coilarray: {kept(done)}; the same command continues from there", err=True)
         raise

@@ -30,27 +30,29 @@ _LONGEST = 86_400.0  # s
 def studio(
     design: DesignArgument = None,
     host: Annotated[
-        str | None, typer.Option(help="Host to listen on; every browser then needs the token of the address.")
+        str | None, typer.Option(help="Host to listen on; browsers then need the token in the address.")
     ] = None,
-    port: Annotated[int, typer.Option(help="TCP port of the page; 0 takes a free one.")] = 8070,
+    port: Annotated[int, typer.Option(help="TCP port of the page; 0 for a free one.")] = 8070,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     folder: Annotated[
         Path | None, typer.Option(help="Folder of designs, reports and runs; by default that of DESIGN.")
     ] = None,
-    board: Annotated[str, typer.Option(help="Board of the tab Live, as --port of coilarray live.")] = EMULATOR,
+    board: Annotated[str, typer.Option(help="Board for the tab Live, as --port of coilarray live.")] = EMULATOR,
     wiring: WiringName = None,
     temperature: Annotated[
-        Path | None, typer.Option(help="File of a thermometer, as --temperature of coilarray live.")
+        Path | None, typer.Option(help="Thermometer for the tab Live, as --temperature of coilarray live.")
     ] = None,
     linger: Annotated[
         float,
-        number_option(("--linger",), 0, _LONGEST, "Seconds before it ends after the last page is closed; 0 for never."),
+        number_option(
+            ("--linger",), 0, _LONGEST, "Seconds after the last page is closed until the studio ends; 0 for never."
+        ),
     ] = 20.0,
 ) -> None:
     """Change a design in the browser and see its results at once.
 
-    It has sliders for the design, the board in three dimensions, couplings and margins; switches for every coil with
-    the field; an indenter to drag over the board; runs of an optimisation; the live board or its emulator. The page is
+    It has sliders for the design; the board in three dimensions, couplings and margins; the field, with switches for
+    every coil; an indenter to drag over the board; optimisations; and the live board or its emulator. The page is
     served to this computer alone unless --host is given, and loads nothing from other hosts. Ctrl-C ends it.
 
     Example: coilarray studio gast2020
@@ -127,4 +129,4 @@ def kept_response(document: Document, name: str, progress: Progress) -> xr.Datas
     from coilarray.cli.maps import stored_table
     from coilarray.design.model import build_design
 
-    return stored_table(build_design(document, name), progress)
+    return stored_table(build_design(document, name), progress=progress)

@@ -28,17 +28,19 @@ def sweep(
         list[str] | None,
         typer.Option(
             "--vary",
-            help="KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…, an entry of the design; repeat for more.",
+            help="Entry of the design to vary: KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…; may be repeated.",
         ),
     ] = None,
     quantity: Annotated[
         list[str] | None,
-        typer.Option("--quantity", "-q", help='What to compute, as worst_k or "k[coil1,coil2]"; repeat for more.'),
+        typer.Option(
+            "--quantity", "-q", help='Quantity to compute, such as worst_k or "k[coil1,coil2]"; may be repeated.'
+        ),
     ] = None,
     goal: shared.Goals = None,
     samples: Annotated[
         int | None,
-        typer.Option(help="Number of sampled points, instead of all combinations; then give KEY=START:STOP."),
+        typer.Option(help="Number of sampled points, instead of all combinations; --vary is then KEY=START:STOP."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     accuracy: shared.Accuracy = "full",
@@ -50,13 +52,14 @@ def sweep(
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Compute quantities of a design over a grid or samples.
+    """Compute quantities of a design on a grid or at samples.
 
-    What varies are entries of the design. Every point is stored as soon as it is computed: an interrupted sweep goes on
-    when the same command runs again, and no point is computed twice. A point that gives no design is empty in the file,
-    with the reason. Values are in the unit of their name. Points that break fabrication rules are marked, by fab_broken
-    in the file and by crosses in the plot, and are neither in the table nor the best. With --goal the quantities of the
-    goal are computed too, and the best points are printed; what the goal varies is the default of --vary.
+    Entries of the design are varied. Every point is stored as soon as it is computed, so that the same command resumes
+    an interrupted sweep and no point is computed twice. A point that gives no design is empty in the file, with the
+    reason. Values are in the unit of their name. Points that break fabrication rules are marked by fab_broken in the
+    file and by crosses in the plot; they are left out of the table and are never the best. With --goal the quantities
+    of the goal are computed too, and the best points are printed; the entries that the goal varies are the default of
+    --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
 
@@ -92,7 +95,7 @@ def sweep(
     shared.draw(plot, lambda: viz.sweep_figure(result))
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]
     data = {
-        "file": str(out),
+        "file": out and str(out),
         **shared.design_record(opened),
         "sampling": plan.sampling,
         "accuracy": plan.accuracy,
@@ -102,7 +105,7 @@ def sweep(
     if wanted is not None:
         best = best_points(plan, result, wanted)
         data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
-        lines += _best_lines(best, wanted) if len(reasons) < points else ["no point gives a value to the goal"]
+        lines += _best_lines(best, wanted) if len(reasons) < points else ["no point has a value of the goal"]
     if not as_json:
         makeable = keeps_rules(result)
         shown = result.where(makeable) if bool(makeable.any()) else result  # what cannot be made has no extremes
@@ -136,7 +139,7 @@ def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
 
 
 def _records(result: xr.Dataset) -> list[dict[str, Any]]:
-    """Every point with its entries, quantities and reason; None for a quantity that it does not have."""
+    """Every point with its entries, quantities and reason; None for a missing quantity."""
     table = result.to_dataframe().reset_index().to_dict("records")
     return [
         {

@@ -28,7 +28,7 @@ def target(
         ),
     ] = "proximity",
     distance_mm: Annotated[
-        str | None, typer.Option(help="Distances, as 0.5,1 or START:STOP:COUNT; the design's by default.")
+        str | None, typer.Option(help="Distances, such as 0.5,1 or START:STOP:COUNT; the design's by default.")
     ] = None,
     x_mm: shared.PlacesX = None,
     y_mm: shared.PlacesY = None,
@@ -39,7 +39,8 @@ def target(
         typer.Option(
             min=0.5,
             max=4.0,
-            help="Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; the error is printed.",
+            help="Fineness of the mesh of a plate with an outline: at 1 the error of ΔL is about 0.2 %; it is "
+            "estimated and printed.",
         ),
     ] = 1.0,
     accuracy: shared.Accuracy = "full",
@@ -50,17 +51,17 @@ def target(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Map what a target of metal or ferrite does to every coil.
+    """Compute the response of every coil to a metal target.
 
-    The [target] of the design is moved over the board, away from it and sideways. At every distance and place the whole
-    circuit is solved: L, R, Q, R_p and f of every state of the scan, δ against the board without the target, and every
-    coupling. The tables show each state without the target, and where the target moves it the most, with the relative
-    change Δf/f of its frequency, about −δ/2; its range, the distance at which |δ| is 3 times the noise; and the
-    distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv are those on the board. A
-    target may be moved beside every [[plate]] of the design, a sphere beside those below the coils. A plate that nearly
-    touches the copper takes longest: --accuracy screen takes a third of the time. Over magnetic sheets or beside plates
-    an interrupted map of a disc or another outline goes on, distance by distance, from the folder FILE.parts when the
-    same command runs again.
+    The [target] of the design, of metal or ferrite, is moved over the board, vertically and sideways. At every position
+    the whole circuit is solved: L, R, Q, R_p and f of every state of the scan, its δ relative to the board without the
+    target, and every coupling. The tables show each state without the target, and at the position where the target
+    changes it most, with the relative change Δf/f of its frequency, about −δ/2; its range, the distance at which |δ| is
+    3 times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Positions in tables, pictures and a
+    .csv are on the board. The design may have any [[plate]] beside a target, with a sphere only those below the coils.
+    A plate that nearly touches the copper takes longest: --accuracy screen takes a third of the time. Over magnetic
+    sheets or beside plates an interrupted map of a disc or another outline is resumed, distance by distance, from the
+    folder FILE.parts by the same command.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
@@ -82,28 +83,19 @@ def target(
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
     _tell_work(opened.target, distances, x, y)
-    with shared.map_parts(out) as store, shared.progress_bar("target") as progress:
+    with shared.map_parts(out) as parts, shared.progress_bar("target") as progress:
         result = target_map(
-            opened,
-            distances=distances,
-            x=x,
-            y=y,
-            noise=noise,
-            ideal=ideal,
-            fineness=fineness,
-            accuracy=accuracy,
-            parts=store.folder,
-            progress=progress,
-        )
-    shown = on_board(result)
+            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, fineness=fineness, accuracy=accuracy,
+            parts=parts, progress=progress,
+        )  # fmt: skip
+        shown = on_board(result)
+        shared.write_numbers(out, result, values_table(shown).csv)
     tables = base_table(shown), target_table(shown), range_table(shown)
-    shared.write_numbers(out, result, values_table(shown).csv)
-    store.discard(store.keys())
     shared.draw(plot, lambda: viz.target_figure(shown))
     shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     data = {
         **shared.design_record(opened),
-        "file": str(out),
+        "file": out and str(out),
         "body": result.attrs["target"],
         "material": result.attrs["material"],
         "noise": result.attrs["sigma"],
@@ -113,22 +105,22 @@ def target(
     lines = [
         *shared.plate_error_lines(result.attrs),
         f"noise of δ {result.attrs['sigma']:.2g}{shared.noise_source(noise, result)}: the range ends where |δ| is "
-        f"{result.attrs['range_factor']:g} times that; a step of distance is resolved where it is no less than the "
-        "standard deviation of one reading",
+        f"{result.attrs['range_factor']:g} times that; a step of distance is resolved if it is at least the standard "
+        "deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])
 
 
 def _tell_work(target: Target | None, *given: Sequence[float] | None) -> None:
-    """Say before long work how many positions there are, and how to take fewer."""
+    """Say before a long computation how many positions there are, and how to have fewer."""
     if target is None:
         return
     own = (target.distances, target.x, target.y)
     counts = [len(axis if one is None else one) for one, axis in zip(given, own, strict=True)]
     if math.prod(counts) > _MANY:
         typer.echo(
-            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} places take a while; --x-mm, --y-mm and "
-            "--distance-mm name fewer",
+            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} positions take a while; give fewer with "
+            "--x-mm, --y-mm and --distance-mm",
             err=True,
         )

@@ -34,11 +34,12 @@ def tolerance(
         typer.Option(
             "--quantity",
             "-q",
-            help='What to compute, as worst_k or "k[coil1,coil2]"; repeat for more. L and k of all coils by default.',
+            help='Quantity to compute, such as worst_k or "k[coil1,coil2]"; may be repeated. L and k of all coils by '
+            "default.",
         ),
     ] = None,
     x_mm: Annotated[
-        str | None, typer.Option(help="Positions of the indenter along x, as 0,5 or START:STOP:COUNT.")
+        str | None, typer.Option(help="Positions of the indenter along x, such as 0,5 or START:STOP:COUNT.")
     ] = None,
     y_mm: Annotated[str | None, typer.Option(help="Positions of the indenter along y; 0 by default.")] = None,
     depth_mm: Annotated[
@@ -49,7 +50,7 @@ def tolerance(
     samples: Annotated[int, typer.Option(help="Number of boards to draw, 0 or at least 8; best a power of 2.")] = 64,
     seed: Annotated[int, typer.Option(help="Seed of the drawn boards.")] = 0,
     sampling: Annotated[
-        Literal["sobol", "random"], typer.Option(help="Draw evenly spread errors, or independent ones.")
+        Literal["sobol", "random"], typer.Option(help="Draw evenly spread errors (Sobol points), or independent ones.")
     ] = "sobol",
     accuracy: shared.Accuracy = "screen",
     workers: shared.Workers = None,
@@ -63,7 +64,7 @@ def tolerance(
     template: Annotated[
         Path | None,
         shared.file_option(
-            ("--template",), "Write the typical values as a tolerance file to edit (.toml), and exit.", (".toml",)
+            ("--template",), "Write the typical values to a tolerance file to edit (.toml), and exit.", (".toml",)
         ),
     ] = None,
     force: shared.Force = False,
@@ -72,10 +73,10 @@ def tolerance(
 ) -> None:
     """Predict how much fabricated boards differ, and why.
 
-    Etching, registration, thicknesses, placement, permeability and tank capacitor have distributions, with a part for
-    each board and one for each layer. The spread is linearised, checked on randomly drawn boards, and split by
-    contributor; limits in the tolerance file give a yield. With --x-mm the analysis includes δ, and the error of a
-    position that is located with the table of the nominal board.
+    Etching, registration, thicknesses, placement, permeability and tank capacitor have distributions, with one share
+    common to a board and one for each layer. The spread is linearised, checked on randomly drawn boards, and split by
+    cause; limits in the tolerance file give a yield. With --x-mm the analysis includes δ, and the error of a position
+    found with the response table of the nominal board.
 
     Example: coilarray tolerance gast2020 --samples 128 --out spread.csv --plot spread.png
 
@@ -98,7 +99,7 @@ def tolerance(
     read = load_tolerances(tolerances)
     positions = _positions(opened, read.positions, x_mm, y_mm, depth_mm, noise)
     if positions is None and table is not None:
-        raise GoalError("--table is for located positions; it needs --x-mm, or [positions] in the file.")
+        raise GoalError("--table is for positions; it needs --x-mm, or [positions] in the file.")
     wanted = replace(read, positions=positions)
     settings: dict[str, Any] = {"quantities": quantity or (), "samples": samples, "seed": seed}
     settings |= {"sampling": sampling, "accuracy": accuracy}
@@ -129,7 +130,7 @@ def _positions(
     design: Design, given: Positions | None, x_mm: str | None, y_mm: str | None, depth_mm: float | None,
     noise: float | None,
 ) -> Positions | None:  # fmt: skip
-    """Positions of the options, which go before those of the file."""
+    """Positions from the options, which override those of the file."""
     from coilarray.studies.tolerance import Positions
 
     if x_mm is None and given is None:
@@ -152,7 +153,7 @@ def _positions(
 
 
 def _numbers(result: xr.Dataset) -> dict[str, Any]:
-    """All but the drawn boards, for JSON."""
+    """Everything except the drawn boards, for JSON."""
     from coilarray.report.tolerance_tables import error_table, share_table, spread_table, yield_table
 
     tables = (error_table(result), spread_table(result), share_table(result), yield_table(result))
@@ -160,30 +161,31 @@ def _numbers(result: xr.Dataset) -> dict[str, Any]:
 
 
 def _remarks(result: xr.Dataset) -> list[str]:
-    """Sentences that follow the tables."""
-    lines = [f"{result.attrs['boards']} boards computed; the parts of board and layer add up"]
+    """Sentences below the tables."""
+    lines = [f"{result.attrs['boards']} boards computed; the shares of board and layer add up"]
     bent = _not_linear(result)
     if bent:
-        lines.append(f"not linear over these errors, so that the drawn boards are right: {', '.join(bent)}")
+        lines.append(f"not linear over these errors, so that only the drawn boards are valid: {', '.join(bent)}")
     if "failure" in result:
         failures = [reason for reason in result.failure.values.tolist() if reason]
         if failures:
             lines.append(f"{len(failures)} of {result.sizes['sample']} drawn boards failed; the first: {failures[0]}")
     if "linear_yield" in result:
-        lines.append("a board that cannot be made is bad among the drawn ones; the linear yield has none of these")
+        lines.append("drawn boards that cannot be made count as bad; the linear yield ignores them")
     if "sample_yield" in result:
-        lines.append("the interval of the yield is for independent boards; Sobol points only come near it")
-    if result.attrs.get("untold"):
-        lines.append(
-            f"taken as known, because a reading contains almost no information about it: {result.attrs['untold']}"
-        )
+        lines.append("the interval of the yield is for independent boards, and approximate for Sobol points")
+    if result.attrs.get("undetermined"):
+        lines.append(f"taken as known, as a reading has almost no information about it: {result.attrs['undetermined']}")
     if "found" in result.attrs and "value" in result:
-        lines.append(f"found without doubt in {result.attrs['found']}; the others on the border or beyond noise")
+        lines.append(
+            f"found without doubt in {result.attrs['found']}; the others are at the border of the map or do "
+            "not fit within the noise"
+        )
     return lines
 
 
 def _not_linear(result: xr.Dataset) -> list[str]:
-    """Name the outputs whose linearised spread does not stand the check by half the step or by the drawn boards."""
+    """Name the outputs whose linearised spread disagrees with half the step or with the drawn boards."""
     import numpy as np
 
     bent = result.step_change.values > _LARGEST_STEP_CHANGE

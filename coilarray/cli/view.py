@@ -43,10 +43,10 @@ def view(
     show: Annotated[
         str | None,
         typer.Option(
-            help="Items to show, separated by commas: board, elastomer (sheets, lifted off the board), dent, plates, "
-            "target (a page has a slider of its distance), eddies (eddy currents in both), field (B on planes with "
-            "arrows), lines (of B), surfaces (of equal B), currents (of the passive coils), coupling, response, "
-            "location. By default the board, with its plates and target."
+            help="Items to show, separated by commas: board, elastomer (the sheets, lifted off the board), dent, "
+            "plates, target (on a page with a slider for its distance), eddies (eddy currents in plates and "
+            "target), field (B on planes, with arrows), lines (of B), surfaces (of equal B), currents (of the "
+            "passive coils), coupling, response, location. By default the board, with its plates and target."
         ),
     ] = None,
     screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,
@@ -54,13 +54,14 @@ def view(
         Path | None, _file("movie", "Write a film of the indenter moving over the board: .gif or .mp4.", ".gif", ".mp4")
     ] = None,
     html: Annotated[
-        Path | None, _file("html", "Write a page to turn in a browser, without a network: .html.", ".html")
+        Path | None,
+        _file("html", "Write a page on which the scene can be turned in a browser, without a network: .html.", ".html"),
     ] = None,
     vtk: Annotated[
         Path | None, typer.Option(help="Write for ParaView: .vtm, or a folder with a file for each part.")
     ] = None,
     side: Annotated[
-        Literal["oblique", "top", "front", "right"], typer.Option("--from", help="Side from which it is seen.")
+        Literal["oblique", "top", "front", "right"], typer.Option("--from", help="Side from which the scene is seen.")
     ] = "oblique",
     size: Annotated[
         str | None, typer.Option(help="Pixels of picture and film; 1600x900 and 960x540 by default.")
@@ -72,21 +73,24 @@ def view(
         float, typer.Option("--current-mA", help="Current in the measured coil, for the field.")
     ] = 1.0,
     spacing_mm: Annotated[
-        float | None, _length("--spacing-mm", "Distance of the points of B; 0.5 on planes and 1 in a box by default.")
+        float | None, _length("--spacing-mm", "Spacing of the points of B; 0.5 on planes and 1 in a box by default.")
     ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="x and y of indenter or target on the board; by default off the middle, or at the coil."),
+        typer.Option(
+            help="x and y of indenter or target on the board; by default off the middle of the board, or at the coil."
+        ),
     ] = None,
     distance_mm: Annotated[
-        float | None, _length("--distance-mm", "Distance of the target; the least of the design by default.")
+        float | None, _length("--distance-mm", "Distance of the target; the smallest of the design by default.")
     ] = None,
     depth_mm: Annotated[
-        float | None, _length("--depth-mm", "Depth of the dent; the deepest of the design by default.")
+        float | None, _length("--depth-mm", "Depth of the dent; the largest of the design by default.")
     ] = None,
     response: Annotated[Path | None, typer.Option(help="Response to show (.nc); computed by default.")] = None,
     reading: Annotated[
-        str | None, typer.Option(help="δ to locate, as coil1=7.1e-4,...; that of the indenter by default.")
+        str | None,
+        typer.Option(help="δ from which to find a position, as coil1=7.1e-4,...; that of the indenter by default."),
     ] = None,
     noise: shared.Noise = None,
     table: shared.TableFile = None,
@@ -100,8 +104,8 @@ def view(
 ) -> None:
     """Show a design in three dimensions.
 
-    In a window, or without one as a picture, film, page or files for ParaView. B is that of the coils in free space or
-    beside the plates, in phase with the current; every colour bar has its unit.
+    Opens a window, or writes a picture, a film, a page or files for ParaView. B is that of the coils in free space or
+    beside the plates, in phase with the current.
 
     Example: coilarray view gast2020 --screenshot board.png
 
@@ -158,7 +162,7 @@ def view(
 
 @dataclass(frozen=True)
 class _Outputs:
-    """Files to write, none for a window, and how the scene is seen."""
+    """Files to write (none: a window), and the view of the scene."""
 
     screenshot: Path | None
     movie: Path | None
@@ -170,11 +174,11 @@ class _Outputs:
 
     @property
     def still(self) -> bool:
-        """True where a file of a single scene is wanted."""
+        """True if a file of a single scene is wanted."""
         return any(path is not None for path in (self.screenshot, self.html, self.vtk))
 
     def check(self) -> None:
-        """Refuse before a long computation what this machine cannot show after it."""
+        """Refuse before a long computation what this machine cannot show."""
         from coilarray.viz.scenes.movie import check_movie
         from coilarray.viz.scenes.page import check_page
         from coilarray.viz.scenes.pictures import check_rendering
@@ -236,7 +240,7 @@ def _check_vtk(path: Path | None) -> None:
     if not there.is_dir():
         raise OutputError(f"cannot make the folder {there}: a file has that name.")
     if not os.access(there, os.W_OK):
-        raise OutputError(f"cannot write {path}: nothing may be written in the folder {there}.")
+        raise OutputError(f"cannot write {path}: the folder {there} is not writable.")
 
 
 def _items(text: str) -> tuple[Item, ...]:
@@ -250,7 +254,7 @@ def _items(text: str) -> tuple[Item, ...]:
 
 
 def _scene(design: Design, view: View) -> Scene:
-    """Compute a scene with a progress bar for each piece of work."""
+    """Compute a scene, with a progress bar for each part."""
     from coilarray.viz.scenes.of_design import scene_of_design
 
     with ExitStack() as bar:
@@ -284,7 +288,7 @@ def _way(text: str) -> list[tuple[float, float]]:
 
 
 def _reading(text: str) -> Reading:
-    """Return one reading, given as δ by coil or as a file with a single one."""
+    """Return a reading given as δ by coil, or as a file with a single reading."""
     found = read_readings(text)
     if len(found) != 1:
         raise LocalizeError(f"--reading must be one reading; {text} has {len(found)}.")

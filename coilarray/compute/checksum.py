@@ -87,7 +87,7 @@ def unsealed(data: bytes, name: object) -> bytes:
 
 
 def seal_file(path: Path) -> None:
-    """Put the seal behind a file, which is read in blocks; OSError where that fails."""
+    """Put the seal behind a file, which is read in blocks; OSError if that fails."""
     with path.open("r+b") as file:
         file.write(_seal(_digest(file, path.stat().st_size)))
 
@@ -95,7 +95,7 @@ def seal_file(path: Path) -> None:
 def check_seal(path: Path) -> bool:
     """Check a file against its seal, in blocks; return whether it has one.
 
-    DamagedError where the two do not fit, OSError for a file that cannot be read.
+    DamagedError if the two do not fit, OSError for a file that cannot be read.
     """
     with path.open("rb") as file:
         size = max(path.stat().st_size - _LENGTH, 0)

@@ -1,4 +1,4 @@
-"""The units in which people read numbers in SI, and how many digits they need: one place for pages and terminals."""
+"""Customary units and digits for numbers in SI, in one place for pages and terminals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LARGEST_DIGITS, _MOST_DECIMALS = 4, 9
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A unit for people: its symbol, empty for a pure number, the factor from SI, and the digits that are written.
+    """A customary unit: its symbol, empty for a pure number, the factor from SI, and the number of digits.
 
     `digits` are decimal places, by default as many as give the largest of the numbers four significant digits; or
     `significant` digits of each number, for numbers that span many powers of ten.
@@ -116,7 +116,7 @@ _UNITS = {
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Return the unit in which people read values stored in an SI unit, which is itself where no other is customary.
+    """Return the customary unit for values in an SI unit, which is itself if there is no other.
 
     The SI unit is as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
     """

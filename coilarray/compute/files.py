@@ -18,7 +18,7 @@ os.umask(_UMASK)
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Let `write` fill a temporary file beside `path` with the same suffix, then give it the name `path`.
 
-    OutputError where the file cannot be written; `path` is then as it was before.
+    OutputError if the file cannot be written; `path` is then as it was before.
     """
     with writing(path):
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
@@ -46,7 +46,7 @@ def writing(path: object, *others: type[Exception]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file, whole or not at all; OutputError where that fails."""
+    """Write a UTF-8 text file, whole or not at all; OutputError if that fails."""
 
     def write(temporary: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
@@ -55,7 +55,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file, whole or not at all; OutputError where that fails."""
+    """Write a file, whole or not at all; OutputError if that fails."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(data)
@@ -75,13 +75,13 @@ def read_text(path: Path, error: type[CoilarrayError]) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise error(f"cannot read {path}: it is no UTF-8 text.") from None
+        raise error(f"cannot read {path}: it is not UTF-8 text.") from None
     except (OSError, ValueError) as reason:  # ValueError: a name with a zero byte
         raise error(f"cannot read {path}: {getattr(reason, 'strerror', reason)}.") from None
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its parents where they do not exist; OutputError where that fails."""
+    """Make a folder and its parents where they do not exist; OutputError if that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

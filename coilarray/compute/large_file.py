@@ -83,7 +83,7 @@ class LargeFile:
         return [number for number in range(self._blocks) if number not in done]
 
     def write(self, name: str, start: int, values: FloatArray) -> None:
-        """Write consecutive values of a variable from the flat index `start` on; OutputError where that fails."""
+        """Write consecutive values of a variable from the flat index `start` on; OutputError if that fails."""
         first, data = self._starts[name] + _ITEM * start, np.ascontiguousarray(values, dtype="<f8").tobytes()
         self._pieces.append((first, len(data), checksum_of_bytes(data)))
         with writing(self._path):
@@ -91,7 +91,7 @@ class LargeFile:
             self._stream.write(data)
 
     def finish(self, number: int, figure: float = 0.0) -> None:
-        """Record a block as written, with a figure to keep of it; OutputError where that fails."""
+        """Record a block as written, with a figure to keep of it; OutputError if that fails."""
         with writing(self._path, sqlite3.Error):
             self._stream.flush()
             os.fsync(self._stream.fileno())  # on the disk before the journal says so
@@ -162,6 +162,7 @@ def fill_large(
     compute: Callable[[Item], Result],
     write: Callable[[LargeFile, int, Result], float],
     pool: Pool,
+    *,
     progress: Progress | None = None,
 ) -> dict[int, float]:
     """Compute the missing blocks of a file on a pool of workers, and write each as it comes; see `open_large`.
@@ -187,7 +188,7 @@ def fill_large(
 
 
 def _is_empty(connection: sqlite3.Connection) -> bool:
-    """Return whether a journal has no finished block; False where it cannot be read."""
+    """Return whether a journal has no finished block; False if it cannot be read."""
     with suppress(sqlite3.Error):
         (tables,) = connection.execute("SELECT count(*) FROM sqlite_master WHERE name = 'block'").fetchone()
         return not tables or connection.execute("SELECT count(*) FROM block").fetchone() == (0,)
@@ -203,8 +204,8 @@ def _lay_out(
     begun = data.exists() and connection.execute("SELECT count(*) FROM block").fetchone() != (0,)
     if begun and laid_out != (key,):
         raise OutputError(
-            f"{data.parent} holds another unfinished file, of other inputs or another version; "
-            "delete it or give another file."
+            f"{data.parent} holds another unfinished file, for other inputs or from another version; delete it or "
+            "name another file."
         )
     sizes = {variable.name: _ITEM * math.prod(frame.sizes[dim] for dim in variable.dims) for variable in variables}
     if begun:
@@ -227,7 +228,7 @@ def _lay_out(
 
 
 def _whole_layout(connection: sqlite3.Connection, data: Path, sizes: dict[str, int]) -> dict[str, int] | None:
-    """Return the first byte of every variable of an unfinished file; None where its frame is not as it was written."""
+    """Return the first byte of every variable of an unfinished file; None if its frame is not as it was written."""
     *row, expected = connection.execute("SELECT key, starts, size, frame, checksum FROM layout").fetchone()
     if checksum(*row) != expected or data.stat().st_size < row[2]:
         return None
@@ -268,7 +269,7 @@ def _discard_damaged(connection: sqlite3.Connection, data: Path) -> None:
     if damaged:
         connection.executemany("DELETE FROM block WHERE number = ?", [(number,) for number in damaged])
         _LOG.warning(
-            "coilarray: %d of %d blocks in %s are damaged; they are computed anew.", len(damaged), len(rows), data
+            "coilarray: %d of %d blocks in %s are damaged; they are computed again.", len(damaged), len(rows), data
         )
 
 
@@ -298,7 +299,7 @@ class _SparseFile(io.RawIOBase):
         self._at = self._size = 0
 
     def copy_to(self, path: Path) -> None:
-        """Write it to the disk; OSError where that fails."""
+        """Write it to the disk; OSError if that fails."""
         with path.open("wb") as file:
             for number, page in sorted(self._pages.items()):
                 file.seek(number * _PAGE)

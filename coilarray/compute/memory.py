@@ -1,4 +1,4 @@
-"""How much memory there is, and an error before more than that is allocated."""
+"""Available memory, and an error before more than that is allocated."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
 def allowed_memory() -> float:
     """Bytes that one piece of work may use: `SHARE` of what is free, or what ``COILARRAY_MEMORY_GB`` says.
 
-    MemoryLimitError where that is no positive number.
+    MemoryLimitError if that is not a positive number.
     """
     said = os.environ.get(LIMIT_VARIABLE)
     if said is None:
@@ -111,7 +111,7 @@ def _left_in_groups() -> float:
 
 def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
     limit, used = (_text(group / name).strip() for name in names)
-    if not (limit.isdecimal() and used.isdecimal()):  # "max" where there is no limit, nothing where no group
+    if not (limit.isdecimal() and used.isdecimal()):  # "max" where there is no limit, nothing if no group
         return float("inf")
     return float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0))
 

@@ -235,12 +235,15 @@ def save_netcdf(content: memoryview, path: Path) -> None:
 
 
 @contextmanager
-def netcdf_in(memory: io.IOBase, dataset: xr.Dataset) -> Iterator[Any]:
-    """Write a dataset into a file in memory; within the block more can be added to the h5netcdf.File that it gets."""
+def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterator[Any]:
+    """Write a dataset into a file in memory; within the block more can be added to the h5netcdf.File that it gets.
+
+    `options` are those of that file.
+    """
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
-    with _File(memory, "w", track_order=True) as opened, h5netcdf.File(opened, "w") as file:
+    with _File(memory, "w", track_order=True) as opened, h5netcdf.File(opened, "w", **options) as file:
         dataset.dump_to_store(H5NetCDFStore(file))
         yield file
 

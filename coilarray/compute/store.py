@@ -43,7 +43,7 @@ class Store:
     folder: Path
 
     def get(self, key: str) -> Any | None:
-        """Return the JSON value kept under a key; None where there is none, or none that is whole."""
+        """Return the JSON value kept under a key; None if there is none, or none that is whole."""
         path = self._path(key, "json")
         try:
             return json.loads(unsealed(path.read_bytes(), path))
@@ -54,13 +54,13 @@ class Store:
             return None
 
     def put(self, key: str, value: Any) -> None:
-        """Keep a JSON value under a key; OutputError where the file cannot be written."""
+        """Keep a JSON value under a key; OutputError if the file cannot be written."""
         path = self._path(key, "json")
         make_folder(path.parent)
         write_bytes(path, sealed(json.dumps(value).encode() + b"\n"))
 
     def get_dataset(self, key: str) -> xr.Dataset | None:
-        """Return the dataset kept under a key; None where there is none, or none that is whole."""
+        """Return the dataset kept under a key; None if there is none, or none that is whole."""
         from coilarray.compute.netcdf import load_part
 
         path = self._path(key, "nc")
@@ -72,7 +72,7 @@ class Store:
         return None
 
     def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
-        """Keep a dataset under a key; OutputError where the file cannot be written."""
+        """Keep a dataset under a key; OutputError if the file cannot be written."""
         from coilarray.compute.netcdf import save_dataset
 
         path = self._path(key, "nc")
@@ -85,7 +85,7 @@ class Store:
         found = self.get_dataset(key)
         if found is None:
             found = compute()
-            with suppress(OutputError):  # no room, which is no reason to lose it
+            with suppress(OutputError):  # no room, which is not a reason to lose it
                 self.put_dataset(key, found)
         return found
 
@@ -108,7 +108,7 @@ class Store:
 
 
 def open_store(folder: Path | None = None) -> Store:
-    """Open a store, in a new folder where there is none; OutputError where that cannot be made.
+    """Open a store, in a new folder if there is none; OutputError if that cannot be made.
 
     By default it is the folder that the environment variable ``COILARRAY_CACHE`` names, else the user's cache folder.
     """

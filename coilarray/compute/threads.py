@@ -51,7 +51,7 @@ def ranges(count: int, size: int) -> list[tuple[int, int]]:
 
 
 def run_blocks(
-    work: Callable[[Item], Result], items: Iterable[Item], progress: Progress | None = None
+    work: Callable[[Item], Result], items: Iterable[Item], *, progress: Progress | None = None
 ) -> Sequence[Result]:
     """Apply `work` to every item on as many threads as there are cores; results come in the order of the items.
 

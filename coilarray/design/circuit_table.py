@@ -40,7 +40,7 @@ class CircuitTable(Table):
     short_resistance_ohm: Ohms = 0.0
     """Resistance of two closed switches: they ground a passive coil, or join the measured one to the converter."""
     switches: PartName | None = None
-    """Part whose resistance and capacitances stand where the other keys are not given: ADG714, ADG738 or ADG739."""
+    """Part of the switches, whose values are taken for keys that are not given: ADG714, ADG738 or ADG739."""
     resistivity_ohm_m: Resistivity = RESISTIVITY_COPPER
     """Resistivity of the copper."""
     switch_off_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
@@ -52,7 +52,7 @@ class CircuitTable(Table):
     lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
     """Inductance of each lead from the bus to the converter."""
     tank: Literal["converter", "coil"] = "converter"
-    """Where the capacitor stands: at the converter, or one at each coil."""
+    """Place of the capacitor: at the converter, or one at each coil."""
     elastomer_permittivity: Relative = 1.0
     """Relative permittivity of all sheets."""
     default_termination: Termination = "short"
@@ -85,12 +85,12 @@ class CircuitTable(Table):
 
 
 class StateTable(Table):
-    """``[[scan]]``: one state of the multiplexer; a minus before a measured coil turns its terminals round."""
+    """``[[scan]]``: one state of the multiplexer; a minus before a measured coil reverses its terminals."""
 
     name: Name
     """Name of the state."""
     measure: list[str] = Field(min_length=1)
-    """Coils at the converter; a minus before a name turns its terminals round."""
+    """Coils at the converter; a minus before a name reverses its terminals."""
     connection: Literal["series", "parallel"] = "series"
     """How several measured coils are joined."""
     others: Passive | None = None
@@ -98,7 +98,7 @@ class StateTable(Table):
     exceptions: dict[str, Passive] = Field(default_factory=dict)
     """States of coils by name that differ from it."""
     load_ohm: LoadOhms = 50.0
-    """Resistance of a coil that is loaded."""
+    """Load resistance of a coil that is loaded."""
 
     def build(self, terminations: Mapping[str, Passive]) -> ScanState:
         """Return the state; coils that it does not mention are as in ``[circuit]``."""

@@ -13,7 +13,7 @@ import numpy as np
 from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate
 
 # Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise makes no other
-# design: numbers count to 14 digits, places, for which zero is no special value, to 1 pm.
+# design: numbers count to 14 digits, places, for which zero is not a special value, to 1 pm.
 _DIGITS = 14
 _PLACES = 12
 

@@ -23,7 +23,7 @@ _INLINE = 90  # characters of a list of tables that stands on one line
 
 
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    r"""Return the text of a TOML file changed to say `document`; None where that needs a text of its own.
+    r"""Return the text of a TOML file changed to say `document`; None if that needs a text of its own.
 
     Tables of a list are known by their name, else by their place. What is new stands at the end of its table.
 

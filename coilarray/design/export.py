@@ -43,10 +43,6 @@ def export(
     allow_faults : bool
         Write a board whose copper, read back, is not that of its coils.
 
-    Returns
-    -------
-    Exported
-
     Raises
     ------
     OutputError
@@ -74,7 +70,9 @@ def export(
         faults.extend(_net_faults(design, board, kind))
         if faults and not allow_faults:
             listed = "; ".join(faults)
-            raise RuleViolationError(f"{target} is not written: its copper is not that of the coils: {listed}.")
+            raise RuleViolationError(
+                f"{target} is not written, as its copper would not be that of the coils: {listed}."
+            )
 
     array, covering, title = design.array, design.sheets if sheets else (), design.title or design.name
     files: tuple[Path, ...] = (target,)

@@ -23,7 +23,7 @@ class FabProfile:
     Parameters
     ----------
     name, title : str
-        Name in ``[fab]``, and title for people.
+        Name in ``[fab]``, and title.
     read : date
         Date on which the sources were read.
     sources : tuple of tuple of str
@@ -68,7 +68,7 @@ def load_profile(name: str) -> FabProfile:
 
 
 class FabTable(Table):
-    """``[fab]``: limits of the board house; keys that stand beside ``profile`` go before those of the profile."""
+    """``[fab]``: limits of the board house; keys beside ``profile`` override those of the profile."""
 
     profile: str | None = None
     """Name of a bundled board house; `coilarray check --list-fabs` shows them."""
@@ -95,14 +95,14 @@ class FabTable(Table):
     max_board_mm: Annotated[list[Millimetres], Field(min_length=2, max_length=2)] | None = None
     """Largest size [x, y] of the board."""
     blind_holes: bool = True
-    """Whether holes that do not go through the whole board are made."""
+    """Whether the board house makes blind and buried holes."""
 
     @model_validator(mode="before")
     @classmethod
     def _profile_first(cls, table: object) -> object:
         name = table.get("profile") if isinstance(table, Mapping) else None
         if not isinstance(name, str) or not isinstance(table, Mapping):
-            return table  # a profile that is no text is refused by its type
+            return table  # a profile that is not text is refused by its type
         if name not in fabs.names():
             raise ValueError(f"has no profile {name!r}; there are {', '.join(fabs.names())}")
         return {**load_profile(name).limits, **table}

@@ -55,9 +55,9 @@ class Circuit:
     resistivity : float
         Resistivity of the copper in Ω·m.
     terminations : mapping of str to {"ground", "ground one end", "ground other end", "open", "load"}
-        What closes the coils that differ from `default_termination` while another one is measured, by name.
+        Terminations of coils, by name, that differ from `default_termination` while another coil is measured.
     default_termination : such a value
-        What closes every other coil.
+        Termination of every other coil.
     scan : tuple of ScanState
         States of a scan; empty for each coil in turn, see `Design.plan`.
     elastomer_permittivity : float
@@ -122,7 +122,7 @@ class Indentation:
         Radius in m of a finite sample around the indenter, half the width under a cylinder; None for a wide one.
     sample_bounds : tuple of float or None
         Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
-        None where it covers everything. With a `sample_radius` they only say where it can be pressed.
+        None if it covers everything. With a `sample_radius` they only say where it can be pressed.
     strain : {"finite", "linear"}
         Mechanics of the sheets: large deformations, or linear elasticity, which is quicker, and whose faces move up and
         down only.
@@ -133,7 +133,7 @@ class Indentation:
     over_array : tuple of tuple of float
         The x and y that `Design` has set; another array gives others.
     material : Material or None
-        What a hemisphere is made of, where it carries eddy currents or is magnetic: it then counts as a `ball` of its
+        Material of a hemisphere that carries eddy currents or is magnetic: it then is computed as a `ball` of its
         radius. None for what the field does not meet, such as plastics.
 
     Raises
@@ -161,11 +161,13 @@ class Indentation:
     def __post_init__(self) -> None:
         if self.material is not None and not isinstance(self.indenter, Hemisphere):
             raise DesignError(
-                'indenter.material needs shape = "hemisphere", which counts as a sphere of its radius; '
+                'indenter.material needs shape = "hemisphere", which is computed as a sphere of its radius; '
                 f"got a {self.indenter.name} of {self.material.name}."
             )
         if not self.depths or bool(self.x) != bool(self.y):
-            raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
+            raise DesignError(
+                "an indentation must have at least one depth, and positions along both x and y or along neither."
+            )
         places = (*self.x, *self.y, *self.origin_point)
         require_finite("depths and places of an indentation", *self.depths, *places, error=DesignError)
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
@@ -191,7 +193,7 @@ class Design:
     sheets : tuple of Sheet
         Elastomer on top of the board, upwards.
     indentation : Indentation or None
-        How the elastomer is pressed; None where nothing is known of it.
+        How the elastomer is pressed; None if nothing is known of it.
     circuit : Circuit
         Switches, tank, terminations and scan.
     rules : FabRules
@@ -199,11 +201,11 @@ class Design:
     field_height : float
         Height in m of the plane on which reports show the field.
     name, title, source : str
-        Name in results, words for people, and where the design is from.
+        Name in results, title, and source of the design.
     plates : tuple of Plate or FinitePlate
         Metal that stays where it is, above or below the board.
     target : Target or None
-        Body of metal or ferrite that is moved over the board; None where there is none.
+        Body of metal or ferrite that is moved over the board; None if there is none.
     readout : Readout
         How it is read out, for the noise and drift of readings.
 
@@ -211,7 +213,7 @@ class Design:
     ------
     DesignError
         Sheets or plates of one name; plates in the sheets, the coils or each other; an indentation that the sheets do
-        not allow; a termination, state or origin of a coil that there is not; or a state that cannot be.
+        not allow; a termination, state or origin of an unknown coil; or an impossible state.
 
     Examples
     --------
@@ -251,7 +253,7 @@ class Design:
                 raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
         states = [state.name for state in self.plan]
         if len(set(states)) != len(states):
-            raise DesignError(f"scan must name each state differently; got {', '.join(states)}.")
+            raise DesignError(f"scan must give each state a different name; got {', '.join(states)}.")
         try:
             for state in self.plan:
                 check_state(state, names)
@@ -267,9 +269,9 @@ class Design:
             for plate in self.plates:
                 if self.top <= plate.heights[0] < highest:
                     raise DesignError(
-                        f"target.distances_mm must keep the target below the plate {plate.name!r}, which begins "
-                        f"{(plate.heights[0] - self.top) * 1e3:g} mm above the sheets or the board; the target reaches "
-                        f"up to {(highest - self.top) * 1e3:g} mm."
+                        f"target.distances_mm must keep the target below the plate {plate.name!r}, whose lower face "
+                        f"is {(plate.heights[0] - self.top) * 1e3:g} mm above the sheets or the board; the top of the "
+                        f"target is at {(highest - self.top) * 1e3:g} mm."
                     )
 
     def _check_indentation(self, setup: Indentation) -> None:
@@ -277,7 +279,7 @@ class Design:
         for k, sheet in enumerate(self.sheets):
             if sheet.youngs_modulus is None:
                 raise DesignError(
-                    f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet."
+                    f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it for every sheet."
                 )
         if self.sheets and setup.depths[-1] >= self.top:
             raise DesignError(

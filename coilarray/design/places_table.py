@@ -18,22 +18,22 @@ _WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of the
 
 
 class PlacesTable(Table):
-    """Places above the board, counted from an origin."""
+    """Positions above the board, relative to an origin."""
 
     x_mm: Range | None = None
-    """Range [low, high] of the places along x; without it and y_mm over all coils."""
+    """Range [low, high] of the positions along x; by default over all coils."""
     y_mm: Range | None = None
     """The same along y."""
     step_mm: StepMillimetres | None = None
-    """Distance from place to place; chosen for the coils by default."""
+    """Spacing of the positions; chosen for the coils by default."""
     x_positions_mm: Positions | None = None
     """Instead of a range and a step: every x, rising."""
     y_positions_mm: Positions | None = None
     """Every y, rising."""
     origin: str | None = None
-    """Name of the coil from whose centre x and y count; the board's origin by default."""
+    """Name of the coil whose centre is the origin of x and y; the board's origin by default."""
     origin_mm: Point | None = None
-    """Point [x, y] of the board from which x and y count."""
+    """Point [x, y] on the board that is the origin of x and y."""
 
     @model_validator(mode="after")
     def _consistent_places(self) -> Self:
@@ -46,8 +46,8 @@ class PlacesTable(Table):
             None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
         ):
             raise ValueError(
-                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
-                "positions over all coils"
+                "needs x_mm, y_mm and step_mm, or x_positions_mm and y_positions_mm, or none of these for positions "
+                "over all coils"
             )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:
@@ -73,7 +73,7 @@ class PlacesTable(Table):
             raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
+        """Return the x and the y of the map in m, ends included; none if they follow from the array."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:

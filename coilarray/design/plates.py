@@ -33,7 +33,7 @@ class MaterialTable(Table):
     """Keys of what carries eddy currents: a named material, or its conductivity and permeability."""
 
     material: str | None = None
-    """Name of the material; or else the two keys that follow."""
+    """Name of the material; or give the two keys that follow."""
     conductivity_MS_per_m: Annotated[float, Field(ge=0, le=1e6)] | None = None  # noqa: N815 - the unit
     """Electrical conductivity."""
     relative_permeability: Annotated[float, Field(ge=1, le=1e6)] | None = None
@@ -48,11 +48,11 @@ class MaterialTable(Table):
                 f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}{hint}"
             )
         if self.material is not None and (self.conductivity_MS_per_m, self.relative_permeability) != (None, None):
-            raise ValueError("needs a material, or else conductivity_MS_per_m and relative_permeability; got both")
+            raise ValueError("needs either a material, or conductivity_MS_per_m and relative_permeability; got both")
         return self
 
     def substance(self, name: str) -> Material | None:
-        """Return the material in SI, with a name of one's own where it has none; None where nothing is said of it."""
+        """Return the material in SI, with a name of one's own where it has none; None if nothing is said of it."""
         if self.material is not None:
             return MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:
@@ -64,7 +64,7 @@ class FlatTable(MaterialTable):
     """Keys of a flat piece: shape and sizes, thickness and material; without a shape it is wide."""
 
     shape: Shape = "plate"
-    """Outline; a plate goes on without end."""
+    """Outline; a plate is infinite."""
     thickness_mm: Millimetres
     """Thickness."""
     diameter_mm: Millimetres | None = None
@@ -131,7 +131,7 @@ class PlateTable(FlatTable):
     z_mm: Position | None = None
     """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the first layer."""
     distance_mm: LimitMillimetres | None = None
-    """Instead of it, the gap to the sheets above the board or to the board's underside."""
+    """Instead of z_mm: the gap to the sheets above the board or to the board's underside."""
     side: Literal["above", "below"] | None = None
     """With distance_mm: the side of the board."""
     x_mm: Position = 0.0
@@ -144,7 +144,7 @@ class PlateTable(FlatTable):
         if (self.z_mm is None) == (self.distance_mm is None):
             raise ValueError("needs exactly one of z_mm and distance_mm")
         if (self.side is None) != (self.distance_mm is None):
-            raise ValueError('needs side = "above" or "below" with distance_mm, and only then')
+            raise ValueError('needs side = "above" or "below" with distance_mm, and only with it')
         if self.shape == "plate" and (self.x_mm or self.y_mm):
             raise ValueError('has no x_mm and y_mm for shape = "plate", which is an infinite plate')
         return self
@@ -179,9 +179,9 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
         low, high = plate.heights
         if low < top - TOUCHING and high > lowest_copper + TOUCHING:
             raise DesignError(
-                f"plate.{k} must lie above the sheets and the board (z from {top * 1e3:g} mm) or below "
-                f"the coils' copper (z to {lowest_copper * 1e3:g} mm); {plate.name!r} lies "
-                f"from {low * 1e3:g} to {high * 1e3:g} mm."
+                f"plate.{k} must lie above the sheets and the board (z above {top * 1e3:g} mm) or below the coils' "
+                f"copper (z below {lowest_copper * 1e3:g} mm); {plate.name!r} lies from {low * 1e3:g} to "
+                f"{high * 1e3:g} mm."
             )
     for (_, one), (m, other) in combinations(enumerate(plates), 2):
         (low, high), (floor, roof) = one.heights, other.heights

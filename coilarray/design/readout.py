@@ -13,7 +13,7 @@ from pydantic import Field
 
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.design.units import Table
-from coilarray.errors import DesignError
+from coilarray.errors import DesignError, require_finite
 
 INTERNAL_CLOCK = 43.4e6
 """Typical frequency of the converter's internal oscillator in Hz."""
@@ -115,8 +115,7 @@ class Readout:
             value = getattr(self, one.name)
             if value is None:
                 continue
-            if not math.isfinite(value):
-                raise DesignError(f"{one.name} of a read-out must be finite; got {value}.")
+            require_finite(f"{one.name} of a read-out", value, error=DesignError)
             if one.name in _POSITIVE and not value > 0:
                 raise DesignError(f"{one.name} of a read-out must be positive; got {value}.")
             if one.name in _NOT_NEGATIVE and value < 0:
@@ -205,7 +204,7 @@ class ReadoutTable(Table):
     resolution_ppm: Annotated[float, Field(gt=0, le=1000)] | None = None
     """Relative standard deviation of a frequency at RCOUNT 0x800; by default 0.8, assumed."""
     clock_jitter_ps: Annotated[float, Field(ge=0, le=1e6)] | None = None
-    """Standard deviation of one period of the clock; by default none is counted."""
+    """Standard deviation of one period of the clock; zero by default."""
     amplitude_V: Annotated[float, Field(gt=0, le=100)] = 1.5  # noqa: N815 - the unit
     """Peak voltage of the sensors."""
     averaged_scans: _Scans = 1

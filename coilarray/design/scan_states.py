@@ -78,13 +78,13 @@ class ScanState:
     name : str
         Name of the state in results.
     measured : tuple of (str, {1, -1})
-        The measured coils in order, each with its sense; −1 turns its terminals round.
+        The measured coils in order, each with its sense; −1 reverses its terminals.
     connection : {"series", "parallel"}
         Connection of several measured coils.
     others : {"ground", "ground one end", "ground other end", "open", "load"}
-        What closes every other coil.
+        Termination of every other coil.
     exceptions : mapping of str to such a value
-        What closes the coils that differ from `others`, by name.
+        Terminations of coils, by name, that differ from `others`.
     load_resistance : float
         Resistance of a load in Ω.
     """

@@ -32,7 +32,7 @@ class SwitchPart:
     name : PartName
         Part number.
     title : str
-        What is in the package.
+        Topology of the switches in the package.
     bits : tuple of str
         Names of the switches from bit 0 to bit 7.
     drains : mapping of str to tuple of str
@@ -124,12 +124,12 @@ PARTS: Mapping[str, SwitchPart] = {part.name: part for part in _PARTS}
 bits of the ADG714: ADG714/715, S8 first; off isolation: ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
 
 
-def switch_part(name: str) -> SwitchPart:
-    """Return the part of a name; HardwareError for one that is not in `PARTS`.
+def switch_part(name: str, what: str = "wiring.device.part") -> SwitchPart:
+    """Return the part of a name; HardwareError for one that is not in `PARTS`, which begins with `what` it is.
 
     >>> switch_part("ADG739").drains["DA"]
     ('S1A', 'S2A', 'S3A', 'S4A')
     """
     if name not in PARTS:
-        raise HardwareError(f"wiring.device.part must be {', '.join(PARTS)}; got {shown(name)}.")
+        raise HardwareError(f"{what} must be {', '.join(PARTS)}; got {shown(name)}.")
     return PARTS[name]

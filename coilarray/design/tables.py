@@ -156,7 +156,7 @@ class WoundTable(Table):
     winding: Literal["ccw", "cw"] = "ccw"
     """Sense of the winding on the first layer seen from above, inwards: counter-clockwise or clockwise."""
     return_lead: bool = False
-    """With an odd number of layers: one more layer leads from the inner end out to the second terminal."""
+    """For an odd number of layers: one more layer, with a trace from the inner end out to the second terminal."""
     via: ViaTable = ViaTable()
     """Holes that join the layers."""
     leads: LeadsTable | None = None
@@ -188,7 +188,7 @@ class PolygonCoil(WoundTable):
     sides: Annotated[int, Field(ge=3, le=1000)] = 6
     """Number of sides."""
     outer_across_flats_mm: Millimetres | None = None
-    """Width of the copper across flats, from side to opposite side; this or the next."""
+    """Width of the copper across flats, from side to opposite side; give this or the next."""
     outer_across_corners_mm: Millimetres | None = None
     """Width of the copper across corners."""
     corner_radius_mm: LimitMillimetres = 0.0
@@ -374,11 +374,12 @@ class LatticeArray(Table):
     """``[array]`` with a regular lattice or a single coil."""
 
     lattice: LatticeKind
-    """One coil, a row, rows and columns, rows shifted by half a pitch, or rings of hexagons around a middle coil."""
+    """One coil, a row, rows and columns, rows shifted by half a pitch, a triangle of such rows, or rings of hexagons
+    around a middle coil."""
     coil: str
     """Name of their shape, a table of `[coils]`."""
     columns: Annotated[int, Field(ge=1, le=1000)] | None = None
-    """Number of coils in a row; of linear, square and hexagonal lattices."""
+    """Number of coils in a row, of a triangle in its longest; of linear, square, hexagonal and triangle lattices."""
     rows: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of rows."""
     rings: Annotated[int, Field(ge=1, le=100)] | None = None
@@ -392,14 +393,14 @@ class LatticeArray(Table):
     layers: list[list[str]] = Field(min_length=1)
     """Copper layers of the coils, in turn along a row: neighbours that overlap must not share copper."""
     layer_shift_per_row: int | None = None
-    """By how many coils the turn of the layers is shifted from row to row; chosen for the lattice by default."""
+    """Shift of the order of layers from row to row, in coils; chosen for the lattice by default."""
     names: list[Name] | None = None
     """Names of the coils in order; coil1, coil2 and so on by default."""
 
     @model_validator(mode="after")
     def _wanted(self) -> LatticeArray:
         in_rows = self.lattice in ("linear", "square", "hexagonal")
-        for key, wanted in (("columns", in_rows), ("rings", self.lattice == "rings")):
+        for key, wanted in (("columns", in_rows or self.lattice == "triangle"), ("rings", self.lattice == "rings")):
             if (getattr(self, key) is not None) != wanted:
                 raise ValueError(f'{"needs" if wanted else "has no"} {key} for lattice = "{self.lattice}"')
         if self.rows > 1 and not in_rows:
@@ -427,7 +428,7 @@ class ConnectorTable(Table):
     """``[connector]``: one row of holes at an edge of the board, to which the leads of all coils run."""
 
     side: Side = "bottom"
-    """Edge of the board where the connector stands."""
+    """Edge of the board at which the connector is."""
     pitch_mm: Millimetres = 2.54
     """Distance from hole to hole."""
     distance_mm: Millimetres = 5.0
@@ -461,9 +462,9 @@ class SheetTable(Table):
     thickness_mm: Millimetres
     """Thickness of the sheet."""
     relative_permeability: Relative = 1.0
-    """Relative permeability, above 1 where it is filled with iron powder."""
+    """Relative permeability, above 1 if it is filled with iron powder."""
     youngs_modulus_kPa: Kilopascals | None = None  # noqa: N815 - the unit
-    """Young's modulus; needed where something presses on it."""
+    """Young's modulus; needed if something presses on it."""
     poissons_ratio: PoissonsRatio = 0.4999
     """Poisson's ratio, up to 0.5, which keeps the volume."""
 
@@ -516,7 +517,7 @@ class ConeTable(MaterialTable):
     half_angle_deg: HalfAngle
     """Angle between its axis and its side."""
     radius_mm: Millimetres | None = None
-    """Radius at which the cone ends; it goes on without end by default."""
+    """Radius at which the cone ends; it is infinite by default."""
     edge_radius_mm: Millimetres | None = None
     """Radius of the rounded edge where it ends; a tenth of that radius by default."""
 
@@ -538,15 +539,15 @@ class IndentationTable(PlacesTable):
     """``[indentation]``: how deep and where the indenter presses."""
 
     strain: Strain = "finite"
-    """Large deformations of neo-Hookean sheets, or linear elasticity, which is quicker and some percent off."""
+    """Large deformations of neo-Hookean sheets, or linear elasticity, faster and some percent less accurate."""
     base: Literal["bonded", "frictionless", "seat"] = "bonded"
-    """What the lowest sheet lies on: glued to the board, free to slide on it, or on a seat that gives way."""
+    """Support of the lowest sheet: glued to the board, sliding freely on it, or on a soft seat."""
     seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
-    """Pressure under the lowest sheet for each millimetre that the seat gives way."""
+    """Pressure on the seat per millimetre of its compression."""
     seat_shear_kPa_per_mm: Annotated[float, Field(ge=0, le=1e9)] | None = None  # noqa: N815 - the unit
-    """Shear stress for each millimetre that the sheet slides along the seat; none by default."""
+    """Shear stress per millimetre of sliding along the seat; none by default."""
     seat_stiffness_slope_x_per_mm: SeatSlope = 0.0
-    """Change of the seat's stiffness along x, as a part of it for each millimetre."""
+    """Relative change of the seat's stiffness along x, per millimetre."""
     seat_stiffness_slope_y_per_mm: SeatSlope = 0.0
     """The same along y."""
     seat_gap_slope_x_mm_per_mm: SeatSlope = 0.0
@@ -560,7 +561,7 @@ class IndentationTable(PlacesTable):
     depths_mm: list[Millimetres] = Field(min_length=1)
     """Depths of the indentation, rising."""
     sample_radius_mm: Millimetres | None = None
-    """Radius of a round sample with a free edge; without it and the next two the sheets go on without end."""
+    """Radius of a round sample with a free edge; without it and the next two the sheets are infinite."""
     sample_x_mm: Range | None = None
     """Range of a rectangular sample with free sides along x, on the board."""
     sample_y_mm: Range | None = None
@@ -600,7 +601,7 @@ class IndentationTable(PlacesTable):
         )
 
     def sample_bounds(self) -> tuple[float, float, float, float] | None:
-        """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None where it covers everything."""
+        """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None if it covers everything."""
         if self.sample_x_mm is None or self.sample_y_mm is None:
             return None
         (x_min, x_max), (y_min, y_max) = self.sample_x_mm, self.sample_y_mm

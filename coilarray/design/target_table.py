@@ -18,7 +18,7 @@ _NAME = "target"
 class MovedTable(PlacesTable):
     """Where a target is moved: the same for all bodies."""
 
-    distances_mm: list[Millimetres] = Field(min_length=1)
+    distances_mm: list[Millimetres] = Field(default=[1.0, 2.0, 4.0, 8.0], min_length=1)
     """Distances of the target's nearest point from the highest face of board and sheets, rising."""
 
     @model_validator(mode="after")
@@ -35,7 +35,7 @@ class FlatTarget(FlatTable, MovedTable):
     """``[target]`` of every shape but the sphere."""
 
     shape: Shape
-    """Outline; a plate goes on without end."""
+    """Outline; a plate is infinite."""
 
     @model_validator(mode="after")
     def _no_places_of_a_plate(self) -> Self:

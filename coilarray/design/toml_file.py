@@ -25,7 +25,7 @@ class TomlFiles:
     """One kind of TOML file, such as designs, some of which come with the package.
 
     `kind` names it in messages, `error` is raised for a file that cannot be read, and `package` is the import name of
-    the folder with the files that come with the package; empty where there are none.
+    the folder with the files that come with the package; empty if there are none.
     """
 
     kind: str
@@ -117,7 +117,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         tag = str(details["ctx"]["discriminator"]).strip("'")
         allowed = {
             "coils": "'polygon', 'circle', 'rectangle', 'racetrack' or 'path'",
-            "array": "'single', 'linear', 'square', 'hexagonal', 'rings' or 'free'",
+            "array": "'single', 'linear', 'square', 'hexagonal', 'triangle', 'rings' or 'free'",
             "target": "'plate', 'disc', 'rectangle', 'ring', 'polygon' or 'sphere'",
             "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
         }[str(where[0])]

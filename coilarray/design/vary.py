@@ -42,7 +42,7 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
     Returns
     -------
     Design
-        Read anew, with all checks; of the same name.
+        The changed design, with all checks; of the same name.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
             hint = f"did you mean coils.{close[0]}? " if close else ""
             raise DesignError(f"{key} names no coil shape; {hint}[coils] has {', '.join(coils) or 'none'}.")
         if parts[0] in _NO_ENTRIES:
-            raise DesignError(f"{key} is no entry: {_NO_ENTRIES[parts[0]]}.")
+            raise DesignError(f"{key} cannot be varied: {_NO_ENTRIES[parts[0]]}.")
         varied = _with_entry(varied, parts, plain(value), key)
     return dict(varied)
 
@@ -118,7 +118,7 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
         place = int(parts[0])
         return [*table[:place], _set(table[place], parts[1:], value, key), *table[place + 1 :]]
     if not isinstance(table, Mapping):
-        raise DesignError(f"{key} leads beyond the value {table!r}.")
+        raise DesignError(f"{key} goes beyond an entry whose value is {table!r}.")
     taken = _longest_key(table, parts) or 1
     name = ".".join(parts[:taken])
     return {**table, name: _set(table.get(name), parts[taken:], value, key)}
@@ -129,7 +129,7 @@ def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
         return _with_entry({} if present is None else present, parts, value, key)
     tables = present if isinstance(present, list) else [present]
     if any(isinstance(entry, Mapping) for entry in tables):
-        raise DesignError(f"{key} is a table; an entry of it must be named, as {key}.{_some_entry(present)}.")
+        raise DesignError(f"{key} is a table; name one of its entries, such as {key}.{_some_entry(present)}.")
     return value
 
 

@@ -12,8 +12,8 @@ from coilarray.geometry import CoilArray
 MOST_POSITIONS = 100_000
 """Most positions of a map."""
 _PARTS = (12.0, 6.0)  # of the narrowest coil: the step at most and at least resolves its response
-_PARTS_OF_ONE = (24.0, 12.0)  # of a coil that is alone, and whose map is small
-_POSITIONS = 2000.0  # of a map, as long as the step keeps to that
+_PARTS_OF_ONE = (32.0, 12.0)  # of a coil that is alone, and whose map is small
+_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, as long as the step keeps to that; targets are wide
 _ROUND = 0.1e-3  # a step is a multiple of it, of five times it from there on
 
 Positions = tuple[tuple[float, ...], tuple[float, ...]]
@@ -35,8 +35,8 @@ def array_window(
     origin : tuple of float
         x and y in m on the board from which positions count.
     step : float, optional
-        Distance of the positions in m; by default a twelfth of the narrowest coil, up to a sixth of it where there
-        would be more than 2000 positions; of a single coil half as much.
+        Distance of the positions in m; by default a twelfth of the narrowest coil, of a single one a thirty-second.
+        Where there would be more than 2000 positions, of a target 500, it is up to a sixth and a twelfth.
     within : tuple of float, optional
         Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
         where there is no other.
@@ -58,7 +58,7 @@ def array_window(
         sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
         narrowest = float(min(sides))
         finest, coarsest = (narrowest / part for part in (_PARTS if len(sides) > 1 else _PARTS_OF_ONE))
-        step = min(max(math.sqrt(float(np.prod(high - low)) / _POSITIONS), finest), coarsest)
+        step = min(max(math.sqrt(float(np.prod(high - low)) / _POSITIONS[table]), finest), coarsest)
         unit = _ROUND if step < 5 * _ROUND else 5 * _ROUND
         step = max(round(step / unit), 1) * unit
     first, last = np.floor(low / step + 1e-9), np.ceil(high / step - 1e-9)

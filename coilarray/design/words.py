@@ -11,7 +11,7 @@ _DIGITS = 12  # of a hash
 
 
 def metal_words(design: Design) -> str:
-    """Return the metal near the coils: plates by their names, and the target; empty where there is none.
+    """Return the metal near the coils: plates by their names, and the target; empty if there is none.
 
     Examples
     --------

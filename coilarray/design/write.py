@@ -122,7 +122,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
 
 
 def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
-    """Return an array whose leads have not been led out, and the connector's table; None where it has none."""
+    """Return an array whose leads have not been led out, and the connector's table; None if it has none."""
     led = array.led_out
     if led is None or led.placements != array.placements:
         return array, None  # the placements have been changed since
@@ -543,7 +543,7 @@ def _entries(of: object, *keys: str, places: bool = False) -> dict[str, Any]:
 
 
 def _entry(value: float, unit: float, *, places: bool = False) -> float:
-    """Return the entry that is read as a value, `unit` times the entry; for `places` zero is no special value."""
+    """Return the entry that is read as a value, `unit` times the entry; for `places` zero is not a special value."""
     return _number(value / unit, value, lambda entry: entry * unit, places=places)
 
 

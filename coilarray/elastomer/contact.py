@@ -32,9 +32,8 @@ from coilarray.elastomer.compliance import Compliance, compliance
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
-from coilarray.errors import ElastomerError
-from coilarray.geometry import Indenter, Seat, Sheet
-from coilarray.geometry.conductor import LARGEST
+from coilarray.errors import LARGEST, ElastomerError
+from coilarray.geometry import Cone, Indenter, Seat, Sheet
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()
@@ -160,9 +159,10 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
         mesh = replace(mesh, elements=min(mesh.elements, EDGE_ELEMENTS))
+    if isinstance(case.indenter, Cone):
+        zone = replace(zone, tip=TIP * zone.smallest)
     grid = case.grid(zone, mesh)
-    outline = Outline(case.indenter, case.stack.length, TIP * zone.smallest)
-    body = SoftBody(grid, outline)
+    body = SoftBody(grid, Outline(case.indenter, case.stack.length, zone.tip))
     states = {0.0: body.at_rest()}
     rising = np.unique(depths[depths > 0])
     with serial_algebra():  # on these narrow bands threads cost more than they bring
@@ -212,7 +212,7 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
     """Refuse a contact that ends neither by itself nor with the indenter: the sample is too small."""
     unit = case.stack.length
     beyond = (solution.force[:, -1] > 0) & (depths > 0)
-    if beyond.any() and zone.search < case.indenter.reach / unit:
+    if beyond.any() and zone.search < case.indenter.largest_radius / unit:
         raise ElastomerError(
             f"the contact must end inside the sample, within a radius of {zone.search * unit * 1e3:.4g} mm; "
             f"at a depth of {depths[beyond][0] * unit * 1e3:.4g} mm it does not."

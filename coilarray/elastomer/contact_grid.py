@@ -26,6 +26,7 @@ from coilarray.geometry.sheet import Base
 
 IndexArray = npt.NDArray[np.intp]
 
+_BENT = 6.0  # beyond so many lengths (D/k)^¼ a plate on a seat sinks by 1 % of what it does at the force
 _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 
 
@@ -128,7 +129,7 @@ def contact_grid(
     The expected `zone` of contact and the `radius` of the sample (half its width in plane strain; None for a wide one)
     are in thicknesses of the stack.
     """
-    end = zone.search + mesh.extent if radius is None else radius
+    end = zone.search + max(mesh.extent, _bending(stack, base)) if radius is None else radius
     levels = stack.levels
     r, z = radial_points(zone, 1.0, end, mesh), vertical_points(zone, levels, mesh)
     grid = contact_mesh(r, z)
@@ -168,6 +169,13 @@ def contact_grid(
         r=basis.doflocs[0, lines[-1][0]],
         lines=lines,
     )
+
+
+def _bending(stack: Stack, base: Base) -> float:
+    """How far from a force sheets on a seat still bend, in thicknesses: (D/k)^¼ of a plate times `_BENT`."""
+    if not isinstance(base, Seat):
+        return 0.0
+    return _BENT * float((9 * base.stiffness * stack.length / stack.stress) ** -0.25)  # D = Eh³/9 for ν = 0.5
 
 
 def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:

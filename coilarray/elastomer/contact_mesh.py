@@ -16,6 +16,7 @@ from coilarray.errors import ElastomerError
 _MARGIN = 1.1  # elements grow from this multiple of the expected contact radius on
 _NEAR = 6.0  # beyond this many thicknesses from the contact the elements grow without bound
 _SUBSTEPS = 8  # of the march that places the points, per element
+_TIP_ELEMENTS = 3  # across the radius of a blunted point
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,14 @@ class ContactZone:
 
     That is at `smallest` at the least depth and at `largest` at the greatest. Contact is looked for up to the radius
     `search`. It is `sharp` where the indenter ends there and the contact reaches it: the pressure is singular at that
-    edge.
+    edge. Where it has a point, that is blunted over the radius `tip`.
     """
 
     smallest: float
     largest: float
     search: float
     sharp: bool = False
+    tip: float = 0.0
 
 
 def graded(start: float, end: float, size: Callable[[float], float], least: int = 1) -> FloatArray:
@@ -86,19 +88,21 @@ def graded(start: float, end: float, size: Callable[[float], float], least: int 
 
 def _finest(zone: ContactZone, mesh: ContactMesh) -> float:
     """Smallest element: at the edge of a sharp indenter, else under the tip."""
-    return zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
+    finest = zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
+    return min(finest, zone.tip / _TIP_ELEMENTS or math.inf)
 
 
 def radial_points(zone: ContactZone, thickness: float, end: float, mesh: ContactMesh) -> FloatArray:
     """Radii of the mesh's vertices from the axis to `end`, with one at the end of the search."""
     n, edge, slope = mesh.elements, zone.largest, mesh.growth - 1
-    finest = _finest(zone, mesh)
+    finest = zone.largest / n**2  # at a sharp edge
 
     def size(r: float) -> float:
         contact = max(zone.smallest, min(r, edge)) / n + slope * max(0.0, r - _MARGIN * edge)
         wave = slope * (thickness / 2 + max(0.0, r - edge - _NEAR * thickness))
         corner = finest + slope * abs(r - edge) if zone.sharp else math.inf
-        return min(contact, wave, corner)
+        point = zone.tip / _TIP_ELEMENTS + slope * r if zone.tip else math.inf
+        return min(contact, wave, corner, point)
 
     if zone.search >= end:
         return graded(0.0, end, size)

@@ -51,7 +51,7 @@ def dent_amplitudes(
     The spectra are at the wavenumbers of the dent, of coils turned by the slope of its `motion`. Offsets, shape
     (offsets, 2) for each shape of coil, are the position of the indenter minus the centre of the coil in m, within the
     extent that the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out; the
-    energies err by about a tenth of it. MemoryLimitError for more offsets than there is memory for.
+    energies err by about a tenth of it. MemoryLimitError for more offsets than fit into memory.
     """
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)

@@ -238,12 +238,12 @@ class SoftBody:
                 if found is not None:
                     before, state, step = state, found, 2 * step
                 elif step < _LEAST_STEP * whole:
-                    body = self.outline.indenter
+                    body, mm = self.outline.indenter, self.outline.unit * 1e3
                     edged = isinstance(body, FlatPunch | Cone) and math.isfinite(body.radius)
                     raise ElastomerError(
-                        f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; it must "
-                        f"be less than {depth:.3g},{' the edge rounder (edge_radius),' * edged} the mesh finer, or "
-                        "the strain linear."
+                        f"the contact converges up to a depth of {state.depth * mm:.3g} mm; it must be less than "
+                        f"{depth * mm:.3g} mm,{' the edge rounder (edge_radius),' * edged} the mesh finer, or the "
+                        "strain linear."
                     )
                 else:
                     step /= 2
@@ -264,7 +264,7 @@ class SoftBody:
             far, rate = step.size > _FAR * depth, 0.0
             while rate <= (_FAST if far or exact else _SLOW):
                 damping = 1.0
-                while True:
+                while damping >= _LEAST_DAMPING:
                     trial = state.moved(step, damping)
                     strained = self._strained(trial)
                     if strained is not None:
@@ -273,8 +273,11 @@ class SoftBody:
                         if following is not None and following.size <= (1 - damping / 4) * step.size:
                             break
                     damping /= 2
-                    if damping < _LEAST_DAMPING:
+                else:
+                    if exact or far:
                         return None
+                    strained, gaps = self._strained(state), self._gaps(state)
+                    break  # under an exact tangent there may be a shorter step
                 rate = 1.0 if damping < 1 else following.size / step.size if step.size else 0.0
                 state, step = trial, following
                 if rate * step.size <= _CONVERGED * depth and damping == 1:

@@ -52,7 +52,7 @@ POINTS = ((0.0, 1), (6.0, 4), (24.0, 8))
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
 HIGHEST = 1e15
-"""Highest frequency in Hz; that of light, where copper is no conductor of this kind any more."""
+"""Highest frequency in Hz; that of light, where copper is not a conductor of this kind any more."""
 
 _FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
 

@@ -262,18 +262,18 @@ def _cuts(placement: Placement) -> list[_Cut]:
         angle = azimuth + 2 * math.pi * ray / _RAYS
         direction = np.array([math.cos(angle), math.sin(angle)])
         # leads that run along the winding from further away are none of its turns
-        reach = outline.intersection(shapely.LineString((centre, centre + beyond * direction))).length
-        cut = _cut(coil, centre, direction, reach)
+        length = outline.intersection(shapely.LineString((centre, centre + beyond * direction))).length
+        cut = _cut(coil, centre, direction, length)
         if len(cut.line) < 2:
             raise GeometryError(
-                f"the winding of {placement.name} must run at least twice around the centre of its outline; "
-                f"a ray from there meets {len(cut.line)} of its traces."
+                f"the winding of {placement.name} must have at least two turns around the centre of its outline; a "
+                f"ray from there crosses {len(cut.line)} of its traces."
             )
         cuts.append(cut)
     return cuts
 
 
-def _cut(coil: Coil, centre: FloatArray, ray: FloatArray, reach: float) -> _Cut:
+def _cut(coil: Coil, centre: FloatArray, ray: FloatArray, length: float) -> _Cut:
     normal = np.array([-ray[1], ray[0]])
     found = []  # line, distance from the centre, along the path, width, cosine
     start = 0.0
@@ -286,7 +286,7 @@ def _cut(coil: Coil, centre: FloatArray, ray: FloatArray, reach: float) -> _Cut:
         u = distance[i] + part * (distance[i + 1] - distance[i])
         cosine = np.abs(side[i + 1] - side[i]) / lengths[i]
         along = start + np.cumsum(np.append(0.0, lengths))[i] + part * lengths[i]
-        keep = (u > 0) & (u < reach) & (cosine > _CROSSING)
+        keep = (u > 0) & (u < length) & (cosine > _CROSSING)
         found.append(np.column_stack((np.full(len(u), float(k)), u, along, widths[i], cosine))[keep])
         start += float(lengths.sum())
     which, u, along, width, cosine = np.vstack(found)[np.argsort(np.vstack(found)[:, 1], kind="stable")].T

@@ -16,8 +16,7 @@ from coilarray.compute.threads import Progress, cores, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.segments import add_magnetic_field, add_vector_potential
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
-from coilarray.geometry.conductor import LARGEST
+from coilarray.errors import LARGEST, GeometryError
 
 Backend = Literal["cpu", "cuda"]
 
@@ -200,5 +199,5 @@ def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress
             field[rows] = out.T
 
     blocks = -(-len(field) // (_BLOCK * _TASKS_A_CORE * cores()))
-    run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress)
+    run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress=progress)
     return field.reshape(paths.shape)

@@ -64,7 +64,7 @@ class Slab:
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the one magnetic region of a stack of sheets upwards from z = 0; None where no sheet is magnetic.
+    """Return the one magnetic region of a stack of sheets upwards from z = 0; None if no sheet is magnetic.
 
     Neighbouring sheets of one permeability make one slab. ElastomerError for magnetic sheets of different permeability,
     or with another sheet between them.
@@ -162,7 +162,7 @@ def layer_inductance(
         None if progress is None else lambda done, total: progress(100 * near + 100 * done // total, 100 * (near + 1))
     )
     shares = np.array([_rest(slab, near, one) for one in k.tolist()])
-    change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], rest)[0].real
+    change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], progress=rest)[0].real
     return (change + change.T) / 2
 
 

@@ -208,7 +208,7 @@ class Backing:
     face : float
         Height of its upper face in m, below all coils.
     layers : tuple of Layer
-        From there downwards; none where there are currents alone.
+        From there downwards; none if there are currents alone.
     frequency : float
         In Hz.
     eddies : Segments, optional

@@ -17,9 +17,9 @@ from coilarray.electromagnetics.kernels.turns import find_series, series_members
 from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_table
 from coilarray.electromagnetics.neumann_near import Accuracy as Accuracy
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
+from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry import CoilArray, Conductor
-from coilarray.geometry.conductor import LARGEST, SMALLEST
+from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.overlap import require_apart
 
 _SCALE = MU_0 / (4 * np.pi)
@@ -45,7 +45,7 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     Raises
     ------
     GeometryError
-        A filament of length zero, or two that run over each other on one line (infinite).
+        A filament of length zero, or two that overlap on one line (infinite).
 
     Notes
     -----
@@ -70,7 +70,7 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
         return float(_SCALE * (u @ v) * _short_filament(short, long))
     integral = filament_pair(*arguments)
     if not np.isfinite(integral):
-        raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
+        raise GeometryError("the two filaments overlap on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)
 
 
@@ -130,7 +130,9 @@ def rectangular_bars(
         return float(_SCALE * sizes[:, 0].prod() * mean)
     extent = np.linalg.norm(apart + sizes.sum(axis=0) / 2)
     if sizes.max() > _UNLIKE * sizes.min() or extent**2 > _UNLIKE**1.25 * sizes[:, order[0]].prod():
-        raise GeometryError(f"the sizes of bars must be less unlike; got {size_1} and {size_2 or size_1} m.")
+        raise GeometryError(
+            f"the sizes of the bars differ too much to be computed; got {size_1} and {size_2 or size_1} m."
+        )
     if size_2 is None:
         return float(_SCALE * bar_self(*sizes[0, order]) / areas)
     across_up_along = np.roll(np.asarray(offset, dtype=np.float64)[order], -1)
@@ -211,7 +213,9 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     return _matrix(a + b, rows.ravel(), len(a) + columns.ravel(), accuracy)[: len(a), len(a) :]
 
 
-def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: Progress | None = None) -> FloatArray:
+def inductance_matrix(
+    source: Source, *, accuracy: Accuracy = "full", allow_overlaps: bool = False, progress: Progress | None = None
+) -> FloatArray:
     """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
 
     Parameters
@@ -220,6 +224,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
         Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
     accuracy : {"full", "screen"}
         See `Accuracy`.
+    allow_overlaps : bool
+        True also computes copper in copper, as if each path were insulated.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -231,8 +237,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     Raises
     ------
     GeometryError
-        A thin filament, whose self-inductance is infinite, an unknown accuracy, or a `CoilArray` whose traces overlap
-        on a layer, as `coilarray.geometry.check_rules` measures it; conductors of no array may lie in each other.
+        A thin filament, whose self-inductance is infinite, an unknown accuracy, or traces that overlap on a layer, as
+        `coilarray.geometry.check_rules` measures it: those of two paths, or two turns of one.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
@@ -257,8 +263,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     """
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
-    if isinstance(source, CoilArray):
-        require_apart(source)
+    if not allow_overlaps:
+        require_apart(conductors, source.stackup if isinstance(source, CoilArray) else None)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 
@@ -330,13 +336,13 @@ def _matrix(
     """Symmetric matrix of the wanted pairs of paths in H, zero elsewhere."""
     if accuracy not in get_args(Accuracy):
         raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
-    values = _SCALE * path_sums(conductors, first, second, accuracy, progress)
+    values = _SCALE * path_sums(conductors, first, second, accuracy, progress=progress)
     infinite = np.flatnonzero(~np.isfinite(values))
     if len(infinite):
         i, j = first[infinite[0]], second[infinite[0]]
         raise GeometryError(
-            f"{conductors[i].name} and {conductors[j].name} run over each other on one line: "
-            "the mutual inductance of thin filaments is infinite there."
+            f"{conductors[i].name} and {conductors[j].name} overlap on one line, where the mutual inductance of thin "
+            "filaments is infinite."
         )
     L = np.zeros((len(conductors), len(conductors)))
     L[first, second] = L[second, first] = values

@@ -93,8 +93,7 @@ def write_inductance_matrix(
      [ 8.24 37.64]]
     """
     conductors = as_conductors(source)
-    if isinstance(source, CoilArray):
-        require_apart(source)
+    require_apart(conductors, source.stackup if isinstance(source, CoilArray) else None)
     if path.suffix.lower() != ".nc":
         raise OutputError(f"a matrix is written as .nc; got {path}.")
     tiles = ranges(len(conductors), _PATHS)
@@ -121,11 +120,11 @@ def write_inductance_matrix(
         return 0.0
 
     key = content_key("inductance matrix", accuracy, conductors)
-    fill_large(path, frame, [_VARIABLE], key, len(pairs), task, matrix_block, write, pool, progress)
+    fill_large(path, frame, [_VARIABLE], key, len(pairs), task, matrix_block, write, pool, progress=progress)
 
 
 def matrix_block(block: MatrixBlock) -> FloatArray:
     """Return the inductances between rows and columns in H, shape (rows, columns); workers run this function."""
     if not block.columns:
-        return inductance_matrix(block.rows, accuracy=block.accuracy)
+        return inductance_matrix(block.rows, accuracy=block.accuracy, allow_overlaps=True)  # looked for before
     return mutual_inductance(block.rows, block.columns, accuracy=block.accuracy)

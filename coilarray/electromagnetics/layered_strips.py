@@ -324,13 +324,13 @@ def _check_strips(
     n = len(plane)
     if not n or x.shape != (n,) or w.shape != (n,) or label.shape != (n,):
         raise ValueError(
-            f"planes, centres, widths and conductors must be of one length; got {n}, {x.shape}, {w.shape}, "
+            f"planes, centres, widths and conductors must have the same length; got {n}, {x.shape}, {w.shape}, "
             f"{label.shape}."
         )
     if not (plane >= 0).all() or not (plane < medium.planes).all():
         raise ValueError(f"planes must be 0 to {medium.planes - 1}; got {plane.min()} to {plane.max()}.")
     if not np.array_equal(np.unique(label), np.arange(label.max() + 1)):
-        raise ValueError(f"conductors must be numbered 0, 1, … without a hole; got {np.unique(label).tolist()}.")
+        raise ValueError(f"conductors must be numbered 0, 1, … without a gap; got {np.unique(label).tolist()}.")
     require_positive("period", period, " m", ValueError)
     if not (np.isfinite(x).all() and np.isfinite(w).all() and (w > 0).all()):
         raise GeometryError(f"strips must have finite centres and positive widths; got a width of {w.min()} m.")

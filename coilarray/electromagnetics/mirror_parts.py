@@ -106,7 +106,7 @@ def _vertices(table: FloatArray) -> FloatArray:
 
 
 def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatArray, float] | None:
-    """Mirror, and direction of the current, that turn one part into another; None where there is none."""
+    """Mirror, and direction of the current, that turn one part into another; None if there is none."""
     points, sizes = _vertices(table), table[:, [6, 10, 11]]
     others, other_sizes = _vertices(other), other[:, [6, 10, 11]]
     for sign in (1.0, -1.0):

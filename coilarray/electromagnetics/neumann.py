@@ -44,6 +44,7 @@ def path_sums(
     first: IntArray,
     second: IntArray,
     accuracy: Accuracy = "full",
+    *,
     progress: Progress | None = None,
 ) -> FloatArray:
     """∬ dl·dl'/R in m of pairs of paths, averaged over the cross-sections; µ0/4π times these are inductances.
@@ -77,7 +78,7 @@ def path_sums(
     blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, for they are long
     blocks += _near_blocks(shapes, classes, np.flatnonzero(near), quantum, accuracy)
     sums = np.zeros(len(classes.shift))
-    for numbers, values in run_blocks(lambda block: block(), blocks, progress):
+    for numbers, values in run_blocks(lambda block: block(), blocks, progress=progress):
         np.add.at(sums, numbers, values)
     return np.asarray(sums[of_pair])
 

@@ -190,7 +190,7 @@ def _grid(board: Board, other_kinds: int) -> _Grid | None:
 
 
 def reflected_inductance(
-    boards: Sequence[Board], nodes: Sequence[float], weights: WeightArray, progress: Progress | None = None
+    boards: Sequence[Board], nodes: Sequence[float], weights: WeightArray, *, progress: Progress | None = None
 ) -> WeightArray:
     """Sum what is reflected over wavenumbers in 1/m: µ0/4π Σ_k w ⟨J_i·J'_j⟩ in H, shape (m, paths, paths).
 
@@ -213,7 +213,7 @@ def reflected_inductance(
     every = range(len(nodes))  # wavenumbers cost more as they rise
     count = min(_BLOCKS, len(nodes), max(int(_MOST_SUMS / len(weights) / len(boards[0].kind_of) ** 2), 1))
     blocks = [every[start::count] for start in range(count)]
-    found = run_blocks(total, blocks, progress)
+    found = run_blocks(total, blocks, progress=progress)
     change: WeightArray = np.zeros(1)
     for p, (a, b) in enumerate(pairs):
         sums = MU_0 / (4 * np.pi) * np.sum([sums[p] for sums in found], axis=0)
@@ -224,7 +224,7 @@ def reflected_inductance(
 
 
 def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
-    """Raise GeometryError where the spectra of a board at these wavenumbers in 1/m would take hours."""
+    """Raise GeometryError if the spectra of a board at these wavenumbers in 1/m would take hours."""
     waves = sum(_nodes(k * board.extent, board.digits) for k in nodes)
     corners = sum(len(shape.vertices) for shape in board.shapes)
     if waves * corners > _MOST_WAVES:

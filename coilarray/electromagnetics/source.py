@@ -18,7 +18,7 @@ Source: TypeAlias = CoilArray | Conductor | npt.NDArray[np.float64] | Sequence[C
 def as_conductors(source: Source) -> tuple[Conductor, ...]:
     """Return the current paths of anything that describes coils; plain arrays are polylines in m, thin filaments.
 
-    No path at all, or an array that is no polyline, is a GeometryError.
+    No path at all, or an array that is not a polyline, is a GeometryError.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Where an indentation is: from the responses of the coils to its position and depth."""
+"""Position and depth of an indentation from the responses of the coils."""

@@ -1,4 +1,4 @@
-"""How one response map lies on another: the scale of δ and the shift in x and y that bring them together best.
+"""Alignment of one response map with another: the scale of δ and the shift in x and y that fit best.
 
     measured(x, y) ≈ scale · other(x − shift_x, y − shift_y)
 
@@ -33,7 +33,7 @@ _CLOSE = 1e-14  # relative: to where rounding ends it
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """What brings a map onto another.
+    """Scale and shift of one map onto another, with their errors.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Alignment:
     used : ndarray of bool, shape (places,)
         Whether each place took part.
     at_limit : bool
-        True where a shift stands at the end of the range that was searched: the true one is beyond.
+        True if a shift stands at the end of the range that was searched: the true one is beyond.
     scatter : float
         Root of the residuals' sum of squares over the degrees of freedom, in δ; NaN where there are none.
     """
@@ -101,7 +101,7 @@ def align(
         Largest shift to either side along x and y in m. Only places stay that are in the model's table by it; where
         they are fewer than 8, and along an axis where this is 0, no shift is sought.
     noise : array_like, scalar or shape (n,), optional
-        Standard deviation of every measured δ; from the scatter of what remains by default.
+        Standard deviation of every measured δ; from the scatter of the residuals by default.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def align(
     Notes
     -----
     All places count the same. The standard deviations are those of that estimate under the given noise,
-    (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is no part of them.
+    (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is not part of them.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
@@ -145,7 +145,7 @@ def _solve(
     axes: Sequence[int],
     sigma: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of what remains in δ."""
+    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of the residuals."""
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 
@@ -196,7 +196,7 @@ def _check(
     sigma: FloatArray | None,
 ) -> None:
     if len(model.states) != 1:
-        raise LocalizeError(f"a map is aligned by one state; the model has {', '.join(model.states)}.")
+        raise LocalizeError(f"a map is aligned with a model of one state; this one has {', '.join(model.states)}.")
     if places.ndim != 2 or places.shape[1] != 3 or values.shape != places.shape[:1]:
         raise LocalizeError(f"places must have shape (n, 3) and measured (n,); got {places.shape} and {values.shape}.")
     if not (np.isfinite(places).all() and np.isfinite(values).all()):

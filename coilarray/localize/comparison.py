@@ -1,4 +1,4 @@
-"""A measured response beside a simulated one: scale, shift, what remains, and the ellipses of both.
+"""A measured response beside a simulated one: scale, shift, residuals, and the ellipses of both.
 
 Nothing is extrapolated. The simulated map is interpolated where the measured one has its positions; positions outside
 of it are left out and counted. The ellipses of both come from the same positions with the same settings, since window
@@ -94,13 +94,13 @@ def compare_responses(
     Raises
     ------
     LocalizeError
-        Datasets that are no responses, no state, depth or position that both have, largest shift or replicates that are
+        Datasets that are not responses, no common state, depth or position, largest shift or replicates that are
         negative.
 
     Notes
     -----
     The standard deviations of scale, shift, rms and correlation are what the noise of the readings does to them, to
-    first order; where no noise is known, the scatter of what remains after the fit is taken for it. Noise of the
+    first order; where no noise is known, it is taken from the scatter of the residuals of the fit. Noise of the
     simulated side (a second measurement) also draws the scale to zero, by noise² over the mean square of its map.
 
     Examples
@@ -266,7 +266,7 @@ def _measured(response: xr.Dataset) -> xr.Dataset:
 
 
 def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
-    """States that both have, in the measured order, and those that one alone has."""
+    """States that both have, in the measured order, and those that only one has."""
     first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
     common = [name for name in first if name in second]
     if not common:
@@ -295,7 +295,7 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
-    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither has any."""
+    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None if neither has any."""
     own, other = (own_noise(data) for data in (measured, simulated))
     if own is None and other is None:
         return None
@@ -306,7 +306,7 @@ def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
 def own_noise(response: xr.Dataset) -> FloatArray | None:
     """Return the standard deviation of δ (depth, y, x, state); where a position has none, that of its state.
 
-    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None where the response does not say.
+    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None if the response does not say.
     """
     if "delta_std" not in response:
         return None

@@ -1,4 +1,4 @@
-"""Why the fitted centre x0 of a coil moves with δ: the paper's own processing on computed maps, each cause off in turn.
+"""Why the fitted centre x0 of a coil moves with δ: computed maps, processed as in the paper, each cause off in turn.
 
 Nothing here is fitted to x0. Every map goes through the same refinement, sweep and ellipse fit; a cause is what x0
 loses when the cause is switched off.
@@ -78,8 +78,8 @@ def distortion(
     imperfections : Imperfections, optional
         Deviations of the experiment, in every map; for example those of a calibration.
     draws : sequence of (Design, Imperfections)
-        What the design may be as well, as `coilarray.studies.calibrate.draws.posterior_draws` returns it: their scatter
-        is the error of x0 and of what the neighbours do to it. At least two, or none.
+        Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them: their scatter is
+        the error of x0 and of what the neighbours do to it. At least two, or none.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
@@ -120,7 +120,7 @@ def distortion(
         if state not in names or state not in [s.name for s in design.plan]:
             raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
     if len(draws) == 1:
-        raise LocalizeError("draws must be at least 2, or none; got 1.")
+        raise LocalizeError("draws must be 0 or at least 2; got 1.")
     levels = np.asarray(deltas, dtype=np.float64)
     given = imperfections or Imperfections()
     maps = _Maps(design, given, progress, len(draws))
@@ -258,7 +258,7 @@ class _Maps:
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
         """Put indenters of metal and ferrite into a map, by their material.
 
-        None where the indenter is no such ball.
+        None if the indenter is no such ball.
         """
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):

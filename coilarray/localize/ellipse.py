@@ -18,7 +18,7 @@ What the paper leaves open, and how it is read here:
 - *The fit* is that of Gal (2003): linear least squares of the conic's coefficients about the mean of the points. Gal's
   function also fits the terms xy and y; Eq. 3 has none, and they are left out.
 - *Which steps were kept* is not said. Here a step is refused where it has fewer than 6 points (twice the unknowns) and
-  where the conic is no ellipse or its centre is outside the map.
+  where the conic is not an ellipse or its centre is outside the map.
 - *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like whole ones. Where one
   arc alone is left, on one side of the centre, it shows where it crosses y = 0, x0 + A or x0 − A, but hardly x0 and A
   each for itself, and a level as wide as its arc is high draws the fit inwards. On a map made of Table A1's own
@@ -104,25 +104,25 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
     Least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB Central File Exchange
     3215, 2003) without its terms in xy and y. The mean matters: an equation whose constant is set to 1 gives another
     fit about another origin where the points are on no ellipse. LocalizeError for points that are too few or not
-    finite, or whose conic is no ellipse.
+    finite, or whose conic is not an ellipse.
     """
     if np.shape(x) != np.shape(y):
-        raise LocalizeError(f"x and y must be of one shape; got {np.shape(x)} and {np.shape(y)}.")
+        raise LocalizeError(f"x and y must have the same shape; got {np.shape(x)} and {np.shape(y)}.")
     points = np.array([x, y], dtype=np.float64)
     if points.ndim != 2 or points.shape[1] < 3 or not np.isfinite(points).all():
         raise LocalizeError(f"an ellipse needs at least three finite points; got an array of shape {points.shape}.")
     mean = float(points[0].mean())
     length = float(np.ptp(points, axis=1).max())
     if length == 0:
-        raise LocalizeError("an ellipse needs points in more than one place.")
+        raise LocalizeError("an ellipse needs points that are not all the same.")
     u, v = (points[0] - mean) / length, points[1] / length
     (a, c, d), _, rank, _ = np.linalg.lstsq(np.stack([u**2, v**2, u], axis=1), np.ones_like(u), rcond=None)
     if rank < 3:
-        raise LocalizeError("the points lie on many conics at once.")
+        raise LocalizeError("the points lie on more than one conic.")
     F = 1 + d**2 / (4 * a) if a else 0.0
     squares = np.array([F / a, F / c]) if a * c else np.zeros(2)
     if not ((squares > 0) & (squares < _LONGEST**2)).all():
-        raise LocalizeError("the conic through the points is no ellipse.")
+        raise LocalizeError("the conic through the points is not an ellipse.")
     A, B = (np.sqrt(squares) * length).tolist()
     return Ellipse(mean - float(d / (2 * a)) * length, A, B)
 
@@ -224,7 +224,7 @@ def fit_ellipses(
         points; ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
         is part of it), in m; ``x0_std``, ``A_std`` and ``B_std`` of `standard_errors`, all points in a cell of the
         sampled grid counted as one; ``undetermined``, whether an ellipse is there but its points do not say where;
-        ``points``, their number; ``refused``, why a step has no ellipse, empty where it has one. Refused steps hold
+        ``points``, their number; ``refused``, why a step has no ellipse, empty if it has one. Refused steps hold
         NaN. ``peak`` (state) is the largest δ of the refined map.
 
     Raises
@@ -413,14 +413,14 @@ def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) ->
     for state in states:
         if state in response.coil.values and abs(float(response.coil_y.sel(coil=state))) > spacing / 2:
             raise LocalizeError(
-                "the ellipse model is that of coils in one row, at y = 0 of the map; "
-                f"{state} is at y = {float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: let the map's origin be a "
-                "coil of the row. For coils in several rows coilarray locate finds positions without ellipses."
+                f"the ellipse model is for coils in one row, at y = 0 of the map; {state} is at y = "
+                f"{float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: take a coil of the row as the map's origin. "
+                "For coils in several rows use coilarray locate without ellipses."
             )
 
 
 def _check_map(delta: xr.DataArray) -> None:
-    """Refuse a map that is too small, or whose axes or values are no numbers."""
+    """Refuse a map that is too small, or whose axes or values are not numbers."""
     x, y = (_axis(delta, name) for name in ("x", "y"))
     bad = np.argwhere(~np.isfinite(delta.transpose("y", "x", ...).values))
     if len(bad):

@@ -121,7 +121,7 @@ class CoilEllipses:
         return self.lowest <= delta <= self.highest
 
     def check(self, delta: float) -> None:
-        """Raise a LocalizeError where a reading is beyond the range of δ."""
+        """Raise a LocalizeError if a reading is beyond the range of δ."""
         if not self.covers(delta):
             raise LocalizeError(
                 f"δ of {self.name} must be within the model, {self.lowest:.4g} to {self.highest:.4g}; got {delta:.4g}."
@@ -158,7 +158,9 @@ class EllipseModel:
 
     def __post_init__(self) -> None:
         if not self.coils or len(set(self.names)) != len(self.coils):
-            raise LocalizeError(f"a model must have one coil or more, each of its own name; got {self.names}.")
+            raise LocalizeError(
+                f"a model must have at least one coil, and each coil a different name; got {self.names}."
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -166,7 +168,7 @@ class EllipseModel:
         return tuple(coil.name for coil in self.coils)
 
     def __getitem__(self, name: str) -> CoilEllipses:
-        """Return the coil of a name; LocalizeError where there is none."""
+        """Return the coil of a name; LocalizeError if there is none."""
         for coil in self.coils:
             if coil.name == name:
                 return coil
@@ -226,20 +228,22 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 def model_from_json(text: str) -> EllipseModel:
     """Read a model that `model_to_json` wrote.
 
-    LocalizeError for text that is no JSON, of another kind or schema, or with keys that are missing or no numbers, for
-    what `EllipseModel` and `CoilEllipses` refuse, and for a model that has changed since, as its checksum shows; one
-    that a person wrote needs none.
+    LocalizeError for text that is not JSON, is of another kind or schema, or has keys that are missing or not numbers;
+    for what `EllipseModel` and `CoilEllipses` refuse; and for a wrong checksum, which a model that a person wrote need
+    not have.
     """
     try:
         data = json.loads(text)
     except (ValueError, RecursionError):
-        raise LocalizeError("an ellipse model must be a JSON file; this is none.") from None
+        raise LocalizeError("an ellipse model must be a JSON file; this is not one.") from None
     if not isinstance(data, dict) or data.get("kind") != _KIND:
         raise LocalizeError(f'an ellipse model must have "kind": "{_KIND}".')
     if data.get("schema") != SCHEMA:
         raise LocalizeError(f"the schema of an ellipse model must be {SCHEMA}; got {data.get('schema')}.")
     if data.pop(_CHECKSUM, None) not in (None, checksum(data)):
-        raise LocalizeError("an ellipse model is damaged: its checksum is wrong; take that key out to use it as it is.")
+        raise LocalizeError(
+            "an ellipse model is damaged: its checksum is wrong; delete that key to use the model anyway."
+        )
     coils = data.get("coils")
     if not isinstance(coils, list):
         raise LocalizeError("an ellipse model must have a list of coils.")
@@ -385,7 +389,7 @@ def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:
 
 
 def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
-    """y² where both ellipses are at x, None where one of them is not there; 0 within rounding of it."""
+    """y² where both ellipses are at x, None if one of them is not there; 0 within rounding of it."""
     squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in (first, second)]
     rounding = _TOUCHING * max(first.B, second.B) ** 2
     if min(squares) < -rounding:

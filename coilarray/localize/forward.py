@@ -1,4 +1,4 @@
-"""Forward model: δ of every state as a smooth function of where the indenter is and how deep it presses."""
+"""Forward model: δ of every state as a smooth function of the position and depth of the indenter."""
 
 from __future__ import annotations
 
@@ -198,10 +198,6 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
         to that of a target, whose distances are its depths here.
-
-    Returns
-    -------
-    ForwardModel
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where and how deep an indentation is, from the δ of all coils: maximum likelihood with everything that also fits.
+"""Position and depth of an indentation from the δ of all coils: maximum likelihood, with all other solutions that fit.
 
 With Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant; the error of a target's
 table, as a part of the δ that is read, is added to the variances. A `Location` keeps every mode, that is every minimum
@@ -32,8 +32,8 @@ IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; that it is
-outside, or deeper; that no position explains the reading; no indentation beyond noise; or it is no reading at all."""
+"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; outside the
+table, or deeper; no position explains the reading; no indentation beyond the noise; or not a reading at all."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
@@ -66,7 +66,7 @@ class Mode:
     chi_square : float
         χ² of the residuals.
     gaussian : bool
-        True where the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
+        True if the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
         it should within a factor of 2, all of them in the table. Elsewhere the region follows from `deviance`.
     border : tuple of str
         Names among x, y and depth that are on the border of the table.
@@ -120,16 +120,16 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """What a reading says about the indentation.
+    """Position of the indentation from one reading, with its uncertainty.
 
     Parameters
     ----------
     verdict : Verdict
         Kind of the result.
     reason : str
-        Why it is not ``"found"``; empty where it is.
+        Why it is not ``"found"``; empty if it is.
     modes : tuple of Mode
-        Best first; none where nothing is pressed or the reading is refused.
+        Best first; none if nothing is pressed or the reading is refused.
     chi_square : float or None
         χ² of the best mode, or of no indentation where nothing is pressed; None for a refused reading.
     degrees_of_freedom : int
@@ -154,14 +154,14 @@ class Location:
 
     @property
     def best(self) -> Mode:
-        """The most likely mode; LocalizeError where there is none."""
+        """The most likely mode; LocalizeError if there is none."""
         if not self.modes:
             raise LocalizeError(f"there is no position: {self.reason}")
         return self.modes[0]
 
     @property
     def ambiguous(self) -> bool:
-        """True where more than one mode is likely enough to be kept."""
+        """True if more than one mode is likely enough to be kept."""
         return len(self.modes) > 1
 
 
@@ -211,10 +211,6 @@ def locate(
     alarm : float
         Least probability of the residuals at which a position is still said to fit, and of the reading itself at which
         it is still said to be noise.
-
-    Returns
-    -------
-    Location
 
     Raises
     ------
@@ -452,7 +448,7 @@ def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
                 raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(states)}.")
         for name in states:
             if name not in reading:
-                raise LocalizeError(f"a reading must have δ of every state; that of {name} is missing.")
+                raise LocalizeError(f"a reading must have δ of every state; {name} is missing.")
         reading = [reading[name] for name in states]
     try:
         values = np.asarray(reading, dtype=np.float64)

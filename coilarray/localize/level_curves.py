@@ -1,4 +1,4 @@
-"""x0, A and B over the levels of δ of one map, and how far noise of the readings moves them."""
+"""x0, A and B over the levels of δ of one map, and their scatter under noise of the readings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LevelCurves:
     `values` and `deviations`, shape (3, levels), are x0, A and B in m and their standard deviations; NaN where a level
     has no ellipse, deviations NaN too where no noise is known. `undetermined`, shape (levels,), marks the levels whose
     points do not determine the ellipse, see `coilarray.localize.ellipse`. `problem` says why there is no
-    ellipse at all; empty where there are some.
+    ellipse at all; empty if there are some.
     """
 
     values: FloatArray

@@ -1,4 +1,4 @@
-"""Press events in a stream of δ: when the sensor is touched and let go, against its own noise and slow drift.
+"""Press events in a stream of δ: when the sensor is touched and released, despite its noise and slow drift.
 
 At rest δ follows a straight line in time, fitted to the latest seconds, so that drift is no press. What deviates from
 that line by more than noise can is a press; it ends when little of it remains.
@@ -46,7 +46,7 @@ class Press:
 
 
 def baseline_text(scans: int) -> str:
-    """Say that δ is not known yet, for the baseline wants so many more scans.
+    """Return the text that δ is not known yet, as the baseline needs so many more scans.
 
     >>> baseline_text(2)
     'baseline: scans without an indentation still wanted: 2'

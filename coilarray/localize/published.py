@@ -1,4 +1,4 @@
-"""What Gast & Zimmermann (2020) published: their tables, their model, and a map made of its ellipses."""
+"""Published results of Gast & Zimmermann (2020): their tables, their model, and a map made from its ellipses."""
 
 from __future__ import annotations
 

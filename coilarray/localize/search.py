@@ -99,7 +99,7 @@ def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
 
 
 def _even(count: int) -> int:
-    """No centre on the middle line of the table: there a board that is symmetric has no slope across it."""
+    """Make a number of cells even: on the middle line a symmetric board has no slope across it."""
     return count + count % 2
 
 

@@ -1,4 +1,4 @@
-"""What plates below the coils send back up to the sheets: infinite ones, and the currents in those with an outline."""
+"""Fields that plates below the coils reflect up to the sheets: by infinite plates, and by plates with an outline."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indenta
         name = f"plate.{k} {plate.name!r}"
         if plate.heights[1] > 0:
             raise MetalError(
-                f"{what} is computed beside plates below the coils; {name} lies above them, in its way: leave it out, "
-                "or give it a z_mm below the board."
+                f"{what} is computed only beside plates below the coils; {name} lies above them: leave it out, or "
+                "give it a z_mm below the board."
             )
 
 
@@ -42,7 +42,7 @@ def backings_of(
     fineness: float = 1.0,
     outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
-    """Return what plates below the coils send back up at each of the frequencies in Hz; empty where there are none.
+    """Return what plates below the coils reflect upwards at each of the frequencies in Hz; empty if there are none.
 
     The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`, where those with an outline are
     not `outlined` already, as `outlined_below` solves them. MetalError for plates beside which nothing above is
@@ -72,7 +72,7 @@ def outlined_below(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates | None:
-    """Solve the plates with an outline below the coils; None where there are none, or a magnetic one.
+    """Solve the plates with an outline below the coils; None if there are none, or a magnetic one.
 
     The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. Errors as of `backings_of`.
     """

@@ -76,7 +76,7 @@ def ball_inductance(
     ball : Ball
         The ball.
     centres : array_like, shape (positions, 3)
-        Where its centre is, in m on the board.
+        Position of its centre in m on the board.
     frequencies : array_like, shape (f,)
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
@@ -101,14 +101,12 @@ def ball_inductance(
         to them that more than 120 multipoles count; a plate that is not below the coils, and what
         `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
 
-    Notes
-    -----
-    Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and infinite
-    plates. Plates with an outline send back the field of the coils and, unless they are magnetic, once that of the
-    ball's dipole. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball of
-    5 mm at 1 mm over a bare board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
+    Notes ----- Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and
+    infinite plates. Plates with an outline reflect the field of the coils and, unless they are magnetic, once that of
+    the ball's dipole. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball
+    of 5 mm at 1 mm over a bare board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
     Multipoles are counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the
     magnetic sheet of gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
 
@@ -133,8 +131,8 @@ def ball_inductance(
     for plate in plates:
         if plate.heights[1] > lowest:
             raise MetalError(
-                f"a ball is computed beside plates below the coils; {plate.name!r} reaches up to "
-                f"z = {plate.heights[1] * 1e3:.4g} mm, the lowest copper lies at {lowest * 1e3:.4g} mm."
+                f"a ball is computed only beside plates below the coils; the top of {plate.name!r} is at z = "
+                f"{plate.heights[1] * 1e3:.4g} mm, the lowest copper at {lowest * 1e3:.4g} mm."
             )
     frequency = checked_frequencies(frequencies)
     outlined = outlined_below(source, plates, frequency.tolist(), sheets, fineness=fineness)
@@ -166,7 +164,7 @@ def ball_over(
 ) -> ComplexArray:
     """`ball_inductance` over what lies below the coils, at its frequency alone.
 
-    Currents in the backing are those without the ball; `returned` is what these send back to its dipole, as
+    Currents in the backing are those without the ball; `returned` is what these reflect to its dipole, as
     `returned_dipoles` has it.
     """
 
@@ -279,7 +277,7 @@ class Multipoles:
 
 
 def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
-    """Return the field that plates with an outline send back to dipoles at the centres `at` of a ball, in T per A·m².
+    """Return the field that plates with an outline reflect to dipoles at the centres `at` of a ball, in T per A·m².
 
     Shape (positions, f, 3, 3); those deeper than the upper face of the flat sheets are taken there.
     """

@@ -1,6 +1,6 @@
-"""Plates with an outline in the air between layers without end: their matrices, and the fluxes of coils in them.
+"""Plates with an outline in the air between infinite layers: their matrices, and the fluxes of coils in them.
 
-Every pair of plates couples by its own field and by the images of one of them, which layers without end make of it
+Every pair of plates couples by its own field and by the images of one of them, which infinite layers make of it
 (`coilarray.metal.layered_air`); so do coils and plates. A plate's own images add to its own matrix.
 """
 
@@ -64,7 +64,7 @@ class SolvedPlates:
 
 @dataclass(frozen=True, eq=False)
 class PlatesInAir:
-    """Coils and plates in the air between layers without end."""
+    """Coils and plates in the air between infinite layers."""
 
     paths: Sequence[Conductor]
     air: LayeredAir

@@ -76,7 +76,7 @@ def moving_plate(
         Flat sheets upwards from z = 0, wide against coils and plates; these lie above the magnetic ones or below the
         copper.
     beside : sequence of Plate or FinitePlate
-        Metal that stays where it is: plates without end, magnetic or not, and others with an outline.
+        Metal that stays where it is: infinite plates, magnetic or not, and others with an outline.
     fineness : float
         Fineness of the mesh: 2 has half the lengths of 1, which errs by some 0.2 % of ΔL (see Notes).
     progress : callable, optional
@@ -95,7 +95,7 @@ def moving_plate(
         copper, sheets or other plates, one too thick for its size where the field enters deeply (the text has the
         number), or an outline too narrow.
     MetalError
-        A plate or a coil in a layer without end; a magnetic plate less than three skin depths thick, with a hole, or
+        A plate or a coil in an infinite layer; a magnetic plate less than three skin depths thick, with a hole, or
         beside others with an outline.
     MemoryLimitError
         Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
@@ -104,7 +104,7 @@ def moving_plate(
     -----
     Currents on the faces and the rim, with the impedance of a plate of any thickness against its skin depth
     (`coilarray.metal.surface_impedance`), by a stream function (`coilarray.metal.half_body`). One matrix serves every
-    place, and is factorised once a frequency. Sheets and plates without end reflect the fields of coils and currents
+    place, and is factorised once a frequency. Sheets and infinite plates reflect the fields of coils and currents
     (`coilarray.metal.layered_air`), and there it is made once a height. All plates with an outline are solved together;
     beside others that stay, it is made at every place. The impedance holds where skin depth or thickness is small
     against the plate's width and the distances to coils and other metal.
@@ -148,7 +148,7 @@ def moving_plate(
         def solve(task: tuple[int, int]) -> ComplexArray:
             return _coupled(body.parities[task[1]].matrix(impedances[task[0]]), both[task[1]])
 
-        for (k, _), part in zip(tasks, run_blocks(solve, tasks, progress), strict=True):
+        for (k, _), part in zip(tasks, run_blocks(solve, tasks, progress=progress), strict=True):
             change[:, k] += part
         return change
     fixed = [_posed(paths, one, f, sheets, fineness) for one in others]
@@ -183,8 +183,8 @@ def outlined_inductance(
 ) -> ComplexArray:
     """Change of the inductance matrix by all plates with an outline among `plates`, against the others alone.
 
-    Shape (frequencies, paths, paths) in H, with the other arguments and the errors of `moving_plate`. The plates
-    without end are in `coilarray.metal.flat_plates.plate_inductance`.
+    Shape (frequencies, paths, paths) in H, with the other arguments and the errors of `moving_plate`. Infinite plates
+    are in `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
@@ -288,7 +288,7 @@ class OutlinedPlates:
         return found
 
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
-        """Return the field in T that the plates send back to a dipole of 1 A·m² at places (n, 3) in m, at one height.
+        """Return the field in T that the plates reflect to a dipole of 1 A·m² at places (n, 3) in m, at one height.
 
         Shape (n, f, 3, 3), for dipoles along the axes of the board; they are square loops of a `size` in m.
         """
@@ -447,10 +447,10 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, nearest: float, ra
             largest = largest.or_worse(model_error(plate.material, plate.thickness, f, inscribed, kappa))
         if largest.whole > LARGEST_ERROR:
             raise GeometryError(
-                f"skin depth or thickness of a finite plate must be small against its inscribed radius of "
+                "skin depth or thickness of a finite plate must be small compared with its inscribed radius of "
                 f"{inscribed * 1e3:.3g} mm and the coils' radius and distance of {scale * 1e3:.3g} mm; "
                 f"{plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
-                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by "
+                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, so that its ΔL would have an error of "
                 f"{largest.whole:.0%}."
             )
     return largest
@@ -472,7 +472,7 @@ def _all_posed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> tuple[PlatesInAir, list[PosedPlate]]:
-    """Layers without end, and the plates with an outline between them."""
+    """Infinite layers, and the plates with an outline between them."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
@@ -482,12 +482,12 @@ def _all_posed(
 
 def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate | FinitePlate]) -> None:
     """Refuse places (n, 3) in m at which a plate reaches into another one."""
-    reach = np.array(plate.heights) - plate.centre[2]
+    bottom, top = np.array(plate.heights) - plate.centre[2]
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     for other in beside:
         low, high = other.heights
         for x, y, z in where.tolist():
-            if z + reach[0] >= high - TOUCHING or z + reach[1] <= low + TOUCHING:
+            if z + bottom >= high - TOUCHING or z + top <= low + TOUCHING:
                 continue
             if isinstance(other, Plate) or shapely.intersects(translate(ground, x, y), _ground(other)):
                 raise GeometryError(

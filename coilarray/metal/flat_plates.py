@@ -1,4 +1,4 @@
-"""Plates without end above and below the coils: what their eddy currents and their iron add to the inductance matrix.
+"""Infinite plates above and below the coils: what their eddy currents and their iron add to the inductance matrix.
 
 What the plates reflect of each plane wave of the coils' field is that of `coilarray.electromagnetics.flat_stack`.
 Between what reflects r_u above and r_l below, at the distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
@@ -140,7 +140,7 @@ def plate_inductances(
     weights = weights * around.damping(k) * steps
     first = 0 if shares is None else 1
     rest = None if progress is None else lambda done, total: progress(first * total + done, (1 + first) * total)
-    change = (change + reflected_inductance(boards, k.tolist(), weights, rest)).reshape(shape)
+    change = (change + reflected_inductance(boards, k.tolist(), weights, progress=rest)).reshape(shape)
     return np.asarray((change + change.swapaxes(-1, -2)) / 2)
 
 
@@ -250,8 +250,8 @@ def _around(
         gaps.append(low - top if low + high > top + bottom else bottom - high)
         if gaps[-1] <= 0:
             raise GeometryError(
-                f"plate {plate.name!r} must lie above or below all paths, from z = {top:g} m or up to {bottom:g} m; "
-                f"it lies from {low:g} to {high:g} m."
+                f"plate {plate.name!r} must lie above all paths, from z = {top:g} m, or below them, up to {bottom:g} "
+                f"m; it lies from {low:g} to {high:g} m."
             )
     for plates in cases:
         layers_apart(plates, sheets)
@@ -303,7 +303,7 @@ def _images(
 ) -> tuple[FloatArray, ComplexArray | None, float]:
     """Distances in m and shares (cases · f, kinds, distances) of images for waves from `split` to `highest`, in 1/m.
 
-    Also from where on they hold to the `tolerance` of the largest wave. None where the spectrum takes all. Every image
+    Also from where on they hold to the `tolerance` of the largest wave. None if the spectrum takes all. Every image
     costs a `mutual_inductance`: the fewest that do, in the order of a QR factorisation with pivots.
     """
     ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)

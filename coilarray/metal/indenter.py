@@ -56,9 +56,9 @@ def indenter_inductance(
         Height in m of its lowest point over the sheets of each dent, above zero where they are not dented; inf for none
         of it. 0 by default.
     backing : Backing, optional
-        What lies below the coils, at this frequency.
+        Plates below the coils, at this frequency.
     outlined : OutlinedPlates, optional
-        Plates with an outline below the coils, at this frequency, which send back the field of the ball's dipole too.
+        Plates with an outline below the coils, at this frequency, which reflect the field of the ball's dipole too.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
@@ -81,9 +81,9 @@ def indenter_inductance(
     they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 0.5 to 2 % too small at
     0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
 
-    Over a backing the field of the coils has all that this sends back of it. What it sends back of the field of ball
-    and dent is left out, but for that of a ball over flat sheets and layers, and, from plates with an outline, that of
-    its dipole, as if the sheets were flat.
+    Over a backing the reflected field of the coils is included completely. The reflected field of ball and dent is left
+    out, except that of a ball over flat sheets and layers and, by plates with an outline, that of its dipole, as if the
+    sheets were flat.
     """
     coils = len(as_conductors(source))
     change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)

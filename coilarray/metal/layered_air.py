@@ -1,4 +1,4 @@
-"""What plates without end and magnetic sheets reflect and let pass, as images of the currents between them.
+"""What infinite plates and magnetic sheets reflect and let pass, as images of the currents between them.
 
 A source at the height s in one gap of air and a place at z in the same or a higher one, z_l the lower face of the lower
 gap and z_u the upper face of the upper one: waves leave the source upwards or downwards and arrive from below or from
@@ -40,14 +40,14 @@ _NOTHING = 1e-6  # of the wave with nothing in its way: what passes a thick plat
 
 
 def layer_of(plate: Plate) -> Layer:
-    """Return a plate as a layer without end."""
+    """Return a plate as an infinite layer."""
     return Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
 
 
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
     """Put plates and the magnetic ones of the sheets upwards from z = 0 in order: lower and upper face in m, and layer.
 
-    GeometryError where they overlap.
+    GeometryError if they overlap.
     """
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
@@ -93,7 +93,7 @@ ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))
 
 @dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Layers without end, upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz."""
+    """Infinite layers, upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz."""
 
     layers: tuple[Layer, ...]
     faces: FloatArray
@@ -101,7 +101,7 @@ class LayeredAir:
 
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Put plates and the sheets upwards from z = 0 together; GeometryError where they overlap."""
+        """Put plates and the sheets upwards from z = 0 together; GeometryError if they overlap."""
         bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
@@ -112,7 +112,7 @@ class LayeredAir:
         floor, roof = self.gap_faces(number)
         if low < floor - TOUCHING or high > roof + TOUCHING:
             raise MetalError(
-                f"{what} must lie between plates without end and magnetic sheets, not in them; it reaches from "
+                f"{what} must lie between infinite plates and magnetic sheets, not in them; it reaches from "
                 f"{low * 1e3:.4g} to {high * 1e3:.4g} mm and the faces next to it lie at {floor * 1e3:.4g} and "
                 f"{roof * 1e3:.4g} mm."
             )
@@ -207,8 +207,8 @@ def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> 
             break
     else:
         raise MetalError(
-            f"what plates without end and magnetic sheets reflect must be a sum of images to {_TOLERANCE:g}; {count} "
-            f"images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
+            f"the reflection by infinite plates and magnetic sheets must be a sum of images to {_TOLERANCE:g}; "
+            f"{count} images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
             f"{np.abs(waves @ shares - wanted.T).max() / largest:.2g}: move plates with an outline farther away from "
             "them."
         )

@@ -17,7 +17,7 @@ for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's place H_c = �
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
-Between sheets and plates without end, G = 1/4πr has the images of `coilarray.metal.layered_air` too: shares of charges
+Between sheets and infinite plates, G = 1/4πr has the images of `coilarray.metal.layered_air` too: shares of charges
 and double layers, of the other sign in mirror images; H_c is what the coils send there between them.
 
 The skin depth is at most a third of the thickness, and small against the width. A hole would need a cut.
@@ -59,13 +59,11 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
             f'{float(frequencies.min()):.4g} Hz: make it thicker, or infinite with shape = "plate".'
         )
     if plate.outline.holes:
-        raise MetalError(
-            f"a magnetic plate with an outline must have no holes; {plate.name!r} has some: leave them out."
-        )
+        raise MetalError(f"a magnetic plate with an outline must not have holes; {plate.name!r} has: leave them out.")
     if others:
         names = ", ".join(other.name for other in others)
         raise MetalError(
-            f"a magnetic plate with an outline is computed only without others with an outline; beside {plate.name!r} "
+            f"a magnetic plate with an outline must be the only one with an outline; beside {plate.name!r} "
             f'there are {names}: leave one of them out, or make it infinite with shape = "plate".'
         )
 

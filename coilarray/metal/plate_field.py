@@ -1,4 +1,4 @@
-"""Field and eddy currents of coils between plates without end, on grids: what pictures show.
+"""Field and eddy currents of coils between infinite plates, on grids: what pictures show.
 
 From b, the vertical flux density of every plane wave in the layers, see `coilarray.electromagnetics.flat_stack`, the
 rest of the field follows: B along the layers is ∇(b'/k²); the induced E = ẑ × ∇(jω b/k²), so that the current through a
@@ -83,7 +83,7 @@ def plate_currents(
     *,
     blur: float,
 ) -> ComplexArray:
-    """Eddy currents through the thickness of plates without end.
+    """Eddy currents through the thickness of infinite plates.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def plate_field(
     z: FloatArray,
     sheets: Sequence[Sheet] = (),
 ) -> ComplexArray:
-    """Change of B by plates without end and by magnetic sheets, against the coils in free space.
+    """Change of B by infinite plates and by magnetic sheets, against the coils in free space.
 
     Parameters
     ----------
@@ -265,6 +265,6 @@ def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
     if count > _MOST_WAVENUMBERS:
         raise MetalError(
             f"B at {_DECAYS / highest * 1e3:.3g} mm from the coils on {extent * 1e3:.4g} mm would need {count} "
-            f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose places farther from the board."
+            f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose points farther from the board."
         )
     return wave_rule(highest, count)

@@ -115,9 +115,9 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above:
     expected = sum(_loop_area(loop) for loop in loops)
     if len(plane_points) > _MOST_NODES:
         raise GeometryError(
-            f"a plate must not be so large or narrow: {plane.area * 1e6:.4g} mm² with {plane.length * 1e3:.4g} mm of "
-            f"rim, {inscribed * 1e3:.3g} mm of inscribed radius and the coils so near need {len(plane_points)} nodes; "
-            f"at most {_MOST_NODES}."
+            f"a plate must not be so large or so narrow: {plane.area * 1e6:.4g} mm² with a rim of "
+            f"{plane.length * 1e3:.4g} mm, an inscribed radius of {inscribed * 1e3:.3g} mm and the coils so near need "
+            f"{len(plane_points)} nodes; at most {_MOST_NODES}."
         )
     if abs(area - expected) > 1e-6 * expected:
         raise GeometryError(

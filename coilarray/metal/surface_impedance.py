@@ -102,7 +102,7 @@ class ModelError:
 
 
 def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> ModelError:
-    """Errors of the reflection of a plate without end, by the λ of a radius, at κ in 1/m.
+    """Errors of the reflection of an infinite plate, by the λ of a radius, at κ in 1/m.
 
     With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both. Of a magnetic plate
     R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and its errors are those of |R|,

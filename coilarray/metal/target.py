@@ -51,7 +51,7 @@ def target_inductance(
     plates : sequence of Plate or FinitePlate
         Metal that stays where it is.
     accuracy : {"full", "screen"}
-        Accuracy of a target without end, see `coilarray.metal.flat_plates.plate_inductance`.
+        Accuracy of an infinite target, see `coilarray.metal.flat_plates.plate_inductance`.
     fineness : float
         Fineness of the mesh of a plate with an outline, see `coilarray.metal.finite_plates.moving_plate`.
     progress : callable, optional

@@ -28,10 +28,10 @@ def ranking_table(result: xr.Dataset) -> Table:
         name: (result[name] - result[name][0]).assign_attrs(long_name=f"{text} − best", units="1")
         for name, text in (("log_evidence", "ln evidence"), ("log_likelihood", "ln likelihood"), ("bic", "BIC"))
     }
-    names = ("combination", "probability", *relative, "chi_square", "degrees_of_freedom", "noise_scale", "told")
+    names = ("combination", "probability", *relative, "chi_square", "degrees_of_freedom", "noise_scale", "determined")
     names += ("converged", "evaluations", "problem")
     shown = dict.fromkeys((*relative, "chi_square", "degrees_of_freedom"), DisplayUnit(digits=2))
-    shown |= {"probability": _FOUR, "noise_scale": DisplayUnit(digits=3), "told": DisplayUnit(digits=0)}
+    shown |= {"probability": _FOUR, "noise_scale": DisplayUnit(digits=3), "determined": DisplayUnit(digits=0)}
     shown |= {"evaluations": DisplayUnit(digits=0)}
     table = dataset_table("ranking", "Combinations", result.assign(relative), names, shown)
     return table.without_empty_columns()
@@ -124,12 +124,12 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
         notes.append(f"{name} is at a bound of its range: the data want it beyond.")
     if not bool(best.converged):
         notes.append("The fit ended before it converged; its errors are those of where it stands.")
-    untold = str(best.untold.values).splitlines()
-    if untold:
-        notes.append("The data tell less than the priors of: " + "; ".join(untold) + ".")
+    undetermined = str(best.undetermined.values).splitlines()
+    if undetermined:
+        notes.append("The data determine less than the priors: " + "; ".join(undetermined) + ".")
     if result.attrs["noise_is"] == _ESTIMATED:
         notes.append(
-            f"The scale of the noise is estimated from what remains: {float(best.noise_scale):.3g} of the standard "
+            f"The scale of the noise is estimated from the residuals: {float(best.noise_scale):.3g} of the standard "
             "deviations given. Whether the model fits at all, it cannot say."
         )
     elif float(best.fit_probability) < _LEAST_DOUBT:
@@ -145,7 +145,7 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
 
 def calibration_pictures(result: xr.Dataset) -> list[Picture]:
     """Draw data, model and what remains by position or level, and the posterior."""
-    pictures = [draw("model", "Measured and fitted, and what remains.", viz.calibration_figure(result))]
+    pictures = [draw("model", "Measured and fitted, and the residuals.", viz.calibration_figure(result))]
     drawn = viz.posterior_figure(result)
     caption = "Posterior of the unknowns between their bounds: draws, and the most probable point as a cross."
     pictures.append(draw("posterior", caption, drawn))

@@ -11,6 +11,8 @@ from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.hardware import check_channel, drive_for, settle_count
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
+_ALIKE = 1e-6  # relative distance of frequencies that tells nothing but rounding
+
 
 def winding_table(scan: xr.Dataset) -> Table:
     """Return one row for each coil: what its winding adds to the inductance and the direct-current resistance."""
@@ -41,11 +43,12 @@ def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
     if not pairs:
         return ""
     one, other, distance = pairs[0]
+    closest = "even alike" if distance < _ALIKE else f"the closest with {100 * distance:.2g} %"
     which = f"{len(pairs)} pairs of states are closer" if len(pairs) > 1 else "one pair of states is closer"
     return (
         "The converter measures one state after another, so that states may have equal frequencies. Only if several "
         f"converters measured at the same time would they need {100 * CLOSE_CHANNELS:g} % between them; {which}, "
-        f"{one} and {other} the closest with {100 * distance:.2g} %."
+        f"{one} and {other} {closest}."
     )
 
 

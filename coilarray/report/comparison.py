@@ -147,7 +147,7 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     if said["points_missing"]:
         notes.append(f"{said['points_missing']} readings of the grid are not measured yet.")
     if said["noise_from"] == "residuals":
-        notes.append("The measured response has no noise figures: ± comes from the scatter of what remains.")
+        notes.append("The measured response has no noise figures: ± comes from the scatter of the residuals.")
     if bool(comparison.at_limit.any()):
         notes.append(
             "A best shift is beyond the range that was searched: its figures are those at the end of the range."

@@ -101,7 +101,7 @@ def none_better(result: Optimization) -> str:
     start = result.start
     if not start.feasible:
         why = f": {start.reason.rstrip('.')}" if start.reason else ""
-        return f"no design is found that keeps all bounds; the design as it was does not either{why}"
+        return f"no design is found that keeps all bounds; the given design does not either{why}"
     kept = [trial for trial in result.trials if trial.feasible and trial.scores and not _is_start(result, trial)]
     text = "no design is better than the one at hand, which keeps all bounds"
     objective = result.goal.objectives[0]
@@ -109,12 +109,12 @@ def none_better(result: Optimization) -> str:
         best = (max if objective.maximized else min)(trial.scores[0] for trial in kept)
         shown = f"{objective.quantity} is {start.quantities[objective.quantity]:.6g}"
         goal, of_it = ("", "") if objective.target is None else (f", {start.scores[0]:.6g} from its target", " from it")
-        text += f": {shown} as it was{goal}, and {best:.6g}{of_it} at best in the search"
+        text += f": {shown} for the given design{goal}, and {best:.6g}{of_it} at best in the search"
     return text
 
 
 def _is_start(result: Optimization, trial: Trial) -> bool:
-    """Whether a trial has the entries of the design as it was, but for rounding."""
+    """Whether a trial has the entries of the given design, but for rounding."""
     return all(
         value == axis.start
         or (isinstance(value, float) and isinstance(axis.start, int | float) and math.isclose(value, axis.start))
@@ -128,7 +128,7 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
     columns = (
         Column("entry"),
         Column("allowed", "may be"),
-        Column("start", "as it was"),
+        Column("start", "given"),
         *(Column(one.label) for one in chosen),
     )
     rows = tuple(
@@ -144,7 +144,7 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
         Column("quantity"),
         Column("unit"),
         Column("wish", "goal"),
-        Column("start", "as it was"),
+        Column("start", "given"),
         *(Column(one.label) for one in chosen),
         Column("says", "what it is"),
     )
@@ -234,12 +234,12 @@ def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Pict
     for i, j in list(itertools.combinations(range(len(result.goal.objectives)), 2))[:_MOST_FRONTS]:
         axes = plot_pareto(result, (i, j), named={one.trial.name: one.label for one in chosen})
         wishes = " and ".join(result.goal.objectives[k].wish for k in (i, j))
-        pictures.append(draw(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the design as it was.", axes))
+        pictures.append(draw(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the given design.", axes))
     return pictures
 
 
 def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
-    boards = {f"{result.design.name}, as it was": result.design.array}
+    boards = {f"{result.design.name}, as given": result.design.array}
     boards |= {one.label: one.design.array for one in chosen}
     return draw("boards", "The boards from above, all copper layers, at one scale.", boards_figure(boards))
 

@@ -74,7 +74,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     fits = fit_ellipses(response, -1)
     model = ellipse_model(fits)
     if len(model.coils) < 2:
-        raise LocalizeError(f"a position needs closed curves of two coils; the map has those of {model.names[0]} only.")
+        raise LocalizeError(f"a position needs closed curves of two coils; the map has only those of {model.names[0]}.")
     delta = response.delta.isel(depth=-1).transpose("y", "x", "state")
     states = delta.state.values.tolist()
     readings = {

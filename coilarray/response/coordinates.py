@@ -100,7 +100,8 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
     name = response.attrs.get("origin", _BOARD)
     if name != _BOARD and "origin_x" not in response.attrs:
         raise LocalizeError(
-            f"the response counts from {name} and does not say where that is on the board; make it again."
+            f"the positions of the response count from {name}, and the file does not say where that is on the board; "
+            "compute it again."
         )
     origin = origin_of(response)
     if origin == (0.0, 0.0):

@@ -110,7 +110,7 @@ def response_map(
         Coils, switches and strays; its inductance matrix is replaced. By default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
-        Where no network is given: leave out alternating-current resistance and all strays.
+        Leave AC resistance and all strays out of the circuit, unless `network` is given.
     inductance : callable, optional
         Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, where it is
         known or being computed elsewhere; without `reach` it is called after the dents are solved. Computed by default
@@ -166,7 +166,7 @@ def response_map(
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
     OutputError
         A part that cannot be written.
 
@@ -303,7 +303,7 @@ def respond(
         A state without a resonance, or one that names a coil that is not there.
     """
     if "inductance_change" not in response:
-        raise ElastomerError("a response of near coils alone has no inductance changes; compute it with reach=None.")
+        raise ElastomerError("a response of only the near coils has no inductance changes; compute it with reach=None.")
     states = design.plan if plan is None else tuple(plan)
     change = response.inductance_change.values if inductance_change is None else inductance_change
     n = change.shape[-1]
@@ -350,7 +350,7 @@ def with_material(
     response : xarray.Dataset
         Response of all coils, from `response_map` without `reach` and without an indenter's material.
     material : Material
-        What the indenter is made of.
+        Material of the indenter.
     imperfections : Imperfections, optional
         Those of the map.
     rest, ideal, mesh
@@ -493,11 +493,11 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
             f'reach must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; got {reach}.'
         )
     if dielectric:
-        raise ElastomerError("the change of capacitance needs every coil: dielectric is for reach=None.")
+        raise ElastomerError("the change of capacitance needs every coil: dielectric needs reach=None.")
     if metal:
         raise ElastomerError(
-            "metal in the indenter or beside the coils needs every coil: reach=None, or metal=False to leave out the "
-            "indenter's."
+            "metal in the indenter or beside the coils needs every coil: use reach=None, or metal=False to leave out "
+            "the indenter's material."
         )
     return reach
 

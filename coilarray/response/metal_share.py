@@ -26,8 +26,8 @@ def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
         raise MetalError(f"rest must be at least 0; got {rest} m.")
     if ball is None and axes.depth[0] < 0:
         raise ElastomerError(
-            f"depth of an indentation must be from 0 where no material of the indenter counts; "
-            f"got {axes.depth[0] * 1e3:.4g} mm."
+            "depth of an indentation must be at least 0 unless the indenter has a material; got "
+            f"{axes.depth[0] * 1e3:.4g} mm."
         )
 
 

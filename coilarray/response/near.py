@@ -97,7 +97,7 @@ def _add_levels(
     for turn, ((k, shares, dent), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
         strengths, fields = _fields(solved, scattering, dent.motion, points, coils)
         respond = partial(_add_delta, delta[k], shares, _padded(states), near, coils, strengths, fields)
-        run_blocks(respond, blocks, progress and _part(progress, turn, len(moving)))
+        run_blocks(respond, blocks, progress=progress and _part(progress, turn, len(moving)))
     return solved.cutoff
 
 

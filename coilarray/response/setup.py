@@ -85,7 +85,7 @@ class Imperfections:
         if not np.isfinite(numbers).all():
             raise ElastomerError(f"tilt, offset, errors, drift and noise must be finite; got {numbers}.")
         if max(map(abs, self.tilt)) > _STEEPEST:
-            raise ElastomerError(f"tilt must be at most {_STEEPEST}, for it is taken as small; got {self.tilt}.")
+            raise ElastomerError(f"tilt must be at most {_STEEPEST}, as it is taken to be small; got {self.tilt}.")
         for name in ("noise", "seed"):
             if getattr(self, name) < 0:
                 raise ElastomerError(f"{name} must not be negative; got {getattr(self, name)}.")
@@ -365,7 +365,7 @@ def _levels(
     lowest = float(rise.min())
     if depths[0] + lowest <= 0:
         raise ElastomerError(
-            f"the indenter at depth {depths[0] * 1e3:.4g} mm loses contact where the tilted sample is "
+            f"the indenter at a depth of {depths[0] * 1e3:.4g} mm has no contact where the tilted sample is "
             f"{-lowest * 1e3:.4g} mm lower than at the origin."
         )
     if np.ptp(rise) <= _LEVEL * abs(lowest):  # one place, or a line along which nothing rises

@@ -24,7 +24,7 @@ from coilarray.compute.threads import Progress, ranges
 from coilarray.design.bundled import names_with
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import MetalError
+from coilarray.errors import MetalError, require_positive
 from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
@@ -55,9 +55,9 @@ def target_of(design: Design) -> Target:
     if design.target is None:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
-            f'the design {design.name} has no [target]: add one, with shape = "disc", diameter_mm = 12, '
-            'thickness_mm = 1, material = "aluminium" and distances_mm = [1, 2, 4], for example; of the bundled '
-            f"designs these have one: {bundled}."
+            f'the design {design.name} has no [target]: add one, for example with shape = "disc", diameter_mm = 12, '
+            'thickness_mm = 1 and material = "aluminium"; bundled designs '
+            f"that have one are {bundled}."
         )
     return design.target
 
@@ -93,7 +93,7 @@ def target_map(
         Coils, switches and strays of this design without the target; by default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
-        Where no network is given: leave out alternating-current resistance of the copper and all strays.
+        Leave AC resistance of the copper and all strays out of the circuit, unless `network` is given.
     fineness : float
         Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; 2 takes eight times as long.
     accuracy : {"full", "screen"}
@@ -131,7 +131,7 @@ def target_map(
     NetworkError
         A state without a resonance, also with the target.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
     OutputError
         A part that cannot be written.
 
@@ -146,6 +146,7 @@ def target_map(
     target = target_of(design)
     if noise is not None:
         require_noise(noise)
+    require_positive("fineness of a mesh", fineness, "")
     require_apart(target.body, design.plates)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
@@ -177,7 +178,7 @@ def target_map(
     else:
         raise MetalError(
             f"a target at {axes.depth[0] * 1e3:g} mm moves a resonance to {moved.min():.6g} to {moved.max():.6g} Hz; "
-            f"it is computed from {band.low:.6g} to {band.high:.6g} Hz. Begin with a greater distance."
+            f"it is computed from {band.low:.6g} to {band.high:.6g} Hz. Begin at a greater distance."
         )
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
@@ -222,7 +223,7 @@ def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> N
         if not values.min() > 0:  # also NaN
             raise MetalError(
                 f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
-                "inductance negative; begin with a greater distance."
+                "inductance negative; begin at a greater distance."
             )
 
 

@@ -71,7 +71,9 @@ def line_response(
     if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")
     if design.plates:
-        raise MetalError(f"the two-dimensional model has no plates; {design.name} has {design.plates[0].name!r}.")
+        raise MetalError(
+            f"the two-dimensional model does not include plates; {design.name} has {design.plates[0].name!r}."
+        )
     names = design.array.names
     name = names[0] if coil is None else coil
     if name not in names:

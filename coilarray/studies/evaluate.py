@@ -61,7 +61,7 @@ def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _kept(entry: object) -> Outcome | None:
-    """Return the outcome in an entry of the store; None where it is no such entry."""
+    """Return the outcome in an entry of the store; None if it is no such entry."""
     match entry:
         case {"reason": str(reason)}:
             return reason

@@ -131,7 +131,7 @@ def parse_axis(text: str) -> Axis:
         ends = float(start), float(stop)
         number = None if count is None else int(count)
     except ValueError:
-        raise GoalError(f"{key} must be a range of numbers, as START:STOP:COUNT; got {values!r}.") from None
+        raise GoalError(f"{key} must be a range of numbers, START:STOP:COUNT; got {values!r}.") from None
     if number is None:
         return Axis(key, ends, interval=True)
     if not 2 <= number <= MOST_POINTS or ends[0] == ends[1] or not all(map(math.isfinite, ends)):
@@ -287,7 +287,7 @@ def run_sweep(
     -------
     xarray.Dataset
         Dimensions are the entries of a grid, or ``sample``; the entries' values are coordinates in the units of their
-        keys, texts where they are no numbers, with the design's own as the attribute ``design_value``. One variable a
+        keys, texts where they are not numbers, with the design's own as the attribute ``design_value``. One variable a
         quantity, by its canonical name and in its unit, NaN where a point has none; ``reason`` says why, and is empty
         elsewhere. One quantity is always `RULES`, of which `keeps_rules` tells. Units and long names in the attributes,
         ``sampling``, ``accuracy``, and those of `coilarray.circuit.coupling.provenance`.

@@ -30,6 +30,7 @@ _GROUPS: Mapping[str, str] = {
     "coilarray.localize": "Position",
     "coilarray.studies": "Studies and report",
     "coilarray.report": "Studies and report",
+    "coilarray.compute": "Errors",
 }
 _ORDER = tuple(dict.fromkeys([*list(_GROUPS.values())[1:], "Errors"]))
 _ROOMS = {"coilarray.viz": "Pictures", "coilarray.hardware": "Boards"}

@@ -81,7 +81,7 @@ accuracy = "screen"
 (folder / "goal.toml").write_text(goal, encoding="utf-8")
 
 # %%
-# ``coilarray optimize strip.toml goal.toml --out better``. The design as it was is tried first, so that the result is
+# ``coilarray optimize strip.toml goal.toml --out better``. The given design is tried first, so that the result is
 # never worse, and a search that is interrupted goes on where it was.
 
 found = folder / "better"

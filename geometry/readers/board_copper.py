@@ -26,7 +26,7 @@ class Track:
     width : float
         Width in m.
     net : str or None
-        None where the file names none.
+        None if the file names none.
     where : str
         "file:line" or "file", for messages.
     """
@@ -93,7 +93,7 @@ class SurfacePad:
     size : float
         Smaller side or diameter in m; a track that ends within half of it from the centre is joined to the pad.
     shape : shapely geometry, optional
-        What it covers in m; without it a disc of `size`.
+        Area that it covers, in m; without it a disc of diameter `size`.
     """
 
     x: float
@@ -113,7 +113,7 @@ class SurfacePad:
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper that is no track: a filled zone, a region, a polygon, a drawn line or text.
+    """Copper that is not a track: a filled zone, a region, a polygon, a drawn line or text.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class CopperArea:
     shape : shapely geometry
         The copper (of a zone without fill, its outline) in m.
     what : str
-        What it is, for messages: "a filled zone", "a drawn line".
+        Name for messages: "a filled zone", "a drawn line".
     """
 
     layer: str
@@ -155,7 +155,7 @@ class BoardCopper:
     edge : tuple of float, optional
         x_min, y_min, x_max, y_max in m of the board's outline, where the file has one.
     notes : tuple of str
-        What a user should know of how the file was read, a sentence each.
+        Sentences on how the file was read, for the user.
     """
 
     source: str
@@ -170,7 +170,7 @@ class BoardCopper:
 
 
 Slab = tuple[float | None, float | None]
-"""Thickness in m and relative permittivity of a dielectric, None where it is not said."""
+"""Thickness in m and relative permittivity of a dielectric, None if it is not said."""
 
 
 def united(parts: Sequence[Slab]) -> Slab:

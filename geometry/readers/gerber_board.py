@@ -50,7 +50,7 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Raises
     ------
     BoardError
-        A path that is no zip or folder, a damaged or foreign file, no or missing copper layers, no plated hole where
+        A path that is not a zip or folder, a damaged or foreign file, no or missing copper layers, no plated hole where
         there are two layers, or what cannot be read as tracks: file, line and reason.
     MissingDependencyError
         gerbonara is not installed.
@@ -82,7 +82,7 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     openings = [(flash.x, flash.y) for flash in _mask_openings(files)]
     holes = [_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
     if len(copper) > 1 and not holes:
-        raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole that joins them.")
+        raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole to connect them.")
     bored = {id(flash) for bore in bores for _, flash in bore.lands}
     pads = tuple(
         SurfacePad(pad.x, pad.y, layer, pad.net, pad.where, pad.pin, pad.size, pad.shape)
@@ -200,14 +200,14 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
     first, last = (int(end) if end.isdecimal() else 0 for end in ends)
     if not 1 <= first <= last <= len(board.names):
         raise BoardError(
-            f"{file.label}: holes must go down from one of the {len(board.names)} copper layers to another; "
-            f"got {','.join(file.function)}."
+            f"{file.label}: holes must go from one of the {len(board.names)} copper layers down to another; got "
+            f"{','.join(file.function)}."
         )
     return board.names[first - 1 : last]
 
 
 def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
-    """Whether a hole has a pad; BoardError where it has none and a track ends in it."""
+    """Whether a hole has a pad; BoardError if it has none and a track ends in it."""
     if bore.pads:
         return True
     hole = bore.hole
@@ -241,7 +241,7 @@ def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
-    """Bounds of the board's outline; None where there is no file of it."""
+    """Bounds of the board's outline; None if there is no file of it."""
     points = [
         point
         for file in files

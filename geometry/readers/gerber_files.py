@@ -35,7 +35,7 @@ class DataFile:
     """One Gerber, Excellon or job file.
 
     `label` is its place for messages, path of the zip or folder and name in it. `function` has the fields of the X2
-    attribute .FileFunction, from the file or from the rules for its name; it is empty where neither says it.
+    attribute .FileFunction, from the file or from the rules for its name; it is empty if neither says it.
     """
 
     label: str
@@ -88,7 +88,7 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
     except FileNotFoundError:
         raise BoardError(f"{path}: there is no such file or folder.") from None
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError, struct.error) as error:
-        raise BoardError(f"{path}: must be a folder or a whole zip of Gerber files; {shown(str(error))}.") from None
+        raise BoardError(f"{path}: must be a folder or an intact zip of Gerber files; {shown(str(error))}.") from None
     except OSError as error:
         raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None
 
@@ -209,7 +209,7 @@ def _document(job: DataFile) -> dict[str, Any]:
     try:
         document = json.loads(job.text)
     except json.JSONDecodeError as error:
-        raise BoardError(f"{job.label}:{error.lineno}: is not a whole Gerber job file: {error.msg}.") from None
+        raise BoardError(f"{job.label}:{error.lineno}: is not a complete Gerber job file: {error.msg}.") from None
     return document if isinstance(document, dict) else {}
 
 

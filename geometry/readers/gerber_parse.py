@@ -67,7 +67,7 @@ class Flash:
 
     `size` is the smaller side of its rectangle, of a round one the diameter, and `shape` what it covers, of an aperture
     that is not round its rectangle, in m. `function` is the first field of the aperture's X2 attribute .AperFunction,
-    `pin` the number of the pad from the attribute .P; empty where there is none.
+    `pin` the number of the pad from the attribute .P; empty if there is none.
     """
 
     x: float
@@ -101,8 +101,8 @@ class Clear:
 class DrilledHole:
     """A hole of a drill file, of a slot its middle; place and diameter in m.
 
-    `function` is the last field of the tool's attribute .AperFunction, as "ViaDrill", empty where there is none;
-    `plated` is None where the file does not say it of this hole.
+    `function` is the last field of the tool's attribute .AperFunction, as "ViaDrill", empty if there is none;
+    `plated` is None if the file does not say it of this hole.
     """
 
     x: float

@@ -58,7 +58,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Raises
     ------
     BoardError
-        A file that is no KiCad board, is truncated, comes from KiCad 5 or older, or holds values that cannot be:
+        A file that is not a KiCad board, is truncated, comes from KiCad 5 or older, or holds values that cannot be:
         file, line and reason.
 
     Notes
@@ -69,7 +69,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
-        raise BoardError(f"{root.where}: a KiCad board begins with (kicad_pcb; this file with ({root.name[:40]}.")
+        raise BoardError(
+            f"{root.where}: a KiCad board begins with (kicad_pcb; this file begins with ({root.name[:40]}."
+        )
     notes = [*_version_note(root)]
     nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none from KiCad 10 on
     origin = root.child("setup", "aux_axis_origin")
@@ -206,10 +208,10 @@ class _Board:
             raise BoardError(
                 f"{drill.where}: a plated hole must have a positive diameter; got {' '.join(drill.words)}."
             )
-        reach = self.layers.stackup.between(layers[0], layers[-1]) if layers else self.layers.stackup.names
+        layers_between = self.layers.stackup.between(layers[0], layers[-1]) if layers else self.layers.stackup.names
         bore = min(diameters) / _PER_M
         shapes = _kept(node, dict.fromkeys(layers, shape), disc(x, y, bore))
-        return [Hole(x, y, bore, size, reach, net, "pad", node.where, number, shapes)], []
+        return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)], []
 
     def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
         """Give the copper of zones, drawn shapes and texts, and whatever else lies on copper or has a net."""

@@ -29,7 +29,7 @@ class KicadLayers:
     assumed: dict[str, str]
 
     def one(self, node: Node) -> str | None:
-        """Return the copper layer in a node's (layer …) or (layers …), beside the mask's; None where there is none."""
+        """Return the copper layer in a node's (layer …) or (layers …), beside the mask's; None if there is none."""
         if node.child("layers") is None:
             node.need("layer")
         found = self.all(node)
@@ -99,7 +99,7 @@ def _depth(name: str) -> float:
 
 
 def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:
-    """Copper thicknesses, and thickness and permittivity of the dielectrics between, None where not said."""
+    """Copper thicknesses, and thickness and permittivity of the dielectrics between, None if not said."""
     copper: dict[str, float | None] = {}
     slabs: list[list[Slab]] = []
     for layer in given.children("layer"):

@@ -49,7 +49,7 @@ def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
     """Return what a drawn shape covers, in m, wherever it lies."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
-    # a line of no width is no copper, unless its inside is filled
+    # a line of no width is not copper, unless its inside is filled
     shape: BaseGeometry = shapely.LineString(outline).buffer(max(_width(node) / 2, 1e-9))
     if kind in ("circle", "rect", "poly") and _filled(node, kind) and len(outline) > 3:
         shape = shapely.union(shapely.Polygon(outline).buffer(0), shape)

@@ -22,7 +22,7 @@ class Quoted(str):
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A list ``(name item …)``: its first word, empty where it has none, and what follows in order.
+    """A list ``(name item …)``: its first word, empty if it has none, and what follows in order.
 
     Words that stood in quotes are `Quoted`. `where` is "file:line" of its opening parenthesis.
     """
@@ -48,21 +48,21 @@ class Node:
         return found
 
     def need(self, name: str) -> Node:
-        """Return the first list of this name inside this one; BoardError where there is none."""
+        """Return the first list of this name inside this one; BoardError if there is none."""
         found = self.child(name)
         if found is None:
             raise BoardError(f"{self.where}: ({self.name} …) must have a ({name} …).")
         return found
 
     def text(self, index: int = 0) -> str:
-        """Return a word; BoardError where there is none."""
+        """Return a word; BoardError if there is none."""
         words = self.words
         if index >= len(words):
             raise BoardError(f"{self.where}: ({self.name} …) must have {index + 1} words; got {len(words)}.")
         return words[index]
 
     def number(self, index: int = 0) -> float:
-        """Return a word as a finite number; BoardError where it is none."""
+        """Return a word as a finite number; BoardError if it is not one."""
         word = self.text(index)
         try:
             value = float(word)
@@ -76,12 +76,12 @@ class Node:
 def read_sexpr(path: Path) -> Node:
     """Read a file of UTF-8 text that holds one s-expression, the outermost list.
 
-    BoardError for a file that cannot be read, is no text, ends too early, or holds anything beside one list.
+    BoardError for a file that cannot be read, is not text, ends too early, or holds anything beside one list.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise BoardError(f"{path}: the file is no text in UTF-8.") from None
+        raise BoardError(f"{path}: the file is not UTF-8 text.") from None
     except OSError as error:
         raise BoardError(f"{path}: cannot be read: {error.strerror}.") from None
     return parse_sexpr(text, str(path))

@@ -40,7 +40,7 @@ class TracedArray:
         Dotted keys of the design whose values are assumed, with the reason; ``coils.*.…`` for all shapes,
         ``coils.NAME.…`` for that of the coil NAME.
     notes : tuple of str
-        What was left out or simplified, a sentence each.
+        Sentences on what was left out or simplified.
     """
 
     array: CoilArray
@@ -105,7 +105,7 @@ def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> S
 
 
 def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
-    """Return a placement of the same shape where a traced coil is one, None where it is not."""
+    """Return a placement of the same shape where a traced coil is one, None if it is not."""
     coil = shape.coil
     if [len(line) for line in coil.lines] != [len(line) for line in traced.lines]:
         return None
@@ -144,7 +144,7 @@ def _via(traced: TracedCoil) -> PlatedHole:
 
 
 def _terminal(traced: TracedCoil) -> PlatedHole | None:
-    """Return the hole at both ends; None where not both have one."""
+    """Return the hole at both ends; None if not both have one."""
     holes = [end for end in traced.ends if isinstance(end, Hole)]
     return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
 
@@ -182,10 +182,10 @@ def _begin(coil: TracedCoil) -> str:
 
 
 def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
-    """Whether all holes go through the whole board; None where some do and some do not."""
+    """Whether all holes go through the whole board; None if some do and some do not."""
     holes = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
-    reach = {hole.layers == board.stackup.names for hole in holes}
-    return None if len(reach) > 1 else reach != {False}
+    through = {hole.layers == board.stackup.names for hole in holes}
+    return None if len(through) > 1 else through != {False}
 
 
 def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> CoilArray:
@@ -208,7 +208,7 @@ def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequenc
     """Median distance in m, edge to edge, weighted by length, of traces side by side with the current in one direction.
 
     `lines` are centre lines, each of shape (n, 2), and `widths` those of their segments, each of shape (n − 1,), in m.
-    None where no two traces of a layer run so: leads, opposite sides of a loop and the legs of a hairpin do not count.
+    None if no two traces of a layer run so: leads, opposite sides of a loop and the legs of a hairpin do not count.
 
     Examples
     --------

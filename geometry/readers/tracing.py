@@ -33,7 +33,7 @@ LEAST_TURNS = 0.9
 and comes back beside itself is a narrow loop, and counts."""
 
 _SHOWN = 12  # names in a message
-_REASONS = 3  # nets in a message, with why they are no coils
+_REASONS = 3  # nets in a message, with why they are not coils
 _LONGEST_WHY = 200  # characters of them
 
 
@@ -47,7 +47,7 @@ class Tracing:
         In the order of the wanted nets; where none were named, of the names, numbers in them counted, and then the
         ones without a net in the order of the file.
     left_out : dict of str to str
-        Nets with tracks that are no coils, and why.
+        Nets with tracks that are not coils, and why.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -60,7 +60,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     Parameters
     ----------
     board : BoardCopper
-        What a reader has found.
+        Copper that a reader has found.
     nets : sequence of str, optional
         Names of the nets that are coils. Without them, every net (and every piece of copper that has no net) that
         is one path from end to end with at least `LEAST_TURNS` turns is one; the others are left out.
@@ -69,7 +69,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     ------
     BoardError
         With `nets`: one that the board does not have, has no track, branches, is closed, comes in several pieces,
-        crosses itself, has a pad or hole across its turns, has copper that is no track, or is touched by copper
+        crosses itself, has a pad or hole across its turns, has copper that is not a track, or is touched by copper
         without a net. Without: no coil at all.
         The message names file, line and position.
 
@@ -128,7 +128,7 @@ class _NetCopper:
 
     @property
     def stands(self) -> list[Copper]:
-        """What is no way for a current but may join ways: holes, pads, and tracks without a length."""
+        """What is not a path for a current but may join paths: holes, pads, and tracks without a length."""
         dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
@@ -168,7 +168,9 @@ def _drawn(nameless: _NetCopper) -> str:
 def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil:
     if copper.areas:
         area = copper.areas[0]
-        raise BoardError(f"{area.where}: net {net} has {area.what} on {area.layer}, which is no current path.")
+        raise BoardError(
+            f"{area.where}: net {net} has {area.what} on {area.layer}, which cannot be taken as a current path."
+        )
     tracks = copper.tracks
     graph = track_graph(tracks, copper.holes, copper.pads)
     pieces = graph.components()
@@ -236,7 +238,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Why a path is no coil; empty where it winds."""
+    """Why a path is not a coil; empty if it winds."""
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around its centre; a coil makes at least one."
 
@@ -269,8 +271,8 @@ class Obstacles:
         """Raise where one of them lies on the path; `own` are the ids of items that belong to the path itself."""
         segments = list(_segments(coil))
         lines = [segment.line for segment in segments]
-        reach = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
-        for k, index in self._tree.query(lines, predicate="dwithin", distance=reach).T.tolist():
+        within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
+        for k, index in self._tree.query(lines, predicate="dwithin", distance=within).T.tolist():
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
                 at = place_in_mm(*lines[k].coords[0])
@@ -288,12 +290,12 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
     shapes = [copper_of(item) for item in items]
     for group in _overlapping(shapes):
         stretches = sorted(
-            (*_stretch(segments[index], shape, reach), index)
+            (*_stretch(segments[index], shape, within), index)
             for k in group
             for layer, shape in shapes[k].items()
             for index in tree.query(shape, predicate="dwithin", distance=coil.widest / 2).tolist()
             if segments[index].layer == layer
-            and shapely.dwithin(shape, segments[index].line, reach := max(segments[index].width / 2 - _OVERLAP, 0.0))
+            and shapely.dwithin(shape, segments[index].line, within := max(segments[index].width / 2 - _OVERLAP, 0.0))
         )
         covered = stretches[0][1] if stretches else 0.0
         for begin, end, index in stretches:
@@ -326,9 +328,9 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
             along += dist(a, b)
 
 
-def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> tuple[float, float]:
+def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
     """Begin and end, along the path, of the part of a segment whose copper meets a shape."""
-    part = shapely.get_coordinates(segment.line & shape.buffer(reach + _OVERLAP))
+    part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
     return segment.begin + float(along.min()), segment.begin + float(along.max())
 

@@ -158,8 +158,8 @@ def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]
     met: set[int] = set()
     for i, j in _close_pairs([(ends[k][0].layer, ends[k][1]) for k in free], widest / 2):
         (one, at), (other, there) = ends[free[i]], ends[free[j]]
-        reach = min(one.width, other.width) / 2
-        if one is not other and not {i, j} & met and math.dist(at, there) <= reach:
+        radius = min(one.width, other.width) / 2
+        if one is not other and not {i, j} & met and math.dist(at, there) <= radius:
             met |= {i, j}
             bridges.append(_Piece(one.layer, at, there, min(one.width, other.width), one.track))
     return bridges
@@ -240,13 +240,13 @@ class TracedCoil:
     vias : tuple of Hole
         Between consecutive lines.
     ends : tuple of (Hole, SurfacePad or None)
-        What stands at the beginning and at the end of the path.
+        Nodes at the beginning and at the end of the path.
     passed : tuple of Hole
         Holes along the path that lead to no other layer.
     where : str
         "file:line" of its first track.
     net : str or None
-        Its net; None where the board names none.
+        Its net; None if the board names none.
     """
 
     name: str

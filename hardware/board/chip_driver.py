@@ -46,7 +46,7 @@ class ChipSettings:
     channels: tuple[int, ...]  # of the states
     scanning: bool  # whether the converter scans several channels
     words: tuple[bytes, ...]  # of the switches in each state
-    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; none where coils are wired to channels
+    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; none if coils are wired to channels
     asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
     active: int  # register CONFIG while the converter is awake
     wait: float  # s, until the first look at STATUS
@@ -88,7 +88,7 @@ class ChipDriver:
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
         self._switches = switches
-        self._held: bytes | None = None  # words of the switches; None where they are not known
+        self._held: bytes | None = None  # words of the switches; None if they are not known
         self._sleep_word = register("CONFIG").reset
         self.asleep = False
         """Whether the converter was put to sleep and not woken since."""

@@ -59,7 +59,7 @@ class Board:
     Attributes
     ----------
     thermometer : callable or None
-        Returns the temperature in °C, None where it is not known just now: that of the emulator, or one that the user
+        Returns the temperature in °C, None if it is not known just now: that of the emulator, or one that the user
         of the board sets.
     """
 
@@ -219,7 +219,9 @@ def wiring_of_board(
     """
     board = board_of(port)
     if coils is not None and (board is None or name is not None):
-        raise HardwareError("coils are named for the channels of a port without switches, and without a wiring file.")
+        raise HardwareError(
+            "coils can be named only for a port with channels instead of switches, and without a wiring file."
+        )
     if board is None or name is not None:
         wiring = load_wiring(name)
         _require_kind(str(name), board, wiring)
@@ -236,7 +238,8 @@ def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> Non
     """Refuse a wiring of switches for a port without, and the reverse, and a channel that the converter lacks."""
     if board is None and wiring.channels:
         raise HardwareError(
-            f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, as i2c:1?channels=0,1."
+            f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, such as "
+            "i2c:1?channels=0,1."
         )
     if board is not None and not wiring.channels:
         raise HardwareError(f"{where}: wiring {wiring.name} has switches; a port with channels has none.")

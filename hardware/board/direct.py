@@ -196,7 +196,7 @@ class DirectReader:
         faults = [sample.fault for sample in samples]
         try:
             kept = self._chips.hold(chip_settings, thoroughly=any(fault in BUS_FAULTS for fault in faults))
-        except BusFault:  # what is not confirmed is no measurement
+        except BusFault:  # what is not confirmed is not a measurement
             faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
         else:
             if not kept:

@@ -64,7 +64,7 @@ def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
 
 
 def _words(wiring: Wiring, state: ScanState) -> bytes | None:
-    """Words of a state; None where the wiring cannot turn a coil round."""
+    """Words of a state; None if the wiring cannot turn a coil round."""
     try:
         return wiring.words(state)
     except HardwareError:
@@ -119,7 +119,7 @@ class Fault:
 
 
 def _oscillates(closure: Closure, measured: bool) -> bool | None:
-    """Whether there is a sensor at the pins; None where a coil leads one to ground, or two are in series."""
+    """Whether there is a sensor at the pins; None if a coil leads one to ground, or two are in series."""
     if closure.joined("INA", "INB") or closure.joined("INA", "ground") or closure.joined("INB", "ground"):
         return False
     if closure.conducts("INA", "ground") or closure.conducts("INB", "ground"):

@@ -1,4 +1,4 @@
-"""Whether the first conversions after sleep are right, and how many of them to throw away."""
+"""Accuracy of the first conversions after sleep, and how many of them to discard."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class FirstConversions:
 
 
 def first_conversions(reader: Reader, settings: ScanSettings, *, progress: Progress | None = None) -> FirstConversions:
-    """Measure how far the first conversions after sleep are off.
+    """Measure the error of the first conversions after sleep.
 
     Parameters
     ----------

@@ -209,7 +209,7 @@ class MicrocontrollerReader:
         finally:
             self._gates += gate.counts
         if scan is None:
-            raise NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not asked for.")
+            raise NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not requested.")
         self._faults = frozenset(sample.fault for sample in scan.samples)
         if _was_reset(scan):
             raise self._ended(StreamEndReason.CONVERTER_RESET)
@@ -287,7 +287,7 @@ class MicrocontrollerReader:
         """Check that the session goes on, and that no stream runs."""
         self._session.check()
         if self._stream:
-            raise HardwareError("a stream runs; close its iterator first.")
+            raise HardwareError("a stream is running; close its iterator first.")
         if self._unsure:
             self.rest()
 
@@ -317,7 +317,7 @@ class MicrocontrollerReader:
 
     def _run(self, settings: ScanSettings, interval: int) -> Generator[RawScan]:
         if self._configured() is not settings:
-            raise HardwareError("the board was configured again since the scans were asked for; ask again.")
+            raise HardwareError("the board was configured again after the scans were requested; request them again.")
         longest = _longest_scan(settings)
         self._session.ping(longest)  # scans of this stream are not older than this
         gate = ScanGate(configuration=self._hash, states=len(settings.states), start=self._session.newest)

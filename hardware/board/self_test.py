@@ -90,10 +90,6 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     progress : callable, optional
         Function called with (done, total) after each group of states.
 
-    Returns
-    -------
-    SelfTest
-
     Raises
     ------
     BusFault, SwitchFault
@@ -147,7 +143,7 @@ def _answered(reader: Reader) -> RawScan:
         scan = reader.scan()
         if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
             return scan
-    raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; nothing could be tried.")
+    raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; nothing could be tested.")
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
@@ -167,7 +163,9 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
     reader.configure(trying)
     scan = _answered(reader)
     if any(sample.fault == SampleFault.SWITCHES_DIFFER for sample in scan.samples):
-        raise SwitchFault("the chain of switches returns other words than it was sent; no switch could be tried.")
+        raise SwitchFault(
+            "the chain of switches does not return the words that it was sent; no switch could be tested."
+        )
     frequencies = [state.frequency for state in read_scan(scan, trying, _ANY_CAPACITANCE).states]
     seen = [_Seen(trial, frequency) for trial, frequency in zip(group, frequencies, strict=True)]
     return _compared(seen) if group[-1].other is not None else seen
@@ -247,7 +245,7 @@ def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> It
 
 
 def _expected(predicted: Prediction, reference: Prediction) -> int | None:
-    """Whether a frequency rises (1), stays (0) or falls (−1); None where more than one coil changes."""
+    """Whether a frequency rises (1), stays (0) or falls (−1); None if more than one coil changes."""
     added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
     return added - removed if added + removed <= 1 else None
 

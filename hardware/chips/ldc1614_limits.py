@@ -96,7 +96,7 @@ class Limit:
 
     @property
     def kept(self) -> bool:
-        """True where the value is in the range."""
+        """True if the value is in the range."""
         return self.low <= self.value <= self.high
 
     @property

@@ -91,7 +91,7 @@ class Register:
         return all("LDC1614 only" in field.meaning for field in self.fields)
 
     def field(self, name: str) -> Field:
-        """Return a field that is not reserved; HardwareError where there is none of that name."""
+        """Return a field that is not reserved; HardwareError if there is none of that name."""
         named = {field.name: field for field in self.fields if not field.reserved}
         if name not in named:
             raise HardwareError(f"register {self.name} has the fields {', '.join(named)}; got {name!r}.")

@@ -48,7 +48,7 @@ class World(Protocol):
         """Refuse a place where the indenter cannot go; HardwareError."""
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives at its resonance; None where nothing oscillates.
+        """Return the tank that the converter drives at its resonance; None if nothing oscillates.
 
         `state` has the measured coils and the terminations of the others; `temperature` is the board's in °C.
         """

@@ -1,4 +1,4 @@
-"""What surrounds an emulated converter: time, temperature, its own clock, and noise."""
+"""Surroundings of an emulated converter: time, temperature, its own clock, and noise."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class Conditions:
     noise : float
         Relative standard deviation of a frequency at full resolution; that of `Readout` by default.
     clkin : float or None
-        Frequency at the pin CLKIN in Hz; None where the pin is grounded.
+        Frequency at the pin CLKIN in Hz; None if the pin is grounded.
     first_offset : float
         Error of the first conversion after sleep in codes, of which each further one has a quarter. Users of the
         FDC2214, which has the same core, report tens of thousands; neither size nor fading is verified.

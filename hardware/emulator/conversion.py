@@ -66,13 +66,13 @@ class Surroundings(Protocol):
     """Everything that is connected to a converter."""
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
-        """Return the tank at a channel; None where nothing can oscillate."""
+        """Return the tank at a channel; None if nothing can oscillate."""
 
     def internal_clock(self, time: float) -> float:
         """Return the frequency of the chip's own oscillator in Hz."""
 
     def external_clock(self, time: float) -> float | None:
-        """Return the frequency at the pin CLKIN in Hz; None where it is grounded."""
+        """Return the frequency at the pin CLKIN in Hz; None if it is grounded."""
 
     @property
     def noise(self) -> float:
@@ -139,7 +139,7 @@ class Setting:
         return len(self.sequence) > 1
 
     def problems(self, clock: float | None) -> Iterator[str]:
-        """Yield what the data sheet does not allow, given the clock in Hz; None where the chosen one is missing."""
+        """Yield what the data sheet does not allow, given the clock in Hz; None if the chosen one is missing."""
         if clock is None:
             yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
         elif self.external and not EXTERNAL_CLOCK_RANGE[0] <= clock <= EXTERNAL_CLOCK_RANGE[1]:

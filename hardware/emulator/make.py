@@ -79,14 +79,10 @@ def emulated_board(
     strict : bool
         Whether undocumented use of the converter raises UndocumentedUse; it is noted in any case.
     folder : Path, optional
-        Where circuit and response table are kept, as `coilarray.compute.store.open_store` says.
+        Folder of the store in which circuit and response table are kept, as in `coilarray.compute.store.open_store`.
     progress : callable, optional
         Called with (done, total) while a response table is computed: when the indenter is pressed for the first time
         and no table is kept.
-
-    Returns
-    -------
-    EmulatedBoard
 
     Raises
     ------

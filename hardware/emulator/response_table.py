@@ -1,4 +1,4 @@
-"""What an indentation anywhere does to the inductance matrix of a board: a table, kept and interpolated."""
+"""Change of a board's inductance matrix by an indentation at any position: a table, stored and interpolated."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class SensorWorld:
             self.table.check(place)
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives; None where the circuit has no resonance."""
+        """Return the tank that the converter drives; None if the circuit has no resonance."""
         seen = (state.measured, state.connection, state.others, *state.exceptions.items())
         if seen not in self._untouched:
             self._untouched[seen] = self._resonance(state)

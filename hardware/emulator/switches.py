@@ -104,7 +104,7 @@ class EmulatedChain:
         self._after_change()
 
     def find(self, coil: int, end: int, net: Net) -> tuple[int, int]:
-        """Return device and bit of the switch from an end of a coil to a net; HardwareError where there is none."""
+        """Return device and bit of the switch from an end of a coil to a net; HardwareError if there is none."""
         for device, switches in enumerate(self.devices):
             for bit, switch in enumerate(switches):
                 if switch == WiredSwitch((coil, end), net):

@@ -38,7 +38,7 @@ class Drift:
     coefficients: tuple[float, ...]  # c_1 … c_n, without unit
     covariance: tuple[tuple[float, ...], ...]  # of the relative inductance and the coefficients, (n + 1, n + 1)
     scatter: float  # relative standard deviation of one scan about the curve
-    smooth: bool  # whether the scans scatter about the curve randomly; False where no such curve describes L_0
+    smooth: bool  # whether the scans scatter about the curve randomly; False if no such curve describes L_0
     state: str = ""
     session: int = 0  # index in its recording
     boot: int = 0  # session number of the board

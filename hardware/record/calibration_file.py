@@ -66,7 +66,7 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
     """
     document = _CALIBRATIONS.parse(text, origin)
     if document.get("kind") != _KIND:
-        raise HardwareError(f'{origin} is no calibration of a board: it must have kind = "{_KIND}".')
+        raise HardwareError(f'{origin} is not a calibration of a board: it must have kind = "{_KIND}".')
     file = _CALIBRATIONS.check(_File, document, origin)
     try:
         return file.build()
@@ -75,7 +75,7 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
 
 
 def save_calibration(calibration: BoardCalibration, path: Path) -> None:
-    """Write the constants of a board with a checksum behind them; OutputError where that fails."""
+    """Write the constants of a board with a checksum behind them; OutputError if that fails."""
     write_bytes(path, sealed(calibration_to_toml(calibration).encode()))
 
 
@@ -91,7 +91,7 @@ def load_calibration(path: str | Path) -> BoardCalibration:
     try:
         unsealed(text.encode(), path)
     except DamagedError as error:
-        raise HardwareError(f"{error} Delete its last line to use it as it is.") from None
+        raise HardwareError(f"{error} Delete its last line to use it anyway.") from None
     return calibration_from_toml(text, str(path))
 
 

@@ -263,7 +263,7 @@ class _Run:
             self.reader.configure(session.settings)
         except BoardRestarted as fault:  # the reader's session is over
             if self.reconnect is None:
-                raise BoardRestarted(f"{str(fault).rstrip('.')}; run again to go on with the recording.") from None
+                raise BoardRestarted(f"{str(fault).rstrip('.')}; run again to continue the recording.") from None
             self.reader = self.reconnect()
             self.reader.configure(session.settings)
         if self.reader.identity.boot != session.identity.boot:

@@ -57,7 +57,7 @@ class BoardCalibration:
     """Constants of a board; HardwareError for an implausible clock, or a state that occurs twice.
 
     The capacitances follow from known inductances or those of the simulated design; with the latter, measured and
-    simulated L agree by construction, which is no test.
+    simulated L agree by construction, which is not a test.
     """
 
     source: str  # for people
@@ -66,10 +66,10 @@ class BoardCalibration:
     emulated: bool
     design_hash: str
     clock: float  # of the converter in Hz
-    clock_error: float | None  # standard error in Hz; None where the clock is that of the settings
+    clock_error: float | None  # standard error in Hz; None if the clock is that of the settings
     clock_from: ClockFrom
     inductances_from: InductancesFrom | None = None
-    channels: tuple[Channel, ...] = ()  # empty where no inductances were given
+    channels: tuple[Channel, ...] = ()  # empty if no inductances were given
     drifts: tuple[Drift, ...] = field(default=())  # of the recording that the constants were computed from
 
     def __post_init__(self) -> None:
@@ -88,7 +88,7 @@ class BoardCalibration:
                 raise HardwareError(f"every {key} of a calibration must have a state of its own.")
         if bool(self.channels) != (self.inductances_from is not None):
             raise HardwareError(
-                "capacitances_from must say what the capacitances of every [[channel]] stand on, where there are some."
+                "capacitances_from must give the source of the capacitances if any [[channel]] has one."
             )
 
     @property
@@ -136,7 +136,7 @@ def calibrate_board(
         fewer than two scans at rest, a damaged file.
     """
     if inductances is not None and from_design:
-        raise HardwareError("inductances must be known or simulated, not both.")
+        raise HardwareError("inductances must be either known or simulated, not both.")
     for name, value in (("inductances", inductance_error), ("frequency", frequency_error)):
         if not 0 <= value <= _MOST_ERROR:
             raise HardwareError(f"the relative error of the {name} must be 0 to {_MOST_ERROR:g}; got {value:g}.")
@@ -237,7 +237,7 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
 def _remove_drift(
     response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
 ) -> bool:
-    """Replace δ of a state by δ from its drift, in place; return False where a session has no drift."""
+    """Replace δ of a state by δ from its drift, in place; return False if a session has no drift."""
     peaks = (series.stage.values == "peak") & series.finished.values
     peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]

@@ -49,7 +49,7 @@ class LiveLog:
             self._file.flush()
 
     def add(self, reading: LiveReading) -> None:
-        """Write the line of a scan; OutputError where that fails, for example on a full disk."""
+        """Write the line of a scan; OutputError if that fails, for example on a full disk."""
         states = {state.name: state for state in reading.states}
         deltas = [states[name].delta for name in self._states]
         verdicts = [states[name].verdict for name in self._states]
@@ -154,12 +154,12 @@ def read_log(path: Path) -> xr.Dataset:
     xarray.Dataset
         Over ``scan`` and ``state``: ``delta``, NaN where there is none, and ``verdict``, 0 good, 1 doubtful, 2 bad.
         Over ``scan``: the other columns by their names without the unit, NaN where empty; ``press`` is 0 where nothing
-        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty where none was asked for.
+        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty if none was asked for.
 
     Raises
     ------
     OutputError
-        A file that is no log, or a line of it that no log has: which line and column.
+        A file that is not a log, or a line of it that no log has: which line and column.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -171,8 +171,8 @@ def read_log(path: Path) -> xr.Dataset:
     states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
     columns_of = log_columns(states, temperature=_TEMPERATURE in head[-2:])
     if head not in (columns_of, columns_of[:-1]):  # earlier versions wrote no checksums
-        raise OutputError(f"{path} is no log of a live display.")
-    if head == columns_of and len(cut.rpartition(",")[2]) > len(checksum()):  # whole, but its end is no end of a line
+        raise OutputError(f"{path} is not a log of a live display.")
+    if head == columns_of and len(cut.rpartition(",")[2]) > len(checksum()):  # whole, but cut within its last line
         raise OutputError(f"{path}, line {len(rows) + 2} is damaged: its checksum is wrong.")
     for line, row in enumerate(rows, start=2):
         if len(row) != len(head):

@@ -1,4 +1,4 @@
-"""Scan by scan: δ of every state relative to a baseline, and where the indentation is; no input, output or display."""
+"""Scan by scan, δ of every state relative to a baseline, and the position of the indentation; no input or output."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class LiveReading:
     elapsed: float  # s since the first scan of this session of the board
     states: tuple[LiveState, ...]  # in the order of the scan
     waiting: int  # scans that the baseline still needs; 0 once it is complete
-    location: Location | None  # of the indentation; None where it was not asked for or cannot be found
+    location: Location | None  # of the indentation; None if it was not asked for or cannot be found
     problem: str  # why there is no location, where one was asked for; otherwise empty
     noise: float | None  # standard deviation of δ, each state's own, that the location assumes; None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
@@ -55,7 +55,7 @@ class LiveReading:
     press: Press | None = None  # during this scan, or that has ended with it
     received: float | None = None  # arrival in s since the epoch by the computer's clock
     temperature: float | None = None  # of the board in °C, where it is known
-    common_noise: float | None = None  # standard deviation of δ by what all states share; None where it is not known
+    common_noise: float | None = None  # standard deviation of δ by what all states share; None if it is not known
 
 
 class LiveTracker:
@@ -64,7 +64,7 @@ class LiveTracker:
     Parameters
     ----------
     model : ForwardModel or None
-        Model of the board; None where no location is wanted.
+        Model of the board; None if no location is wanted.
     baseline_scans : int
         Number of scans without an indentation whose mean is L_0.
     budget : NoiseBudget, optional
@@ -114,7 +114,7 @@ class LiveTracker:
         self.rezero()
 
     def rezero(self) -> None:
-        """Measure the baseline anew from the next scan on."""
+        """Measure the baseline again from the next scan on."""
         self._rest: list[tuple[float, Mapping[str, float]]] = []  # times in s, and L in H by state
         self._base: dict[str, float] | None = None
         self._noise = math.nan
@@ -206,7 +206,7 @@ class LiveTracker:
         return math.sqrt(float(squares.max(initial=0.0)) + of_references)
 
     def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
-        """Return δ less that of the references, of the other states; none where a reference has none."""
+        """Return δ less that of the references, of the other states; none if a reference has none."""
         if not self._reference:
             return dict(delta)
         if not set(self._reference) <= set(delta):

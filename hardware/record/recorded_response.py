@@ -82,7 +82,7 @@ def recorded_response(
     missing = int((count == 0).any(axis=-1).sum())
     if missing and not partial:
         places = campaign.size // campaign.repeats
-        raise HardwareError(f"{recording.path} is not whole: {missing} of {places} positions are not measured yet.")
+        raise HardwareError(f"{recording.path} is not complete: {missing} of {places} positions are not measured yet.")
     mean = _mean(delta)
     if campaign.repeats > 1:
         squares = np.nansum((delta - mean) ** 2, axis=0)
@@ -193,7 +193,7 @@ def response_csv(response: xr.Dataset) -> str:
 
 
 def series_csv(series: xr.Dataset) -> str:
-    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty where unknown.
+    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty if unknown.
 
     Where the series has temperatures, ``temperature_C`` follows, nan where unknown. The last column is the checksum of
     the line.

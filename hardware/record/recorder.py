@@ -47,13 +47,13 @@ _DURABLE = 1.0  # s
 _T = TypeVar("_T")
 
 Thermometer = Callable[[], float | None]
-"""Returns the temperature in °C; None where it is not known just now."""
+"""Returns the temperature in °C; None if it is not known just now."""
 
 
 class Recorder:
     """A recording that is open for writing, from `open_recorder`; call `start` before any other method.
 
-    Every method writes completely or not at all, and raises OutputError where that fails, for example on a full disk.
+    Every method writes completely or not at all, and raises OutputError if that fails, for example on a full disk.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -170,7 +170,9 @@ class Recorder:
     def _require_ours(self, scan: RawScan) -> None:
         settings, boot = self.session.settings, self.session.identity.boot
         if scan.boot != boot:
-            raise BoardRestarted(f"the board restarted: its session was {boot:08X}, scan {scan.sequence} has another.")
+            raise BoardRestarted(
+                f"the board restarted: its session was {boot:08X}, that of scan {scan.sequence} is another."
+            )
         if scan.configuration != settings.hash or len(scan.samples) != len(settings.states):
             raise HardwareError(
                 f"scan {scan.sequence} has the settings {scan.configuration:04X} and {len(scan.samples)} states; "
@@ -305,7 +307,7 @@ def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bo
         require_recording(connection, path)
         if not resume:
             scans = connection.execute("SELECT count(*) FROM scan").fetchone()[0]
-            raise OutputError(f"{path} is a recording of {scans} scans already; resume it or name another file.")
+            raise OutputError(f"{path} already is a recording, of {scans} scans; resume it or name another file.")
         first = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
     if first != "ok":
         raise HardwareError(f"{path} is damaged: {' '.join(str(first).split())}.")
@@ -324,10 +326,10 @@ def _require_same(recording: Recording, session: RecordedSession, campaign: str 
     )
     for what, then, now in pairs:
         if then != now:
-            raise HardwareError(f"cannot go on with {recording.path}: its {what} was {then}; now it is {now}.")
+            raise HardwareError(f"cannot continue {recording.path}: its {what} was {then}; now it is {now}.")
     if recording.campaign != campaign:
         what = "no campaign" if recording.campaign is None else "another campaign" if campaign else "a campaign"
-        raise HardwareError(f"cannot go on with {recording.path}: it is of {what}.")
+        raise HardwareError(f"cannot continue {recording.path}: it is of {what}.")
 
 
 def _kind(session: RecordedSession) -> str:

@@ -166,7 +166,7 @@ class Recording:
                     yield scan
 
     def scan(self, number: int) -> RecordedScan:
-        """Read one scan, also of a file of which other parts are damaged; HardwareError where it is itself."""
+        """Read one scan, also of a file of which other parts are damaged; HardwareError if it is itself."""
         with closing(self._scans(number - 1, number)) as found:
             for scan, _, _ in found:
                 return scan

@@ -33,7 +33,7 @@ CREATE TABLE session (              -- from opening a board to letting go of it
     boot INTEGER NOT NULL,
     emulated INTEGER NOT NULL,
     port TEXT NOT NULL,
-    settings TEXT NOT NULL,         -- JSON: what the board was told
+    settings TEXT NOT NULL,         -- JSON: sent to the board
     settings_hash INTEGER NOT NULL, -- of every scan of this session
     wiring TEXT NOT NULL,
     capacitances TEXT NOT NULL,     -- JSON: F by state, as L was computed with while measuring
@@ -47,7 +47,7 @@ CREATE TABLE self_test (            -- of the switches and coils, before and aft
     checksum TEXT NOT NULL,
     session INTEGER NOT NULL REFERENCES session (id),
     time REAL NOT NULL,             -- s since the epoch
-    symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none where it has passed
+    symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none if it has passed
     findings TEXT NOT NULL          -- JSON: faults that each alone explain it
 );
 CREATE TABLE campaign (             -- none or one row
@@ -89,7 +89,7 @@ CREATE TABLE sample (
     PRIMARY KEY (scan, state)
 ) WITHOUT ROWID;
 """
-# earlier versions neither make nor miss this table, and so it is no reason for another schema
+# earlier versions neither make nor miss this table, and so it is not a reason for another schema
 _TEMPERATURES = """
 CREATE TABLE IF NOT EXISTS temperature (
     scan INTEGER PRIMARY KEY REFERENCES scan (id),
@@ -218,9 +218,9 @@ def is_blank(connection: sqlite3.Connection) -> bool:
 def require_recording(connection: sqlite3.Connection, path: Path) -> None:
     """Refuse another program's database, and a recording of a newer version, with a HardwareError."""
     if is_blank(connection):
-        raise HardwareError(f"{path} is no recording: it is empty.")
+        raise HardwareError(f"{path} is not a recording: it is empty.")
     if _pragma(connection, "application_id") != APPLICATION:
-        raise HardwareError(f"{path} is no recording: it is a database of another program.")
+        raise HardwareError(f"{path} is not a recording: it is a database of another program.")
     schema = _pragma(connection, "user_version")
     if not 1 <= schema <= SCHEMA:
         raise HardwareError(
@@ -235,7 +235,7 @@ def require_recording(connection: sqlite3.Connection, path: Path) -> None:
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """Open a file read-only, also while a recorder writes it, and also where nothing may be written beside it.
 
-    HardwareError for a file that is not there, cannot be read or is no database.
+    HardwareError for a file that is not there, cannot be read or is not a database.
     """
     try:
         if path.is_dir():
@@ -268,7 +268,7 @@ def reading(path: Path) -> Iterator[None]:
     except UnicodeDecodeError:  # SQLite quotes a damaged file in its error
         raise HardwareError(f"{path} is damaged: it has texts that are not UTF-8.") from None
     except sqlite3.DatabaseError as error:
-        what = "no recording" if "not a database" in str(error) else "damaged"
+        what = "not a recording" if "not a database" in str(error) else "damaged"
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
 
 

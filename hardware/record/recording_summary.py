@@ -13,7 +13,7 @@ from coilarray.hardware.scan.readings import Reason, StateReading, Verdict, read
 
 
 class StateSummary:
-    """Gathers the readings of a state; means are None where none was good or doubtful."""
+    """Gathers the readings of a state; means are None if none was good or doubtful."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -53,7 +53,7 @@ class StateSummary:
     def noise(self) -> float | None:
         """Relative standard deviation of the inductance at rest, from differences of scans, in which a drift cancels.
 
-        None where there are no two such scans; the difference of two readings has twice the variance of one.
+        None if there are no two such scans; the difference of two readings has twice the variance of one.
         """
         mean = self.inductance
         return math.sqrt(self._squares / self._steps / 2) / mean if mean is not None and self._steps else None

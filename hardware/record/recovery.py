@@ -1,4 +1,4 @@
-"""What is damaged in a recording, and a new recording of what is not."""
+"""Damage of a recording, and a new recording of its intact scans."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TABLES = ("session", "campaign", "position", "self_test")
 
 @dataclass(frozen=True)
 class Damage:
-    """What of a recording is not whole."""
+    """Damaged parts of a recording."""
 
     scans: int  # of the recording, damaged ones included
     damaged: tuple[int, ...]  # numbers of the scans that are not whole
@@ -39,7 +39,7 @@ class Damage:
 
 
 def find_damage(path: Path) -> Damage:
-    """Read a recording as a whole and find what is damaged; HardwareError for a file that is no recording at all."""
+    """Read a recording as a whole and find what is damaged; HardwareError for a file that is not a recording at all."""
     try:
         with open_recording(path) as recording:
             recording.check()
@@ -53,10 +53,10 @@ def find_damage(path: Path) -> Damage:
 
 
 def recover_recording(path: Path, target: Path) -> Damage:
-    """Write a new recording of the scans of another one that are whole, and return what was lost.
+    """Write a new recording of the intact scans of another one, and return what was lost.
 
-    Scans are numbered anew. A position of a campaign of which a scan is lost counts as not measured, so that
-    ``coilarray campaign --resume`` measures it again. HardwareError where no scan is whole, OutputError where the new
+    Scans are renumbered. A position of a campaign of which a scan is lost counts as not measured, so that
+    ``coilarray campaign --resume`` measures it again. HardwareError if no scan is whole, OutputError if the new
     file cannot be written; the other one is only read.
     """
     with closing(connect_to_read(path)) as connection:
@@ -64,7 +64,7 @@ def recover_recording(path: Path, target: Path) -> Damage:
         damage = remains.damage()
         whole = [number for number in range(1, damage.scans + 1) if number not in set(damage.damaged)]
         if not whole:
-            raise HardwareError(f"{path} has no scan that is whole.")
+            raise HardwareError(f"{path} has no intact scan.")
         lost = remains.incomplete(whole)
 
         def write(temporary: Path) -> None:
@@ -145,7 +145,7 @@ class _Remains(Recording):
             return None
 
     def _number(self, query: str) -> int | None:
-        """Return a number of rows, None where it cannot be read or the file is too short for so many."""
+        """Return a number of rows, None if it cannot be read or the file is too short for so many."""
         try:
             (found,) = self._connected.execute(query).fetchone()
         except sqlite3.Error:

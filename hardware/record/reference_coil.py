@@ -1,4 +1,4 @@
-"""Drift correction by reference coils, which the indenter does not reach: their δ is taken from that of the others.
+"""Drift correction by reference coils, away from the indenter: their δ is subtracted from that of the others.
 
 A clock or a tank capacitor that drifts changes δ of all coils alike, as do supply and expansion of the board. What is
 not alike stays, and each reference adds its own noise: `coilarray.circuit.noise_budget.NoiseBudget.referenced` says how

@@ -1,4 +1,4 @@
-"""How steady the readings of a board at rest are: the Allan deviation of every state against the averaging time."""
+"""Stability of the readings of a board at rest: the Allan deviation of every state against the averaging time."""
 
 from __future__ import annotations
 

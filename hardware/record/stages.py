@@ -1,4 +1,4 @@
-"""What moves the indenter: a person, a machine that speaks G-code over a serial port, or the emulator.
+"""Stages that move the indenter: a person, a machine that takes G-code over a serial port, or the emulator.
 
 A campaign gives every stage x and y from the map's origin, and a depth that is 0 where the indenter just touches. What
 people see and set is on the board: instructions, limits, and the coordinates of a machine, whose user homes it and sets
@@ -48,7 +48,7 @@ class Stage(Protocol):
         """Indent to a depth in m below the point of contact, at a speed in m/s."""
 
     def relax(self, speed: float) -> None:
-        """Lift off at a speed in m/s; does nothing where the indenter does not touch."""
+        """Lift off at a speed in m/s; does nothing if the indenter does not touch."""
 
     def retreat(self) -> None:
         """Lift off after a failure, where that needs no person. Never raises."""
@@ -60,7 +60,7 @@ class Stage(Protocol):
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    `ask` shows an instruction and returns when it was carried out; it raises HardwareError where nobody answers. The
+    `ask` shows an instruction and returns when it was carried out; it raises HardwareError if nobody answers. The
     places in it are those on the board, where the map has its `origin` in m.
     """
 
@@ -291,7 +291,7 @@ class GcodeStage:
             taken += len(data)
             self._rest = (self._rest + data)[-_LONGEST_LINE - _MOST_AT_ONCE :]
             if taken > _MOST_BYTES:
-                raise self._failed("sends without end; is it a stage")
+                raise self._failed("sends without end; is it really a stage")
 
     def _pass_greeting(self, seconds: float) -> None:
         """Discard what the machine says first: many restart when their port is opened."""

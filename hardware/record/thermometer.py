@@ -30,7 +30,7 @@ _LONGEST = 4096  # bytes
 
 
 def file_temperature(path: Path) -> float:
-    """Read a temperature in °C from a file; HardwareError where there is none.
+    """Read a temperature in °C from a file; HardwareError if there is none.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def file_temperature(path: Path) -> float:
 def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
     """Read a file once a second in the background; the function gives the temperature in °C, None for an outdated one.
 
-    HardwareError where the file has no temperature at first; later on there is none while it cannot be read.
+    HardwareError if the file has no temperature at first; later on there is none while it cannot be read.
     """
     latest = (file_temperature(path), time.monotonic())
     ended = threading.Event()

@@ -1,8 +1,8 @@
 """Whether the log that SQLite writes ahead of a database is whole.
 
 A recording that was killed has its last scans in the file ``-wal`` beside it. SQLite reads that log up to the first
-frame whose checksum is wrong and takes the rest for the end of a broken-off write: a flipped bit there would take away
-every scan behind it, without a word.
+frame whose checksum is wrong and takes the rest for the end of a broken-off write: a flipped bit there would silently
+remove every scan after it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MAGIC = 0x377F0682  # its last bit: checksums of big-endian words
 
 
 def require_whole_log(path: Path) -> None:
-    """Raise HardwareError where the log beside a recording is damaged, see `log_damage`, or cannot be read."""
+    """Raise HardwareError if the log beside a recording is damaged, see `log_damage`, or cannot be read."""
     try:
         for left in range(_TIMES, -1, -1):
             damage = log_damage(path)
@@ -35,9 +35,9 @@ def require_whole_log(path: Path) -> None:
 
 
 def log_damage(path: Path) -> str:
-    """Say in words what is damaged in the log beside a database; empty where it is whole or there is none.
+    """Say in words what is damaged in the log beside a database; empty if it is whole or there is none.
 
-    A frame that is cut off at the end is no damage: its write was broken off. Frames of an earlier log, which SQLite
+    A frame that is cut off at the end is not damage: its write was broken off. Frames of an earlier log, which SQLite
     leaves behind those of the present one, have both salts of that one. OSError for a log that cannot be read.
 
     Notes

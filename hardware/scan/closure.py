@@ -1,4 +1,4 @@
-"""Which switch closes which end of which coil to which net, and what the closed switches make of the coils. No I/O.
+"""The switch from each end of each coil to each net, and the circuit of the coils that closed switches form. No I/O.
 
 The one table of a board's switches: the check of the settings, the self-test and the emulated board all read it. The
 firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.md`).
@@ -227,7 +227,7 @@ def _sense(branch: Branch, start: Node) -> Sense:
 
 
 def _passive(branch: Branch, ground: Node) -> Passive:
-    """Say what closes a coil that no current of the converter passes."""
+    """Return the termination of a coil that carries no current of the converter."""
     if branch.ends[0] == branch.ends[1]:
         return "ground"  # joined ends carry the induced current wherever they are
     first, second = (end == ground for end in branch.ends)

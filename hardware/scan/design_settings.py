@@ -77,10 +77,6 @@ def design_settings(
     discard : int
         Number of conversions to throw away after waking, 0 to 15.
 
-    Returns
-    -------
-    ScanSettings
-
     Raises
     ------
     HardwareError
@@ -99,8 +95,8 @@ def design_settings(
     unknown = [name for name in names if name not in wiring.coils]
     if unknown and not wiring.channels:
         raise HardwareError(
-            f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; "
-            f"there are {', '.join(wiring.coils)}: give the wiring of this board."
+            f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; there are "
+            f"{', '.join(wiring.coils)}: give the wiring file of this board."
         )
     plan = design_plan(design, states)
     if unknown:

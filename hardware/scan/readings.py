@@ -210,10 +210,6 @@ def read_scan(
     temperature : float, optional
         Temperature of the board in °C, which stands in the result and changes nothing else.
 
-    Returns
-    -------
-    ScanReading
-
     Raises
     ------
     HardwareError
@@ -235,8 +231,8 @@ def read_scan(
     """
     if scan.configuration != settings.hash:
         raise HardwareError(
-            f"scan {scan.sequence} was measured with other settings, {scan.configuration:04X}; "
-            f"these are {settings.hash:04X}."
+            f"scan {scan.sequence} was measured with the settings {scan.configuration:04X}, not with "
+            f"{settings.hash:04X}."
         )
     if len(scan.samples) != len(settings.states):
         raise HardwareError(f"scan {scan.sequence} must have {len(settings.states)} states; got {len(scan.samples)}.")

@@ -57,7 +57,7 @@ class StateSettings:
 
     `words` has the byte of each device while it is measured; the first one goes to the far end of the chain. Without
     switches it is empty, and the coil is at a `channel` of the converter, 0 to 3, which may have its own settling time
-    and input divider; None where they are those of the scan.
+    and input divider; None if they are those of the scan.
     """
 
     name: str
@@ -413,10 +413,6 @@ def scan_settings(
         Number of conversions to throw away after waking, 0 to 15. Users of the FDC2214, which has the same core, report
         first conversions that are far off; not verified. The self-test of a board measures how many it takes.
 
-    Returns
-    -------
-    ScanSettings
-
     Raises
     ------
     HardwareError
@@ -467,11 +463,11 @@ def scan_settings(
     except ValueError as error:
         raise HardwareError(str(error)) from None
     if offset and not FAMILIES[family].has_offset:
-        raise HardwareError(f"offset must be 0, for which an FDC has no register; got {offset}.")
+        raise HardwareError(f"offset must be 0, as an FDC has no register for it; got {offset}.")
     least = min(one / divider for one, divider in zip(frequencies, dividers, strict=True)) / fastest
     if not 0 <= offset / (1 << 16) < least:
         raise HardwareError(
-            f"offset must be 0 to less than {least * (1 << 16):.0f}, which is the sensor itself; got {offset}."
+            f"offset must be 0 to less than {least * (1 << 16):.0f}, the code of the sensor itself; got {offset}."
         )
     settings = ScanSettings(
         states=tuple(

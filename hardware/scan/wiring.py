@@ -86,7 +86,7 @@ class Wiring:
         Names of the coils.
     devices : tuple of Device
         Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
-        goes to the last one. None where coils are wired to channels.
+        goes to the last one. None if coils are wired to channels.
     assumed : tuple of (str, str)
         Keys of the wiring that are not verified, each with the reason.
     channels : tuple of int
@@ -226,10 +226,6 @@ class Wiring:
         switches : Switches
             Resistance, leads and tank, which stay.
 
-        Returns
-        -------
-        Switches
-
         Examples
         --------
         >>> from coilarray.design.switch_parts import PARTS
@@ -319,10 +315,6 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     name_or_path : str or Path, optional
         Name of a bundled wiring, or a TOML file; by default ``"six_coils"``, one device a coil.
 
-    Returns
-    -------
-    Wiring
-
     Raises
     ------
     HardwareError
@@ -371,8 +363,8 @@ def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: 
     """
     if len(coils) > len(channels):
         raise HardwareError(
-            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; "
-            f"none is left for {coils[len(channels)]}: name the coils that are wired, as --coils "
+            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; none is "
+            f"left for {coils[len(channels)]}: name the coils that are wired, such as --coils "
             f"{','.join(coils[: len(channels)])}."
         )
     used = tuple(channels[: len(coils)])
@@ -437,7 +429,8 @@ class _WiringTable(Table):
         """Return the wiring."""
         if self.channels and self.coils:
             raise HardwareError(f"wiring {name} must have coils with devices, or channels of coils; got both.")
-        parts = {name: switch_part(name) for name in (*self.part, *(device.part for device in self.device))}
+        parts = {name: switch_part(name, "a table of wiring.part") for name in self.part}
+        parts |= {device.part: switch_part(device.part) for device in self.device}
         bits = {name: self.part[name].bits if name in self.part else part.bits for name, part in parts.items()}
         reasons = {"wiring": self.assumed}
         for key, part in parts.items():

@@ -30,7 +30,7 @@ class ChannelBoard:
     address : int
         I²C address.
     source : str
-        Where its values come from; none is verified on a device.
+        Source of its values; none is verified on a device.
     """
 
     converter: Converter
@@ -68,7 +68,7 @@ BOARDS = MappingProxyType({
 
 
 def channel_board(options: dict[str, str]) -> ChannelBoard | None:
-    """Take the options that describe such a board out of the options of a port; None where there are none.
+    """Take the options that describe such a board out of the options of a port; None if there are none.
 
     They are ``board=grove-ldc1612``, or ``channels=0,1`` with ``chip=LDC1612`` (LDC1614 by default) and ``clock=40MHz``
     (at CLKIN; ``internal`` by default); given with a board they change it. HardwareError for a value that is not valid.

@@ -154,7 +154,9 @@ class EvmRegisterBus:
         if flood is not None:
             raise flood
         if not heard:
-            raise NoAnswer(f"no evaluation module answers at {self._port.name}: another device, or hanging firmware.")
+            raise NoAnswer(
+                f"no evaluation module answers at {self._port.name}: it is another device, or its firmware hangs."
+            )
         if heard.startswith(_REFUSAL):
             raise NotABoard(
                 f"the firmware of the evaluation module at {self._port.name} answers FF 00 4C and takes neither of the "
@@ -202,16 +204,18 @@ class EvmRegisterBus:
         quiet = self._clock.now() + _QUIET
         while (now := self._clock.now()) < quiet:
             if now >= end:
-                raise NotABoard(f"{self._port.name} never stops sending; another device, or a module that streams.")
+                raise NotABoard(
+                    f"{self._port.name} never stops sending: it is another device, or a module that streams."
+                )
             if self._port.read(quiet - now):
                 quiet = self._clock.now() + _QUIET
 
 
 class _Refused(BusTimeout):
-    """An answer that is none: too short, or to another command."""
+    """An invalid answer: too short, or to another command."""
 
     def __init__(self, name: str, heard: bytes) -> None:
-        what = f"sent {_shown(heard)}, which is no answer" if heard else f"did not answer in {_REPLY_TIME:g} s"
+        what = f"sent {_shown(heard)}, which is not an answer" if heard else f"did not answer in {_REPLY_TIME:g} s"
         super().__init__(f"the evaluation module at {name} {what}.")
         self.heard = heard
 

@@ -149,7 +149,7 @@ class Link:
         Raises
         ------
         NoAnswer, NotABoard
-            No reply to any attempt: nothing intact came, or bytes that are no lines.
+            No reply to any attempt: nothing intact came, or bytes that are not lines.
         CommandRefused, BusFault
             The board says why not.
         """

@@ -33,7 +33,7 @@ def linux_buses() -> tuple[str, ...]:
 
 
 def i2c_clock(bus: int) -> float | None:
-    """Return the clock in Hz that the device tree sets for an I²C bus of this computer; None where it does not say.
+    """Return the clock in Hz that the device tree sets for an I²C bus of this computer; None if it does not say.
 
     The property is a 32-bit number, most significant byte first, as every number in a device tree.
     """
@@ -150,7 +150,7 @@ def _opening(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError:
         there = ", ".join(linux_buses()) or "none at all"
-        raise HardwareError(f"there is no {path}; of its kind there are: {there}.") from None
+        raise HardwareError(f"there is no {path}; ports of this kind: {there}.") from None
     except PermissionError:
         raise HardwareError(
             f"{path} may not be opened by this user; add the user to the group {_group(path)}."

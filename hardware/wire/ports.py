@@ -141,7 +141,7 @@ def parse_port(text: str) -> Port:
 
 
 def board_of(port: Port) -> ChannelBoard | None:
-    """Return the converter whose channels the coils of a port are wired to; None where there are switches."""
+    """Return the converter whose channels the coils of a port are wired to; None if there are switches."""
     return None if isinstance(port, SerialPort) else port.board
 
 

@@ -18,7 +18,7 @@ try:
 except ImportError:  # Windows
     _LOSSES: tuple[type[Exception], ...] = (OSError,)
 else:
-    _LOSSES = (OSError, termios.error)  # pyserial lets the second one through, which is no OSError
+    _LOSSES = (OSError, termios.error)  # pyserial lets the second one through, which is not an OSError
 
 BAUD = 115200
 """Baud rate of the protocol."""
@@ -48,7 +48,7 @@ class PortInfo:
     """A serial port of this computer, as the system describes it.
 
     The name, "/dev/ttyACM0" or "COM5", is what opens it. A port that is not at USB has no vendor and product; the
-    serial number is empty where the device has none.
+    serial number is empty if the device has none.
     """
 
     name: str
@@ -99,7 +99,7 @@ def list_serial_ports() -> tuple[PortInfo, ...]:
 def choose_serial_port(name: str | None = None) -> PortInfo:
     """Return the port of a name, of a USB serial number, or by default the only one of a known board.
 
-    A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER", whose leading zeros do not matter. HardwareError where no
+    A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER", whose leading zeros do not matter. HardwareError if no
     port fits, or more than one; the message lists them.
     """
     ports = list_serial_ports()
@@ -124,7 +124,7 @@ def _only(meant: list[PortInfo], what: str, ports: tuple[PortInfo, ...]) -> Port
 def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:
     """Open a port for this program alone, 8N1 without flow control.
 
-    HardwareError where that fails: the port is missing, not allowed, or used by another program. MissingDependencyError
+    HardwareError if that fails: the port is missing, not allowed, or used by another program. MissingDependencyError
     without pyserial.
     """
     return _SerialPort(name, baud)

@@ -124,7 +124,7 @@ def test_resonance_of_strongly_coupled_coils(k):
     (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
     (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
     (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
-    (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "must be positive definite; .* coils lie in one place"),
+    (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "must be positive definite; .* two coils are in the same place"),
     (lambda: active_coil([[2, 1], [0, 2]], 0, 0, F), "must be symmetric; between coils 1 and 2 it has"),
     (lambda: couple(["a", "b"], [[1, 2], [2, 1]], 0, 1e-12), "must be positive definite"),
     (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),

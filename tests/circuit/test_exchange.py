@@ -77,7 +77,7 @@ def test_plain_names_are_distinct(names):
 @pytest.mark.parametrize(("names", "message"), [
     ([], "names must be one or more; got 0"),
     (["a", " "], "every coil needs a name; got an empty one"),
-    (["a", "b", "a"], "names must be all different; got 'a' more than once"),
+    (["a", "b", "a"], "names must be different; got 'a' more than once"),
 ])  # fmt: skip
 def test_bad_names(names, message):
     with pytest.raises(ValueError, match=message):
@@ -279,7 +279,7 @@ def test_capacitors_between_coils_are_those_of_the_network():
 
 @pytest.mark.parametrize(("arguments", "message"), [
     ((["A"], np.eye(2), 1.0), "names must be 2; got 1"),
-    ((["A", "A"], np.eye(2), 1.0), "all different"),
+    ((["A", "A"], np.eye(2), 1.0), "names must be different"),
     ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
     ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
     ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
@@ -350,7 +350,7 @@ LOOP = Conductor(SQUARE, 1e-4, 3e-5, name="loop")
     ({"frequencies": [1e6, 1.0005e6]}, r"one factor above 1\.001"),
     ({"resistivity": 0}, "resistivity must be positive and finite; got 0"),
     ({"filaments_across": (0, 1)}, r"two positive integers; got \(0, 1\)"),
-    ({"source": [LOOP, LOOP]}, "all different; got 'loop'"),
+    ({"source": [LOOP, LOOP]}, "names must be different; got 'loop'"),
     ({"source": [SQUARE]}, "path 1 has segments without a cross-section"),
 ])  # fmt: skip
 def test_bad_fasthenry_arguments(changes, message):
@@ -415,9 +415,9 @@ def test_foreign_fasthenry_file():
     ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
     ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
     (".External na nc", ".external na", "line 14: a port needs two nodes"),
-    (".External na nc", ".external na n2", "line 14: a port needs one unbranched path from na to n2"),
-    (".External na nc", "* no port", "line 11: the segment is on the path of no port"),
-    ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments go on from na"),
+    (".External na nc", ".external na n2", "line 14: a port needs its own unbranched path from na to n2"),
+    (".External na nc", "* no port", "line 11: the segment is not on the path of any port"),
+    ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments continue from na"),
     (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
     ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
     (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
@@ -450,14 +450,14 @@ def test_zc_matrix():
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    (ZC, "", "0 rows an impedance matrix are due; got []"),
-    (ZC, "Row 1:  a  to  b\n", "1 rows an impedance matrix are due; got []"),
+    (ZC, "", "each impedance matrix must have 0 rows; got []"),
+    (ZC, "Row 1:  a  to  b\n", "each impedance matrix must have 1 rows; got []"),
     ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
     ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
     ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
-    ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
-    ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
-    (ZC.splitlines(keepends=True)[-1], "", "2 rows an impedance matrix are due; got [2, 1]"),
+    ("+0.236j", "+nanj", "line 7: a matrix must have 2 rows of 2 impedances"),
+    ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: a matrix must have 2 rows of 2 impedances"),
+    (ZC.splitlines(keepends=True)[-1], "", "each impedance matrix must have 2 rows; got [2, 1]"),
     ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
 ])  # fmt: skip
 def test_bad_zc_matrix(old, new, message):
@@ -522,13 +522,13 @@ def test_touchstone_of_one_port(tmp_path, reference):
 @pytest.mark.parametrize(("changes", "message"), [
     ({"frequencies": []}, "at least one frequency"),
     ({"frequencies": 1e6}, "at least one frequency"),
-    ({"frequencies": [1e6, 1e6]}, "rise from one to the next"),
-    ({"frequencies": [-1, 1e6]}, "rise from one to the next"),
-    ({"frequencies": [1e6]}, r"shape \(1, n, n\), a matrix a frequency; got \(2, 2, 2\)"),
+    ({"frequencies": [1e6, 1e6]}, "not negative and rising"),
+    ({"frequencies": [-1, 1e6]}, "not negative and rising"),
+    ({"frequencies": [1e6]}, r"shape \(1, n, n\), one matrix per frequency; got \(2, 2, 2\)"),
     ({"impedance": np.ones((2, 2, 3))}, "must have shape"),
     ({"impedance": np.full((2, 2, 2), np.nan)}, "impedances must be finite"),
     ({"names": ["A"]}, "names must be 2; got 1"),
-    ({"names": ["A", "A"]}, "all different"),
+    ({"names": ["A", "A"]}, "names must be different"),
     ({"reference_resistance": 0.0}, "positive and finite; got 0.0 Ω"),
 ])  # fmt: skip
 def test_bad_touchstone(tmp_path, changes, message):

@@ -145,7 +145,7 @@ def test_the_emulated_board_and_files_have_the_plates(shielded: ca.Design, tmp_p
 
 @pytest.mark.slow
 def test_a_plate_with_an_outline(bare: ca.Design, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A wide one does what one without end does, alone and beside another, but for 1 % of the field beyond its rim."""
+    """A wide one does what an infinite one does, alone and beside another, but for 1 % of the field beyond its rim."""
     coarse = partial(circuit_plates.outlined_inductance, fineness=0.6)  # 0.6 % off in all, 0.4 % on the full mesh
     monkeypatch.setattr(circuit_plates, "outlined_inductance", coarse)
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))

@@ -98,9 +98,9 @@ def test_blocks_of_another_version_are_not_gone_on_with(coupling, coils, small_b
         with pytest.raises(StopError):
             write_inductance_matrix(matrix, coils, pool, progress=stop_after(2))
         monkeypatch.setattr("coilarray.compute.store.code_version", lambda: "1.0+edited")
-        with pytest.raises(OutputError, match="of other inputs or another version"):
+        with pytest.raises(OutputError, match="for other inputs or from another version"):
             write_field_volume(volume, STARTER, coupling, "coil2", *GRID, pool)
-        with pytest.raises(OutputError, match="of other inputs or another version"):
+        with pytest.raises(OutputError, match="for other inputs or from another version"):
             write_inductance_matrix(matrix, coils, pool)
     assert [path.exists() for path in (volume, matrix)] == [False, False]
 
@@ -200,7 +200,7 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, here, small_blocks, mo
     assert (code, out) == (130, "")
     kept, last = err.splitlines()
     assert kept.startswith("coilarray: 2 of ")
-    assert kept.endswith(" blocks are kept in field.nc.parts; the same command goes on from there")
+    assert kept.endswith(" blocks are kept in field.nc.parts; the same command continues from there")
     assert last == "coilarray: interrupted"
     assert [path.name for path in here.iterdir()] == ["field.nc.parts"]
     monkeypatch.setattr(volumes, "field_block", whole)

@@ -72,20 +72,20 @@ def test_the_emulator_has_the_coils_of_any_design(capsys):
 
 
 def test_capacitances_that_the_design_leaves_out_are_told(capsys):
-    said = "[emulator] capacitance at a coil: 120 pF, as the design says; with those of ADG739 it would be 217.5 pF"
+    said = "[emulator] switch capacitance across a coil: 120 pF, from the design; with ADG739 it would be 217.5 pF"
     assert said in good(capsys)
     for others in (
         ("--emulate", "switches=counted"),
         ("starter",),
         ("--port", "emulator?channels=0", "--coils", "coil1"),
     ):
-        assert "capacitance at a coil" not in good(capsys, *others)
+        assert "capacitance across a coil" not in good(capsys, *others)
 
 
 def test_a_good_board_passes_its_self_test(capsys):
     out = good(capsys, "--self-test", "--find-drives")
     assert all(line.startswith("[emulator] ") for line in out.splitlines())
-    assert "self-test passed: the board is as its wiring says, as far as can be seen" in out
+    assert "self-test passed: the board agrees with its wiring, as far as the test can show" in out
     assert "--drive coil1=7 --drive coil2=8" in out  # 46 and 52 µA into 28 and 27 kΩ: 1.65 and 1.8 V
     rows = {line.split()[1]: line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil")}
     assert float(rows["coil1"][0]) == pytest.approx(1.4004, abs=1e-4)  # coilarray impedance: 1.4004 MHz
@@ -94,7 +94,7 @@ def test_a_good_board_passes_its_self_test(capsys):
 
 def test_first_conversions_that_are_off_are_told_with_the_option_that_helps(capsys):
     out = good(capsys, "--self-test", "--emulate", "first_offset=40000")
-    assert "[emulator] first conversions after sleep are off by more than 2.0e-6; throw some away:\n" in out
+    assert "[emulator] first conversions after sleep are off by more than 2.0e-6; discard some:\n" in out
     assert "[emulator] --discard 8\n" in out
     assert "self-test passed" in out
     row = next(line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil1"))
@@ -109,7 +109,7 @@ def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
     code, out, err = run(capsys, "--self-test")
     assert code == 2
     assert "[emulator]   coil3 does not oscillate with all others grounded" in out
-    assert "[emulator] each of these alone explains it:" in out
+    assert "[emulator] any one of these explains it:" in out
     assert "[emulator]   U3.S2A (coil3.a to INA) stays open" in out
     reason = "coil3 does not oscillate with all others grounded."
     assert err == f"coilarray: error: the self-test of emulator has failed: {reason}\n"

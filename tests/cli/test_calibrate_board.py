@@ -58,9 +58,9 @@ def test_every_line_of_an_emulated_board_says_so(capsys, recordings):
     first, *_, last = lines = out.splitlines()
     assert all(line.startswith("[emulator] ") for line in lines)
     assert (first, last) == ("[emulator] clock 43400000 Hz, from the settings", "[emulator] wrote board.toml")
-    assert "no test" not in out
+    assert "proves nothing" not in out
     # two coils: half of 4·13 + (48 − 42 − 13) + 4 pF of the bus and 42 pF of a coil's end
-    assert "[emulator] expected of the design: 120 pF, 165.5 pF with the capacitances of its switches" in out
+    assert "[emulator] expected from the design: 120 pF, 165.5 pF with the capacitances of its switches" in out
     found = load_calibration("board.toml")
     assert [len(drift.coefficients) for drift in found.drifts] == [2, 2]
     assert set(found.capacitances) == {"coil1", "coil2"}

@@ -81,7 +81,7 @@ def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, cap
     # going on takes the same kind of board
     refused = measure_refused(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil1", "--resume",
                               "--out", run)  # fmt: skip
-    assert "cannot go on" in refused
+    assert "cannot continue" in refused
 
 
 def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_path, capsys):
@@ -123,7 +123,7 @@ def test_live_shows_every_scan(design, capsys):
 def test_the_board_is_tested_and_what_is_not_verified_is_told(design, capsys):
     out = look(capsys, design, "--port", GROVE, "--self-test", "--find-drives")
     assert "self-test passed" in out
-    assert "felt by" not in out  # of coils at channels f alone is measured: no columns without any value
+    assert "sensed by" not in out  # of coils at channels f alone is measured: no columns without any value
     assert "[emulator] coil   f in MHz\n" in out
     assert "Grove 2-channel inductive sensor: LDC1612, channels 0, 1, 40 MHz at CLKIN (5449/3055)" in out
     assert "not verified on a device" in out
@@ -136,7 +136,7 @@ def test_the_board_is_tested_and_what_is_not_verified_is_told(design, capsys):
     (("--port", GROVE, "--wiring", "six_coils"), "has switches; a port with channels has none"),
     (("--port", "emulator?channels=0,1&chip=LDC1312"), "has results of 12 bits"),
     (("--port", GROVE, "--rate", "10000"), "rate must be at most"),
-    (("--coils", "coil1"), "coils are named for the channels of a port without switches"),
+    (("--coils", "coil1"), "coils can be named only for a port with channels instead of switches"),
 ])  # fmt: skip
 def test_what_cannot_be_is_one_line(design, capsys, arguments, words):
     assert words in measure_refused(capsys, design, *arguments, "--single")

@@ -19,7 +19,7 @@ from coilarray.localize.comparison import compare_responses
 from coilarray.localize.published import published_map
 from coilarray.report.comparison import scale_table
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures")]
 
 _, refused = runner("compare")
 good, answer = successes("compare")
@@ -51,11 +51,6 @@ def files(tmp_path_factory):
 def both(files):
     """The recording and its simulation."""
     return files / "quick.sqlite", files / "quick.nc"
-
-
-@pytest.fixture(autouse=True)
-def _small_pictures(monkeypatch):
-    monkeypatch.setattr("coilarray.report.png._DPI", 40)
 
 
 def marked(text):
@@ -112,7 +107,7 @@ def test_a_recording_is_known_by_its_content(capsys, both):
     for name in ("renamed.db", "renamed.nc"):
         Path(name).write_bytes(both[0].read_bytes())
         assert answer(capsys, name, both[1], *QUICKLY)["scales"] == plain["scales"]
-        wanted = f"{name} is a recording; make a response of it: coilarray scan-info {name} --to nc"
+        wanted = f"{name} is a recording; convert it to a response: coilarray scan-info {name} --to nc"
         assert wanted in fit_refused(capsys, name)
         assert wanted in locate_refused(capsys, "--model", name, "coil1=1e-4,coil2=1e-4")
 
@@ -120,7 +115,7 @@ def test_a_recording_is_known_by_its_content(capsys, both):
 def test_emulated_maps_are_told_once(capsys, both):
     with open_recording(both[0]) as recording:
         save_dataset(recorded_response(recording), Path("emulated.nc"))
-    line = "[emulator] emulated.nc is of an emulated board: no real one was measured.\n"
+    line = "[emulator] emulated.nc is of an emulated board: no real board was measured.\n"
     assert locate(capsys, "--model", "emulated.nc", "coil1=1e-4,coil2=1e-4")[::2] == (0, line)
     assert fit(capsys, "emulated.nc", "--coil", "coil1")[2].startswith(line)
     assert locate(capsys, "--model", both[1], "coil1=1e-4,coil2=1e-4")[::2] == (0, "")

@@ -83,7 +83,7 @@ def test_a_position_that_lost_a_scan_is_to_be_measured_again(capsys, campaign, t
     printed = scan_info(capsys, campaign, "--recover", out)
     assert "lost: scan 8 of 16" in printed
     assert "1 positions of the campaign lack a scan: coilarray campaign --resume" in printed
-    assert "is not whole: 1 of 4 positions are not measured yet" in refused(capsys, out, "--to", "nc")
+    assert "is not complete: 1 of 4 positions are not measured yet" in refused(capsys, out, "--to", "nc")
     with open_recording(out) as recording:
         response = recorded_response(recording, partial=True)
     assert np.isnan(response.delta).sum() == 2  # the two coils, at one position
@@ -123,4 +123,4 @@ def test_files_with_one_checksum_at_their_end(capsys, tmp_path):
     assert "carries no checksum: an older version, another program or a person" in scan_info(capsys, path, "--verify")
     assert "cannot read" in refused(capsys, tmp_path / "none.nc", "--verify")
     path.with_suffix(".txt").write_text("text")
-    assert "is no recording" in refused(capsys, path.with_suffix(".txt"), "--verify")
+    assert "is not a recording" in refused(capsys, path.with_suffix(".txt"), "--verify")

@@ -57,7 +57,7 @@ def test_every_format_is_written_and_named_after_the_design(capsys, small, to):
     made = files_here()
     lines = out.splitlines()
     if to in ("kicad", "gerber"):
-        assert lines.pop() == "net check of the copper as written: 3 coils, each whole and by itself"
+        assert lines.pop() == "check of the copper as written: 3 coils, each in one piece and isolated"
     assert sorted(line.removeprefix("wrote ").rpartition(" (")[0] for line in lines) == list(made)
     assert all(line.endswith((" kB)", " MB)")) for line in lines)
     # again: its own files are replaced, edited ones refused, and replaced on demand
@@ -86,7 +86,7 @@ def test_copper_that_is_not_the_coils_is_reported(capsys, small, monkeypatch, to
     before = files_here()
     monkeypatch.setattr(f"{module}.{name}", losing)
     line = refused(capsys, small, "--to", to, "--force")
-    assert f"{NAMES[to]} is not written: its copper is not that of the coils" in line
+    assert f"{NAMES[to]} is not written, as its copper would not be that of the coils" in line
     assert files_here() == before
     assert "warning: " in good(capsys, small, "--to", to, "--force", "--allow-violations")
     data = answer(capsys, small, "--to", to, "--force", "--allow-violations")
@@ -163,7 +163,7 @@ test_mistakes_are_one_line = mistakes(
     (("starter", "--to", "gerber", "--out", "gerbers"), "--out must end in .zip; got gerbers"),
     (("starter", "--to", "svg", "--out", "no/a.svg"), "cannot write no/a.svg: there is no folder no"),
     (("starter", "--to", "kicad", "--out", "no/board"), "cannot write no/board: there is no folder no"),
-    (("starter", "--to", "kicad", "--out", "a.kicad_pcb"), "--out must be a folder, in which kicad has several"),
+    (("starter", "--to", "kicad", "--out", "a.kicad_pcb"), "--out must be a folder, as kicad has several"),
     (("starter", "--to", "svg", "--out", "a" * 300 + ".svg"), "File name too long"),
 )
 
@@ -190,5 +190,5 @@ def test_a_folder_without_permission(capsys, monkeypatch):
     monkeypatch.setattr("coilarray.cli.export.os.access", lambda path, mode: False)
     for to, name in (("svg", "starter.svg"), ("kicad", "starter-kicad")):
         line = refused(capsys, "starter", "--to", to)
-        assert f"cannot write {name}: nothing may be written in the folder ." in line
+        assert f"cannot write {name}: the folder . is not writable." in line
     assert list(Path().iterdir()) == []

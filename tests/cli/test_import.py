@@ -73,7 +73,7 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys):
 def test_what_is_left_out_and_noted_is_printed(capsys):
     text = board(path(*SPIRAL), via(*SPIRAL[3]), path((20, 0), (30, 0), net="2"), version=20260101)
     out = good(capsys, write(text))
-    assert "nets with tracks that are no coils\n  B: it makes 0.00 turns" in out
+    assert "nets with tracks that are not coils\n  B: it makes 0.00 turns" in out
     assert "assumed: stackup.dielectric_epsilon_r: the board file does not say; FR-4, 4.5\n" in out
     assert "note: The board has KiCad's format 20260101" in out
     assert "note: A: 1 of the holes on the path join none" in out
@@ -84,7 +84,7 @@ def test_copper_without_a_net_has_none_in_the_table(capsys):
     out = good(capsys, write(board(path(*SPIRAL, net="0"))))
     assert ["coil1", "–", "shape1"] in [line.split()[:3] for line in out.splitlines()]
     assert "note: coil1: the current enters at (-5, 5) mm on F.Cu, where its first track is" in out
-    assert "note: Board files have no fab rules and the design has no [fab]" in out
+    assert "note: board files have no fabrication rules, so the design has no [fab]" in out
     found = answer(capsys, "b.kicad_pcb", "--force")
     assert found["coils"][0]["net"] is None
     assert "no [fab]" in found["notes"][-1]
@@ -139,7 +139,7 @@ def test_a_file_that_exists_is_only_replaced_when_told(capsys):
         (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
         (["b.kicad_pcb", "--out", "."], "--out must end in .toml; got ."),
         (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
-        (["b.txt"], "b.txt: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder"),
+        (["b.txt"], "b.txt: not a board; it must be a .kicad_pcb file, or Gerber files in a .zip or a folder"),
         (["cut.kicad_pcb"], "cut.kicad_pcb:9: the file ends inside"),
         ([], "Missing argument 'BOARD'"),
     ],

@@ -111,7 +111,7 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
     runner("indent", "starter")[1],
     (("--depth-mm", "0"), "--depth-mm must be above zero; got '0'"),
     (("--depth-mm", "-1"), "--depth-mm must be above zero; got '-1'"),
-    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
+    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT"),
     (("--depth-mm", "40"), "thickness of all sheets"),
     (("--base", "glued"), "'glued' is not one of 'bonded', 'frictionless'"),
     (("--base", ""), "'' is not one of 'bonded', 'frictionless'"),

@@ -255,7 +255,7 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
 
     monkeypatch.setattr(live_source, "opened_board", remembered)
     with live_source.live_source(
-        live_source.LiveOptions(options), load_design(str(board[0])), lambda done, total: None
+        live_source.LiveOptions(options), load_design(str(board[0])), progress=lambda done, total: None
     ):
         (one,) = opened
         assert "table" in vars(one.emulator.world)
@@ -382,7 +382,7 @@ def test_screen_lines():
     )
     reading = LiveReading(7, 99.0, 1.5, states, 0, None, "too few", 1e-5, 3.4, 2)
     head, first, second, third, place, last = live_command.screen_lines(reading, 1e-3)
-    assert head == "δ in 10⁻⁶; bars end at 1000"
+    assert head == "δ in 10⁻⁶; a full bar is 1000"
     assert first.startswith("coil1    +1000.0 ")
     assert first.count("█") == 32
     assert second.startswith("coil22    −500.0 ")
@@ -432,7 +432,7 @@ def test_screen_lines():
             "a reference coil must be one of coil1, coil2; got 'coil9'",
         ),
         (("--log", "run.txt"), "--log must end in .csv or .nc"),
-        (("--plot", "--json"), "--plot shows a window; it cannot be given with --json"),
+        (("--plot", "--json"), "--plot cannot be given with --json"),
         (("--temperature", "t"), "the emulator has a temperature of its own"),
         (("--noise", "-1"), "noise must be positive and finite; got -1"),
         (("none.toml",), "none.toml"),
@@ -441,7 +441,7 @@ def test_screen_lines():
     ],
 )
 def test_bad_input(capsys, recording, board, arguments, words):
-    Path("text.sqlite").write_text("no recording")
+    Path("text.sqlite").write_text("not a recording")
     given = [recording if one == "RUN" else one for one in arguments]
     if "--recording" not in given and "none.toml" not in given:
         given = [*board, "--no-locate", *given]
@@ -459,4 +459,4 @@ def test_a_wrong_port_costs_no_table(capsys, monkeypatch, arguments):
 
 def test_a_table_of_another_design(capsys, recording, table):
     line = refused(capsys, "gast2020", "--recording", recording, "--table", table)
-    assert "is the table of another design" in line
+    assert "is the table of a design other than" in line

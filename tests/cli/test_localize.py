@@ -180,7 +180,7 @@ def test_distortion_tells_what_remains(capsys, quick):
     assert rows["all neighbours"][2:] == ["0.300"] * 3
     last = out.splitlines()[-3]
     # 1 mm predicted, 0.25 mm published; coil3 has nothing to compare with
-    left_out = "Undetermined levels of δ, left out: 1."
+    left_out = "Levels of δ left out as undetermined: 1."
     assert last.endswith(f"rms: coil1 0.75 of 0.25 mm; coil2 0.75 of 0.25 mm. {left_out}")
     assert Path("d.svg").read_text(encoding="utf-8").startswith("<?xml")
     with Path("d.csv").open(encoding="utf-8") as lines:
@@ -245,7 +245,7 @@ def test_both_signs_of_y_are_told(capsys, maps):
     code, out, _ = run(capsys, "locate", "--model", maps / "row.nc", text_of(reading(centres=ROW)))
     assert code == 0
     *lines, noise = out.splitlines()
-    assert noise == "noise of δ 1e-05 of each coil, as the response does not say its own"
+    assert noise == "noise of δ 1e-05 of each coil by default, as the response states none"
     header, *rows = [line.replace("−", "-").split() for line in lines]
     assert header[:3] == ["reading", "status", "x"]
     assert sorted(row[3] for row in rows) == ["-2.000", "2.000"]
@@ -427,11 +427,11 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     assert computed == ["starter"]  # it is found in the store
     six = ",".join(f"{name}=1e-4" for name in load_design("gast2020").array.names)
     message = refused(capsys, "locate", "--model", "gast2020", "--table", "t.nc", six)
-    assert "t.nc is the table of another design than gast2020" in message
+    assert "t.nc is the table of a design other than gast2020" in message
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; that of coil3 is missing"),
+    (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; coil3 is missing"),
     (("coil1=1e-4,coil2=100,coil3=0",), "δ must be a number between -1 and 1; that of coil2 is 100.0"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "3 unknowns need at least as many states"),
@@ -455,14 +455,14 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("none.csv",), "cannot read none.csv: No such file"),
         *(((name,), f"there is no reading in {name}") for name in ("empty.csv", "names.csv", "list.json")),
         (("twice.csv",), "the first line must name every coil once"),
-        (("bytes.csv",), "cannot read bytes.csv: it is no UTF-8 text"),
+        (("bytes.csv",), "cannot read bytes.csv: it is not UTF-8 text"),
         (("word.json",), "a reading must be JSON; got 'word'"),
         (("-", "coil1=1e-4"), "a stream (-) must be the only READINGS"),
         (("GOOD", "--noise", "0"), "noise must be positive and finite; got 0"),
         (("GOOD", "--noise", "nan"), "noise must be positive and finite"),
         (("GOOD", "--coil", "coil9"), "the model has no state 'coil9'"),
         (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
-        (("GOOD", "--table", "t.nc"), "--table is for the table of a design"),
+        (("GOOD", "--table", "t.nc"), "--table is for the response table of a design"),
         (("GOOD", "--depth-mm", "1"), "--depth-mm is for --ellipse"),
         *((("GOOD", "--model", m), f"{m} is an ellipse model; it needs --ellipse") for m in ("published", "m.json")),
         (("GOOD", "--model", "none.nc"), "there is no file none.nc"),
@@ -492,7 +492,7 @@ def test_mistakes_of_locate(capsys, maps, arguments, message):
         ({"schema": 2}, "the schema of an ellipse model must be 1; got 2"),
         ({"kind": "map"}, 'must have "kind": "coilarray ellipse model"'),
         ({"coils": None}, "must have a list of coils"),
-        ({"coils": []}, "a model must have one coil or more"),
+        ({"coils": []}, "a model must have at least one coil"),
         ({"coils": [1]}, "a coil of an ellipse model must have a name"),
         ({"coils": [{"name": "a"}]}, "a of an ellipse model must have x0_m, A_m, B_m"),
         *(({"A_m": wrong}, "must have 5 numbers in x0_m, A_m and B_m") for wrong in ([1, 2], ["a"] * 5, 3)),

@@ -86,13 +86,13 @@ def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
         frequencies = [state.frequency for state in read_scan(scan.scan, own.settings, own.capacitances).states]
     assert scan.stage == "single"
     assert [state["frequency_Hz"] for state in states] == frequencies
-    assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
+    assert "already is a recording, of 1 scans" in measure_refused(capsys, *board, "--single", "--out", path)
 
 
 def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
     line = measure_refused(capsys, *board, "--out", tmp_path / "run.sqlite")
-    assert f"run.sqlite: nothing may be written in the folder {tmp_path}" in line
+    assert f"run.sqlite: the folder {tmp_path} is not writable" in line
 
 
 def test_a_rate_that_is_not_reached_is_reported(board, tmp_path, capsys, monkeypatch):
@@ -185,7 +185,7 @@ def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_
     path = tmp_path / "run.sqlite"
     line = campaign_refused(capsys, *board, *GRID, "--out", path)
     assert "the self-test before the campaign has failed: " in line
-    assert line.endswith("or go on with --ignore-self-test.")
+    assert line.endswith("or continue with --ignore-self-test.")
     assert list(tmp_path.iterdir()) == []
     out = measure_campaign(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
     assert out.count("[emulator] self-test failed: ") == 2
@@ -265,7 +265,7 @@ def test_nobody_answers(monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
     campaign_command._ask("Move.")
     assert capsys.readouterr().err == "Move. Then press Enter. "
-    with pytest.raises(HardwareError, match="nobody answers"):
+    with pytest.raises(HardwareError, match="no answer"):
         campaign_command._ask("Move.")
 
 
@@ -284,7 +284,7 @@ def test_resume_of_a_campaign(board, campaign, tmp_path, capsys):
 def test_never_overwritten(board, campaign, tmp_path, capsys):
     before = campaign.read_bytes()
     line = measure_refused(capsys, *board, "--out", campaign)
-    assert line.endswith(f"{campaign} is a recording of 24 scans already; resume it or name another file.")
+    assert line.endswith(f"{campaign} already is a recording, of 24 scans; resume it or name another file.")
     assert "it is of a campaign" in measure_refused(capsys, *board, "--out", campaign, "--resume")
     for other, message in (
         (("--repeats", 2), "it is of another campaign"),
@@ -295,7 +295,7 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
     assert campaign.read_bytes() == before
     foreign = tmp_path / "notes.txt"
     foreign.write_text("my notes\n" * 1000)
-    assert "is no recording" in measure_refused(capsys, *board, "--out", foreign)
+    assert "is not a recording" in measure_refused(capsys, *board, "--out", foreign)
     assert foreign.read_text() == "my notes\n" * 1000
     assert sorted(one.name for one in tmp_path.iterdir()) == ["campaign.sqlite", "notes.txt"]
 
@@ -308,7 +308,7 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--scans", 0], "--scans must be 1 to"),
         (["--scans", "x"], "--scans"),
         *((["--seconds", wrong], "--seconds must be positive") for wrong in (0, "nan")),
-        (["--campaign"], "campaigns have a command of their own, with the same options: coilarray campaign."),
+        (["--campaign"], "use the command coilarray campaign, which has the same options, for a campaign."),
         (["--y-mm", "0", "--stage", "person"], "coilarray campaign"),
         (["--campaign", "--depth-mm", 1, "--repeats", 2, "--ignore-self-test"], "coilarray campaign"),
         (["--single", "--resume"], "--resume is not for --single"),
@@ -328,7 +328,7 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--emulate", "seed=1", "--port", "COM5"], "--emulate is for the emulator"),
         (
             ["--emulate", "colour=1"],
-            "--emulate must be KEY=VALUE with the key switches, seed, noise, drift, clock_MHz, "
+            "--emulate must be KEY=VALUE with a key of switches, seed, noise, drift, clock_MHz, "
             "first_offset, press, path",
         ),
         (["--emulate", "seed"], "--emulate must be KEY=VALUE"),
@@ -354,7 +354,7 @@ def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--clearance-mm", 2], "--clearance-mm is for a stage of G-code"),
+        (["--clearance-mm", 2], "--clearance-mm is for a G-code stage"),
         (["--x-mm", "3,1"], "--x-mm must be rising"),
         (["--depth-mm", "0"], "depths of a campaign must be positive"),
         (["--repeats", 0], "repeats of a campaign must be"),
@@ -365,8 +365,8 @@ def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
         (["--stage", "person"], "--stage is for a real board"),
         (["--stage", "robot", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
         (["--stage", "grbl:", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
-        (["--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
-        (["--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
+        (["--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a G-code stage"),
+        (["--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--reach-mm must be given with a G-code stage"),
         (["--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--stage and --port must be different"),
         (["--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"], "must be XMIN,XMAX,YMIN,YMAX,DEPTH"),
         (["--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"], "x of a stage must rise"),
@@ -432,7 +432,7 @@ def test_calibration(campaign, tmp_path, capsys):
     np.testing.assert_allclose(load_part(scaled).delta, load_part(plain).delta, atol=2e-6)  # noise of the drift
     constants.write_text(recorded_boards.unsealed_text(constants).replace('board = "emulator"', 'board = "XMC 2Go"'))
     out = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
-    assert out.endswith("[emulator] the calibration is of the board “XMC 2Go”, the recording of “emulator”\n")
+    assert out.endswith("[emulator] the calibration is for the board “XMC 2Go”, the recording is of “emulator”\n")
     line = scan_info_refused(capsys, campaign, "--series", "--to", "nc", "--calibration", constants)
     assert "--calibration is for the response" in line
     assert "no.toml" in scan_info_refused(capsys, campaign, "--to", "nc", "--calibration", tmp_path / "no.toml")

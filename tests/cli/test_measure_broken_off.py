@@ -69,7 +69,7 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
             code, out_of_lost, err = measure(capsys, *board, *arguments)
         assert code == 2
         kept, error = err.splitlines()
-        assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume goes on from there", kept)
+        assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume continues from there", kept)
         assert error.startswith("coilarray: error: ")
         port = host.replug()
         scans = int(kept.split()[1])
@@ -155,11 +155,11 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         recording.check()
         kept = recording.count()
     if number != signal.SIGKILL:
-        assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume goes on from there" in err
+        assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume continues from there" in err
         assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert (code, "of 20000 positions are measured" in out) == (0, True)
-    assert "is not whole" in scan_info_refused(capsys, path, "--to", "nc")
+    assert "is not complete" in scan_info_refused(capsys, path, "--to", "nc")
     assert scan_info(capsys, path, "--to", "nc", "--partial")[0] == 0
     part = load_part(tmp_path / "run.nc")
     assert kept // 2 - 1 <= int(part.delta.notnull().all("state").sum()) <= kept // 2

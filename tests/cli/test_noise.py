@@ -134,4 +134,4 @@ def test_every_consumer_has_the_same_number(capsys, tmp_path):
     said, common = json.loads(out), model.common_noise.max()
     assert (said["noise"], said["common_noise"]) == pytest.approx((model.noise, common))
     _, out, _ = locate(capsys, "--model", map_file, reading)
-    assert f"noise of δ {model.noise:.2g} of each coil, {common:.2g} common to all by the noise budget" in out
+    assert f"noise of δ {model.noise:.2g} of each coil, {common:.2g} common to all from the noise budget" in out

@@ -44,9 +44,8 @@ polish = 6
 
 
 @pytest.fixture(autouse=True)
-def _cheap_goal(own_folder, own_store, monkeypatch):
+def _cheap_goal(own_folder, own_store, small_pictures, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits take long
-    monkeypatch.setattr("coilarray.report.png._DPI", 40)
     # the page takes longer than the search; one test here writes it
     monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
     Path("goal.toml").write_text(GOAL, encoding="utf-8")
@@ -99,7 +98,7 @@ def test_the_whole_of_it(capsys, monkeypatch):
         first, *rest = err.splitlines()
         assert first == f"coilarray: going on with {len(trials) - 1} points of an earlier run in found"
         assert len(rest) == bool(fewer)
-        assert all("tried 10 points of the search; none is left out for 3" in line for line in rest)
+        assert all("tried 10 points, more than 3; all are kept" in line for line in rest)
         assert Path("found/trials.csv").read_text(encoding="utf-8") == before
 
 
@@ -121,7 +120,7 @@ def test_none_found_though_the_start_is_allowed(capsys):
     wider = GOAL.replace("low = 9.0", "low = 12.0").replace("low = 2\nhigh = 4", "low = 3\nhigh = 4")
     area = evaluate(load_design("starter"), ["board_area_mm2"])["board_area_mm2"]
     out = none_found(capsys, "--trials", "4", goal=wider.replace("polish = 6", "polish = 0"))
-    assert f"{text}: board_area_mm2 is {area:.6g} as it was, and" in out
+    assert f"{text}: board_area_mm2 is {area:.6g} for the given design, and" in out
 
 
 def test_the_most_frequent_reason_where_none_is_found(capsys, monkeypatch):
@@ -137,7 +136,9 @@ def test_the_most_frequent_reason_where_none_is_found(capsys, monkeypatch):
     trials = csv.DictReader(Path("optimization/trials.csv").read_text(encoding="utf-8").splitlines())
     narrow = [int(row["array.columns"]) < 4 for row in trials if row["kind"] == "search"]
     expected = "is too near." if 2 * sum(narrow) > len(narrow) else "too wide."
-    (line,) = [line for line in out.splitlines() if line.startswith("the most frequent reason why points cannot be: ")]
+    (line,) = [
+        line for line in out.splitlines() if line.startswith("the most frequent reason why points give no design: ")
+    ]
     assert line.endswith(expected)
 
 
@@ -164,7 +165,7 @@ def test_interrupted(capsys, monkeypatch):
         patched.setattr(optimize_run, "evaluate_points", stopped)
         code, out, err = run(capsys, "starter", "goal.toml", "--workers", "1")
     assert (code, out) == (130, "")
-    assert "3 points are kept in optimization; the same command goes on from there" in err
+    assert "3 points are kept in optimization; the same command continues from there" in err
     _, _, err = run(capsys, "starter", "goal.toml", "--workers", "1")
     assert "going on with 3 points" in err  # the start and two more
     resumed = Path("optimization/trials.csv").read_text(encoding="utf-8")
@@ -178,9 +179,7 @@ def test_several_objectives_and_none_found(capsys):
     assert "Pareto front: " in found(capsys, goal=two)
     assert Path("optimization/pareto_01.toml").exists()
     out = none_found(capsys, goal=GOAL.replace("at_least = 500", "at_least = 50000"))
-    assert (
-        "10 points, 0 keep all bounds: no design is found that keeps all bounds; the design as it was does not" in out
-    )
+    assert "10 points, 0 keep all bounds: no design is found that keeps all bounds; the given design does not" in out
 
 
 def test_what_breaks_rules_is_best_only_where_the_goal_lets_it(capsys):
@@ -231,7 +230,7 @@ test_mistakes = mistakes(
     ),
     (("starter", "worst_k", "--keep", "span_mm"), "--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got 'span_mm'"),
     (("starter", "worst_k", "--template", "t.txt"), "--template must end in .toml"),
-    (("gast_fem", "decouple"), "the design gast_fem has one coil alone, which couples with none"),
+    (("gast_fem", "decouple"), "the design gast_fem has only one coil, and so no coupling"),
     (("starter", "goal.toml", "--trials", "0"), "--trials must be 1 to 1000000; got 0"),
     (("starter", "goal.toml", "--trials", "x"), "'--trials'"),
     (("starter", "goal.toml", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),

@@ -143,7 +143,7 @@ def test_large_boards_count_the_coils_near_the_indenter(capsys, monkeypatch, sta
     assert 0 < np.abs(wanted - ideal).max() < 1e-3 * np.abs(wanted).max()
     monkeypatch.setattr(coilarray.response.map, "_AUTO_VALUES", 10)  # the map has 18
     out = good(capsys, *IDEAL, "--out", "r.csv")
-    assert "mm from the indenter count: δ is within 0.001 of its peak; --reach all counts every coil\n" in out
+    assert "mm from the indenter are included: the error of δ is up to 0.001 of its peak; --reach all includes" in out
     np.testing.assert_allclose(delta_of("r.csv"), wanted, rtol=1e-9)
     assert answer(capsys, *IDEAL, "--reach", "all", "--out", "all.csv")["error_of_peak"] == 0.0
     np.testing.assert_allclose(delta_of("all.csv"), ideal, rtol=1e-9, atol=1e-18)
@@ -153,8 +153,8 @@ def test_large_boards_count_the_coils_near_the_indenter(capsys, monkeypatch, sta
 # the first position lies half a millimetre west of the origin, so that a tilt lowers the sample there
 test_mistakes_are_one_line_and_leave_nothing = mistakes(
     runner("response", "starter", "--x-mm", "-0.5,5", *GRID[2:])[1],
-    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
-    (("--depth-mm", "-0.1"), "depth of an indentation must be from 0"),
+    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT"),
+    (("--depth-mm", "-0.1"), "depth of an indentation must be at least 0"),
     (("--x-mm", "east"), "--x-mm must be rising numbers of mm"),
     (("--y-mm", "1e9"), "--y-mm must be rising numbers of mm"),
     (("--tilt", "nan", "0"), "tilt, offset, errors, drift and noise must be finite"),
@@ -164,7 +164,7 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
     (("--thickness-error-mm", "base=thin"), "--thickness-error-mm must be SHEET=VALUE; got 'base=thin'"),
     (("--thickness-error-mm", "foam=1"), "thickness_errors names the sheet 'foam'; there are base, magnetic"),
     (("--thickness-error-mm", "base=1", "--thickness-error-mm", "base=2"), "name a sheet once; got 'base' again"),
-    (("--reach", "near"), "--reach must be all, auto or an error of δ; got 'near'"),
+    (("--reach", "near"), "--reach must be all, auto or a relative error of δ; got 'near'"),
     (("--reach", "1e-5"), "0.0001 to 0.1 of the peak; got 1e-05"),
     (("--seed", "-1"), "'--seed'"),
 )

@@ -93,8 +93,8 @@ def test_every_point_with_its_reason(capsys, expected):
     assert list(rows[0]) == ["array.pitch_mm", "circuit.tank", "span_mm", "board_area_mm2", "fab_broken", "reason"]
     data = answer(capsys, *SMALL, *BAD, *ONE)
     assert data["design_hash"] == expected.attrs["design_hash"]
-    assert (data["file"], data["sampling"], data["accuracy"]) == ("sweep.nc", "grid", "full")
-    assert Path("sweep.nc").is_file()
+    assert (data["file"], data["sampling"], data["accuracy"]) == (None, "grid", "full")
+    assert not Path("sweep.nc").exists()
     points = data["points"]
     assert [point["array.pitch_mm"] for point in points] == np.repeat(PITCHES, 2).tolist()
     for got, wanted, bad in zip(points[::2], expected.span_mm.values.tolist(), points[1::2], strict=True):
@@ -108,9 +108,9 @@ def test_a_sweep_without_any_result_has_an_empty_table(capsys):
     """Designs there are, but none has the quantity."""
     assert main(["sweep", "gast_fem", "--vary", "board.margin_mm=1,2", "--goal", "minimize worst_k", *ONE]) == 0
     out = capsys.readouterr().out
-    assert "no point gives a value to the goal" in out.splitlines()
+    assert "no point has a value of the goal" in out.splitlines()
     assert out.splitlines()[1].split() == ["worst_k", "1", "–", "–"]
-    assert "2 of 2 points have no result; the first: the design gast_fem has one coil alone" in out
+    assert "2 of 2 points have no result; the first: the design gast_fem has only one coil" in out
 
 
 @pytest.mark.slow
@@ -219,7 +219,7 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
     number, rest = told.removeprefix("coilarray: ").split(" ", 1)
     # one may be written when the interrupt comes, and not be counted
     assert int(number) in (done, done - 1)
-    assert rest == f"of 60 points are kept in {Path('cache').resolve()}; the same command goes on from there"
+    assert rest == f"of 60 points are kept in {Path('cache').resolve()}; the same command continues from there"
     assert not Path("s.csv").exists()
     computed = []
     made_up = {"worst_k": 0.25, "fab_broken": 0.0}

@@ -67,6 +67,7 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     (quick,) = answer(capsys, "target", "ball.toml", "--ideal", "--distance-mm", "1", "--accuracy", "screen")["target"]
     assert quick["delta"] == pytest.approx(delta[0], rel=1e-2)  # 1e-3 of L and of its change, which nearly cancel
     assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)
+    assert sorted(path.name for path in Path().glob("target*")) == ["target.nc"]  # of the command without --json
 
 
 def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch):
@@ -75,14 +76,16 @@ def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch
 
     monkeypatch.setattr("coilarray.response.target.target_map", enough)
     _, _, err = run(capsys, "target", "ball.toml", "--y-mm", "0:20:300")
-    assert err.splitlines()[0].startswith("coilarray: 5 distances × 300 × 1 places take a while; --x-mm, --y-mm and")
+    assert err.splitlines()[0].startswith(
+        "coilarray: 5 distances × 300 × 1 positions take a while; give fewer with --x-mm, --y-mm and"
+    )
     assert run(capsys, "target", "ball.toml", "--y-mm", "0,1")[2] == "coilarray: error: enough.\n"
 
 
 def test_what_is_wrong_is_one_line(ball, capsys):
     line = refused(capsys, "target", "gast_fem")
-    assert "the design gast_fem has no [target]: add one, with shape" in line
-    assert all(load_design(name).target for name in line.rstrip(".").partition("have one: ")[2].split(", "))
+    assert "the design gast_fem has no [target]: add one, for example with shape" in line
+    assert all(load_design(name).target for name in line.rstrip(".").partition("have one are ")[2].split(", "))
     # without DESIGN: a distance is refused only where there is a target
     assert "distances of a target must be above zero" in refused(capsys, "target", "--distance-mm", "0,1")
     assert "distances of a target must be above zero" in refused(capsys, "target", "ball.toml", "--distance-mm", "0,1")

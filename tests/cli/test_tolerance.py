@@ -85,8 +85,8 @@ def test_the_tables_name_errors_outputs_and_limits(capsys):
     assert "\\" not in out
     # a nominal one, four for each of three errors, and the drawn ones
     assert "21 boards computed" in out
-    assert "the interval of the yield is for independent boards; Sobol points only come near it" in out
-    assert "a board that cannot be made is bad among the drawn ones; the linear yield has none of these" in out
+    assert "the interval of the yield is for independent boards, and approximate for Sobol points" in out
+    assert "drawn boards that cannot be made count as bad; the linear yield ignores them" in out
 
 
 def test_without_samples_nothing_is_said_of_them(capsys):
@@ -106,7 +106,7 @@ def test_what_is_not_linear_is_reported(capsys):
     """k falls about as −ln h: from differences of ±45 % and ±22 % of h, artanh(σ)/σ = 1.08 and 1.02."""
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[dielectric]\nboard_percent = 45', encoding="utf-8")
     out = computed(capsys, "--samples", "16", "-q", K, "-q", L)
-    assert f"not linear over these errors, so that the drawn boards are right: {K}" in out
+    assert f"not linear over these errors, so that only the drawn boards are valid: {K}" in out
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
     def without_positions(design, wanted, *, table, **settings):
         seen.update(positions=wanted.positions, table=table)
         result = analyse(design, replace(wanted, positions=None), **settings)
-        return result.assign_attrs(found="7 of 8", untold="dielectric")
+        return result.assign_attrs(found="7 of 8", undetermined="dielectric")
 
     monkeypatch.setattr("coilarray.studies.tolerance.analyse", without_positions)
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[placement]\nboard_mm = 0.05', encoding="utf-8")
@@ -141,8 +141,10 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
     out = good(capsys, linear, "fab.toml", *options, "--workers", "1", "--samples", "8", "-q", "span_mm")
     assert seen["positions"] == Positions((3e-3,), (1e-3, 3e-3), 0.3 * 1e-3, 1e-7)
     np.testing.assert_array_equal(seen["table"].delta, load_part(table).delta)
-    assert "found without doubt in 7 of 8; the others on the border or beyond noise" in out
-    assert "taken as known, because a reading contains almost no information about it: dielectric" in out
+    assert (
+        "found without doubt in 7 of 8; the others are at the border of the map or do not fit within the noise" in out
+    )
+    assert "taken as known, as a reading has almost no information about it: dielectric" in out
 
 
 @pytest.mark.parametrize(
@@ -150,7 +152,7 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
     [
         (("-q", "foo"), "there is no quantity 'foo'"),
         (("--samples", "5"), "samples must be 0 or at least 8; got 5"),
-        (("limits.toml",), "the limit worst ≤ 1 names no output"),
+        (("limits.toml",), "the limit worst ≤ 1 does not name an output"),
     ],
 )
 def test_mistakes_show_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
@@ -162,7 +164,7 @@ def test_mistakes_show_before_the_table_is_computed(capsys, monkeypatch, argumen
 
 def test_a_table_of_another_design_is_refused(capsys, table):
     line = refused(capsys, "gast2020", "--x-mm", "3", "--table", table)
-    assert "is the table of another design than gast2020" in line
+    assert "is the table of a design other than gast2020" in line
 
 
 test_mistakes_are_one_line = mistakes(
@@ -171,8 +173,8 @@ test_mistakes_are_one_line = mistakes(
     (("loops.toml", "loops.toml"), "loops.toml: "),
     (("loops.toml", "--sampling", "halton"), "'halton' is not one of"),
     (("loops.toml", "--accuracy", "best"), "'best' is not one of"),
-    (("loops.toml", "--workers", "2", "--cluster", "tcp://a:1"), "--workers is for processes of this machine"),
-    (("loops.toml", "--table", "table.nc"), "--table is for located positions"),
+    (("loops.toml", "--workers", "2", "--cluster", "tcp://a:1"), "--workers is for processes on this machine"),
+    (("loops.toml", "--table", "table.nc"), "--table is for positions"),
     (("loops.toml", "--x-mm", "0"), "positions need [indenter] and [indentation]"),
     (("loops.toml", "--y-mm", "0"), "--y-mm needs --x-mm"),
     (("loops.toml", "--depth-mm", "1"), "--depth-mm needs --x-mm"),

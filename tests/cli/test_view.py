@@ -80,7 +80,7 @@ def test_a_map_of_a_file_is_draped(capsys, linear):
     save_dataset(response, Path("map.nc"))
     items = ("--show", "response", "--response", "map.nc", "--coil", "coil1")
     out = good(capsys, linear, *items, "--vtk", "parts")
-    assert out.startswith("δ of coil1 where the indenter is, 0.3 mm deep.")
+    assert out.startswith("δ of coil1 at the indenter, 0.3 mm deep.")
     mesh = pyvista.read("parts/response.vtp")
     expected = response.delta.sel(state="coil1").values.ravel()
     np.testing.assert_array_equal(np.sort(mesh.point_data[DELTA]), np.sort(expected))

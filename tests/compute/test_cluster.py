@@ -263,7 +263,7 @@ def test_a_stranger_at_the_address_is_no_scheduler(impatient, answer):
 
 def test_the_address_must_have_its_form():
     for address in ("", "host:8786", "http://host:8786", "tcp://host", "tcp://:1", "tcp://host:0", "tcp://h:x"):
-        assert refused(address) == f"the address of a cluster must be tcp://host:port; got {address!r}."
+        assert refused(address) == f"the address of a cluster must be tcp://HOST:PORT; got {address!r}."
 
 
 def test_a_program_that_left_out_dask_finds_it_for_a_cluster(monkeypatch):

@@ -85,7 +85,7 @@ def test_nothing_is_left_where_nothing_was_done_and_other_things_stay(tmp_path):
 def test_an_unfinished_file_of_something_else_is_not_touched(tmp_path):
     path = tmp_path / "a.nc"
     fill(path, [2])
-    message = r"a\.nc\.parts holds another unfinished file, of other inputs or another version"
+    message = r"a\.nc\.parts holds another unfinished file, for other inputs or from another version"
     for changed in ({"key": "two"}, {"blocks": 6}):
         with pytest.raises(OutputError, match=message):
             fill(path, [0], **changed)

@@ -238,13 +238,13 @@ def whole_blocks(folder, told):
     blocks = rows_of(parts_folder(folder / "f.nc") / "journal.db", "SELECT number FROM block")
     (line,) = told
     assert line.startswith(f"coilarray: {len(blocks)} of ")
-    assert line.endswith(" blocks are kept in f.nc.parts; the same command goes on from there")
+    assert line.endswith(" blocks are kept in f.nc.parts; the same command continues from there")
 
 
 def whole_points(folder, told, what="of 5 points"):
     (line,) = told
     number, rest = line.removeprefix("coilarray: ").split(" ", 1)
-    assert rest == f"{what} are kept in {folder / 'cache'}; the same command goes on from there"
+    assert rest == f"{what} are kept in {folder / 'cache'}; the same command continues from there"
     kept = list((folder / "cache").rglob("*.*"))
     assert len(kept) >= int(number) - 1  # the nominal board may be one of the drawn ones
     assert all({"values", "reason"} & set(json.JSONDecoder().raw_decode(path.read_text())[0]) for path in kept)
@@ -255,7 +255,7 @@ whole_boards = partial(whole_points, what="boards")
 
 def whole_trials(folder, told):
     (line,) = told
-    assert line.endswith(" points are kept in o; the same command goes on from there")
+    assert line.endswith(" points are kept in o; the same command continues from there")
     states = rows_of(folder / "o" / "study.db", "SELECT state FROM trials")
     assert states == ["COMPLETE"] * len(states)
     assert abs(int(line.removeprefix("coilarray: ").split(" ", 1)[0]) - len(states)) <= 1
@@ -303,5 +303,5 @@ def test_an_interrupt_drops_the_blocks_that_have_not_begun(monkeypatch):
         time.sleep(0.01)
 
     with pytest.raises(KeyboardInterrupt):
-        run_blocks(work, range(10_000), _interrupt)
+        run_blocks(work, range(10_000), progress=_interrupt)
     assert len(begun) < 5000  # 40 where the first progress is told after 0.2 s

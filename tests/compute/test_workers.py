@@ -135,7 +135,7 @@ def test_a_process_that_is_lost_costs_only_time(local, tmp_path):
 
 @pytest.mark.slow
 def test_a_task_that_ends_every_process_ends_the_run(local):
-    with pytest.raises(ClusterError, match=r"ended 3 times at one task, with exit code -9; is there memory enough\?$"):
+    with pytest.raises(ClusterError, match=r"during the same task, with exit code -9; is there enough memory\?$"):
         list(local.run(tasks.die, [1]))
     assert sorted(local.run(tasks.square, [2])) == [(0, 4)]
 
@@ -208,7 +208,7 @@ def test_a_script_without_the_guard_is_told_of_it(tmp_path):
     assert done.returncode == 1
     # Python's own resource tracker may have a word after it, as the processes were lost
     (last,) = [line for line in done.stderr.splitlines() if line.startswith("coilarray.errors.ClusterError")]
-    assert last.startswith("coilarray.errors.ClusterError: a local process ended 3 times at one task")
+    assert last.startswith("coilarray.errors.ClusterError: a local process ended 3 times during the same task")
     assert last.endswith('a script must ask for workers under if __name__ == "__main__".')
 
 

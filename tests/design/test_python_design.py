@@ -127,7 +127,7 @@ lengths = st.floats(0.05e-3, 0.3e-3)
 @pytest.mark.slow
 @settings(max_examples=20)
 @given(
-    kind=st.sampled_from(["single", "linear", "square", "hexagonal", "rings", "free"]),
+    kind=st.sampled_from(["single", "linear", "square", "hexagonal", "triangle", "rings", "free"]),
     pitch=st.floats(5e-3, 40e-3),
     angles=st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-7, 7)),
     sizes=st.tuples(lengths, lengths, st.floats(5e-3, 20e-3)),
@@ -151,7 +151,7 @@ def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, shape, val
         places = tuple(ca.Placement(f"c{k}", coil, ("L1", "L2"), k * pitch, -pitch / 3, angles[k]) for k in range(2))
         array = ca.CoilArray(TWO_LAYERS, places)
     else:
-        columns, rows = {"single": (1, 1), "rings": (1, 1), "linear": (3, 1)}.get(kind, (3, 3))
+        columns, rows = {"single": (1, 1), "rings": (1, 1), "linear": (3, 1), "triangle": (3, 1)}.get(kind, (3, 3))
         layers, rings = (("L1", "L2"), ("L2", "L1")), int(kind == "rings")
         lattice = ca.Lattice(kind, pitch, columns, rows, layers, angles[1], angles[2], rings=rings)
         array = ca.lattice_array(TWO_LAYERS, coil, lattice)
@@ -206,7 +206,7 @@ def test_the_origin_follows_its_coil():
      "indentation.depths_mm must be less than the 1 mm of all sheets; got 1."),
     ({"circuit": ca.Circuit(terminations={"x": "open"})}, "circuit.terminations.x names no coil; there are coil1"),
     ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("x", 1),)),))}, "state s names the coil 'x'; there are coil1"),
-    ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("coil1", 1),)),) * 2)}, "scan must name each state differently"),
+    ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("coil1", 1),)),) * 2)}, "scan must give each state a different"),
 ])  # fmt: skip
 def test_what_cannot_be_is_one_clear_line(change, line):
     refused(ca.DesignError, f"^{re.escape(line)}", replace, ca.load_design("gast2020"), **change)

@@ -63,7 +63,7 @@ def test_what_cannot_be_is_refused_in_one_line():
         (DISC.replace('"disc"', '"cube"'), "target.shape must be 'plate', 'disc', 'rectangle', 'ring', 'polygon' or"),
         (PLATE + "origin_mm = [1, 1]\n", 'target has no origin_mm for shape = "plate", which is an infinite plate'),
         (DISC.replace("diameter_mm = 20\n", ""), 'target needs diameter_mm for shape = "disc"'),
-        (DISC + "x_mm = [0, 5]\n", "target needs x_mm, y_mm and step_mm, or else"),
+        (DISC + "x_mm = [0, 5]\n", "target needs x_mm, y_mm and step_mm, or x_pos"),
         (DISC.replace("[0.5, 1, 2.5]", "[1, 0.5]"), "target needs distances_mm that rise from each to the next"),
         (DISC + 'origin = "coil9"\n', "target.origin names no coil; there are coil1; got 'coil9'"),
         (DISC + "step_mm = 0.01\n", "target.step_mm of 0.01 gives more than 100000 positions over all coils"),
@@ -71,13 +71,13 @@ def test_what_cannot_be_is_refused_in_one_line():
     ):
         refused(DesignError, line, design_with, table)
     lid = '[[plate]]\nname = "lid"\nmaterial = "aluminium"\nthickness_mm = 1\ndistance_mm = 3\nside = "above"\n'
-    line = "target.distances_mm must keep the target below the plate 'lid', which begins 3 mm above the sheets"
+    line = "target.distances_mm must keep the target below the plate 'lid', whose lower face is 3 mm above the sheets"
     refused(DesignError, line, design_with, DISC, lid)
     plate = ca.Plate("target", 0.0, 1e-3, ca.MATERIALS["aluminium"])
     for wrong, line in (
         ({"distances": ()}, "distances of a target must rise from above zero"),
         ({"distances": (0.0, 1e-3)}, "distances of a target must rise from above zero"),
-        ({"x": (0.0,)}, "a target must have x and y, or none of both"),
+        ({"x": (0.0,)}, "a target must have both x and y, or neither"),
         ({"x": (0.0, 1e-3), "y": (0.0,)}, "an infinite plate is the same everywhere"),
     ):
         refused(GeometryError, line, lambda wrong: ca.Target(**{"body": plate, "distances": (1e-3,)} | wrong), wrong)

@@ -212,6 +212,14 @@ def test_a_touch_is_linear(indenter, base):
     assert np.abs(difference).max() < rounded * depth
 
 
+@pytest.mark.parametrize("half_angle", [75, 65])
+def test_a_cone_in_a_thick_sheet_is_the_same_at_every_depth(half_angle):
+    cone, thick = Cone(math.radians(half_angle)), [sheet(60e-3)]
+    forces = [float(finite(thick, cone, depth, mesh=COARSE).force[0]) for depth in (0.4e-3, 0.8e-3)]
+    # nothing but the sheet has a length: F goes with the square of the depth, but for (contact radius)/60 mm
+    assert forces[1] / forces[0] == pytest.approx(4.0, rel=0.05)
+
+
 def test_force_converges_with_order_2():
     depths = np.linspace(0.6e-3, 1e-3, 6)  # for edges anywhere in an element
     meshes = [ContactMesh(6, 2.0, 15)]
@@ -272,6 +280,14 @@ def test_a_thin_soft_film_is_a_seat(strain):
     assert float(sinking[0]) == pytest.approx(float(sinking[1]), rel=0.02)
 
 
+def test_a_sheet_on_a_very_soft_seat_is_an_endless_plate():
+    h, E, k = 8e-3, 1e5, 10.0
+    found = indent([sheet(h, E)], BALL, 1e-4, base=Seat(k), strain="linear", mesh=COARSE)
+    # D = Eh³/9 and F = 8 √(kD) w at the force; the plate is a 19th of (D/k)^¼ thick, and its shear worth (1/19)²
+    plate = float(found.force[0]) / (8 * math.sqrt(k * E * h**3 / 9))
+    assert -float(found.displacement_z[0, 0, 0]) == pytest.approx(plate, rel=1e-2)
+
+
 @pytest.mark.parametrize(
     ("stiffness", "shear"), [(0.0, 0.0), (-1.0, 0.0), (math.inf, 0.0), (1e6, -1.0), (1e6, math.nan)]
 )
@@ -290,7 +306,7 @@ def test_an_outline_follows_its_profile_and_its_derivatives(indenter):
     outline = Outline(indenter, 1e-3)
     r = np.linspace(1e-3, 4, 4001)
     height, slope, bend = outline(r)
-    inside = r * 1e-3 < 0.9 * min(indenter.reach, 4e-3)  # edges are rounded with a tenth of the radius
+    inside = r * 1e-3 < 0.9 * min(indenter.largest_radius, 4e-3)  # edges are rounded with a tenth of the radius
     assert height[inside] == pytest.approx(indenter.profile(r[inside] * 1e-3) * 1e3, rel=1e-12, abs=1e-15)
     step = 1e-6
     smooth = np.abs(np.diff(bend, prepend=bend[0])) < 0.1 * (1 + np.abs(bend))  # not where the arc begins or ends

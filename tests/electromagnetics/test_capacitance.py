@@ -364,7 +364,7 @@ def _fat():
     (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
     (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
     (lambda: coil_capacitance(_pair(shift=(1e-3, 0), layers=("A", "A"))), "one and two overlaps on A"),
-    (lambda: coil_capacitance(_hairpin()), "winding of hairpin must run at least twice around"),
+    (lambda: coil_capacitance(_hairpin()), "winding of hairpin must have at least two turns around"),
     (lambda: coil_capacitance(_fat()), "c: copper overlaps on plane 0"),
 ])  # fmt: skip
 def test_bad_geometry_is_refused_in_one_line(call, message):
@@ -375,8 +375,8 @@ def test_bad_geometry_is_refused_in_one_line(call, message):
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: strip_capacitance(AIR, [1], [0], [1e-4], period=1e-3), "planes must be 0 to 0; got 1 to 1"),
-    (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must be of one length"),
-    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a hole"),
+    (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must have the same length"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a gap"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=-1.0), "period must be positive"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, basis=0), "basis must be at least 1; got 0"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, cutoff=0.0), "cutoff must be positive"),

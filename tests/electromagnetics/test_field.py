@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import config
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipk
 from support.references import polygon
@@ -26,6 +27,8 @@ from coilarray.geometry import Conductor
 
 pytestmark = pytest.mark.nojit
 
+# threads and forks are those of compiled code; as plain Python they take half a minute
+compiled = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="numba is switched off")
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0.2], [0.3, 0.8, -0.1], [0, 0, 0]])
 
 
@@ -182,6 +185,7 @@ def test_many_conductors_currents_and_blocks():
     assert magnetic_field(paths, np.zeros((0, 3))).shape == (0, 3)
 
 
+@compiled
 def test_two_threads_at_once():
     points = np.random.default_rng(0).uniform(-2, 2, (60000, 3))
     alone = magnetic_field([TRIANGLE], points)
@@ -190,6 +194,7 @@ def test_two_threads_at_once():
             np.testing.assert_array_equal(B, alone)
 
 
+@compiled
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_can_go_on():

@@ -13,12 +13,15 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 import xarray as xr
+
+from coilarray.compute.netcdf import netcdf_in
 
 Mutation = Callable[[np.random.Generator, bytes], bytes]
 
@@ -173,25 +176,27 @@ def json_changed(random: np.random.Generator, data: bytes) -> bytes:
 
 def dataset_changed(random: np.random.Generator, data: bytes) -> bytes:
     """Change one to three variables, dimensions or attributes of a netCDF file, or cut it where that fails."""
-    with warnings.catch_warnings(), xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as opened:
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        dataset = opened.load()
+        dataset = _opened(data).copy(deep=True)
         for _ in range(int(random.choice([1, 1, 1, 2, 3]))):
             try:
                 dataset = _dataset_change(random, dataset)
             except (ValueError, TypeError, KeyError, OverflowError, AttributeError, xr.MergeError):
                 continue
+        memory = io.BytesIO()
         try:
-            return _netcdf(dataset)
+            with netcdf_in(memory, dataset, invalid_netcdf=True):
+                pass
+            return memory.getvalue()
         except Exception:  # not every dtype and attribute can be written
             return data[: int(random.integers(len(data)))]
 
 
-def _netcdf(dataset: xr.Dataset) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "changed.nc")
-        dataset.to_netcdf(path, engine="h5netcdf", invalid_netcdf=True)
-        return path.read_bytes()
+@cache
+def _opened(data: bytes) -> xr.Dataset:
+    with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as opened:
+        return opened.load()
 
 
 def _dataset_change(random: np.random.Generator, dataset: xr.Dataset) -> xr.Dataset:

@@ -2,7 +2,8 @@
 
 A case is a kind and a number; with `SEED` they decide which example is mutated and how. Its outcome is one of
 
-- refused: a `CoilarrayError` in one line of at most 300 characters, with the key for kinds that have keys
+- refused: a `CoilarrayError` in one line of at most 300 characters, for kinds that have keys with the one that was
+  changed, or one of the same table
 - same: an answer equal to that for the file as it was
 - changed: another answer, all of whose numbers are finite and which no check of its kind contradicts
 - traceback: any other exception, a warning that is not ours included, or a refusal that is not one clear line
@@ -57,7 +58,9 @@ SECONDS = 20.0
 LONGEST_MESSAGE = 300
 """Characters of an error, without the path of the file."""
 
-_WALL_SECONDS = 120.0  # after which a worker is ended: a loop in C that takes no signal, on a busy machine
+_WALL_SECONDS = (
+    600.0  # after which a worker is ended: a loop in C that takes no signal, or `SECONDS` where many compute
+)
 _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
 
 
@@ -68,6 +71,7 @@ _NO_KEYS = (
     "has no key '",
     "the file must be a table",
     "it must have kind",
+    "hash must be",  # of all other keys
 )
 
 
@@ -122,11 +126,11 @@ class Bench:
         except Exception:
             return Outcome(name, number, "tracebacks", f"of the good {example.name}: {traceback.format_exc()}", 0.0)
         begun = time.process_time()
-        outcome, said = self.judge(kind, data, whole)
+        outcome, said = self.judge(kind, data, whole, example.read_bytes())
         return Outcome(name, number, outcome, said, time.process_time() - begun)
 
-    def judge(self, kind: Kind, data: bytes, whole: str = "") -> tuple[str, str]:
-        """Read bytes as a file of a kind; the outcome, and what is said of it."""
+    def judge(self, kind: Kind, data: bytes, whole: str = "", before: bytes | None = None) -> tuple[str, str]:
+        """Read bytes as a file of a kind, which was good `before`; the outcome, and what is said of it."""
         path = self._own / f"case{kind.suffix}"
         path.write_bytes(data)
         unraisable: list[str] = []
@@ -139,7 +143,7 @@ class Bench:
                 answer = kind.read(path)
         except CoilarrayError as error:
             said = str(error).replace(str(path), path.name)
-            problem = unclear(said, data if kind.keyed else None)
+            problem = unclear(said, data if kind.keyed else None, before)
             problem = problem or (f"on standard error: {unraisable[0]}" if unraisable else "")
             return ("tracebacks", f"{problem}: {said!r}") if problem else ("refused", said)
         except HangError:
@@ -187,33 +191,49 @@ def _not_finite(kind: Kind, answer: Any) -> str:
     return ""
 
 
-def unclear(message: str, keyed: bytes | None) -> str:
-    """Say what is wrong with an error: several lines, too long, empty, or without a key of the file or its schema."""
+def unclear(message: str, keyed: bytes | None, before: bytes | None = None) -> str:
+    """Say what is wrong with an error: several lines, too long, empty, or without a key that `names_key` looks for."""
     if not message.strip():
         return "empty"
     if any(not character.isprintable() for character in message):
         return "not one printable line"
     if len(message) > LONGEST_MESSAGE:
         return f"{len(message)} characters"
-    if keyed is not None and not names_key(message, keyed):
+    if keyed is not None and not names_key(message, keyed, before):
         return "no key"
     return ""
 
 
-def names_key(message: str, data: bytes) -> bool:
+def names_key(message: str, data: bytes, before: bytes | None = None) -> bool:
     """Whether an error names a key of the file, or one that the file lacks, or says that it is no text of its kind.
 
     A key is named by its dotted path in the file, with or without the numbers of list entries, as a key of the table
     at such a path, or alone where it stands at the top of the file or cannot be an English word: `gap_mm`. Of a key
     that is not there the message says that it is missing, or has it in brackets as the head of a table.
+
+    Where the file was good `before`, the key is one that has changed, one of the same table, or a table above or below;
+    or the message quotes what the changed entry says: a name that another table has no more.
     """
     if any(text in message for text in _NO_KEYS):
         return True
-    paths = {path.lower() for path in _paths_of(_tree_of(data))}
+    said = message.lower()
+    now = dict(_entries_of(_tree_of(data)))
+    was = now if before is None else dict(_entries_of(_tree_of(before)))
+    paths = {path.lower() for path in now.keys() | was.keys()}
+    if changed := {path for path in now.keys() | was.keys() if now.get(path) != was.get(path)}:
+        if any(len(now.get(path, "")) > 2 and now[path] in said for path in changed):
+            return True
+        changed = {path.lower() for path in changed}
+        tables = {path.rpartition(".")[0] for path in changed}
+        paths = {
+            path
+            for path in paths
+            if path.rpartition(".")[0] in tables
+            or any(f"{one}.".startswith(f"{path}.") or path.startswith(f"{one}.") for one in changed)
+        }
     paths |= {re.sub(r"\.\d+(?=\.|$)", "", path) for path in paths}
     alone = {path for path in paths if "." not in path}
     alone |= {key for path in paths if "_" in (key := path.rpartition(".")[2])}
-    said = message.lower()
     words = {word.strip(".-+") for word in re.findall(r"[\w.+-]+", said)}
     words |= {word.rstrip("0123456789") for word in words}  # of registers, which bear the names of keys
     lacking = re.findall(r"([\w.]+) is missing|\[(\w+)\]", said)
@@ -245,12 +265,14 @@ def _tree_of(data: bytes) -> Any:
     return {}
 
 
-def _paths_of(tree: Any, above: str = "") -> Iterator[str]:
-    """Give the dotted path of every key and list entry, below `above`."""
+def _entries_of(tree: Any, above: str = "") -> Iterator[tuple[str, str]]:
+    """Give the dotted path of every key and list entry, below `above`, and its value in lower case; of lists and tables
+    how many entries they have.
+    """
     items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, value in items:
-        yield f"{above}{key}"
-        yield from _paths_of(value, f"{above}{key}.")
+        yield f"{above}{key}", str(len(value) if isinstance(value, dict | list) else value).lower()
+        yield from _entries_of(value, f"{above}{key}.")
 
 
 def digest(answer: Any) -> str:
@@ -334,6 +356,8 @@ def run_cases(wanted: Sequence[tuple[str, int]], workers: int) -> list[Outcome]:
                 else:
                     begin(process, ready)
                 done.append(outcome)
+                if outcome.outcome in OUTCOMES[3:]:  # a long run may be broken off
+                    sys.stderr.write(f"{outcome.outcome} {outcome.kind} {outcome.number}\n")
             for connection, (process, case, begun) in list(busy.items()):
                 if time.monotonic() - begun > _WALL_SECONDS:
                     process.kill()

@@ -13,6 +13,7 @@ from itertools import pairwise, product
 import mpmath
 import numpy as np
 import pytest
+import xarray as xr
 from support.boards import FOUR_LAYERS, SHEETS, SMALL, VIA, small_board
 from support.refusals import refused
 
@@ -206,12 +207,27 @@ _NUMBERS = [np.nan, np.inf, -np.inf]
 _WIRE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
 _STARTER = ca.load_design("starter")
 _BARE = dataclasses.replace(_STARTER, sheets=(), indentation=None)
+_AIMED = dataclasses.replace(_BARE, target=ca.Target(ca.Ball(1e-3, ca.MATERIALS["aluminium"]), (1e-3,), (0.0,), (0.0,)))
+
+
+def _coupling(number):
+    names, currents = list(_BARE.array.names), np.eye(len(_BARE.array.names))
+    currents[0, 1] = number
+    return xr.Dataset({f"current_{part}": (("coil", "other"), currents) for part in ("real", "imag")}, {"coil": names})
+
+
 _BEYOND = {
     "frequency": lambda bad: resistance_matrix(Conductor(_WIRE, 1e-3, 1e-3), [1e6, bad]),
     "permittivity": lambda bad: coil_capacitance(_BARE.array, relative_permittivity=bad),
     "permittivity of an effect": lambda bad: elastomer_effect(_BARE.array, bad, 1e-10),
     "undisturbed": lambda bad: elastomer_effect(_BARE.array, 2.0, 1e-10, undisturbed=bad),
     "radius of a sample": lambda bad: ca.indent(_STARTER.sheets, ca.Hemisphere(2.5e-3), [1e-3], radius=bad),
+    "pitch of a connector": lambda bad: ca.Connector(pitch=bad),
+    "place of a connector": lambda bad: ca.Connector(at=bad),
+    "rule": lambda bad: ca.FabRules(min_gap=bad),
+    "clock": lambda bad: ca.Readout(clock=bad),
+    "fineness": lambda bad: ca.target_map(_AIMED, fineness=bad),
+    "coupling": lambda bad: ca.operating_currents(_BARE, _coupling(bad), "coil1"),
     "corner of a path": lambda bad: ca.path_coil([[(0.0, 0.0), (1e-2, bad)]], 1e-4, 1e-4, VIA),
 }
 _DOORS = {

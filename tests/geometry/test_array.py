@@ -55,6 +55,10 @@ def test_colours_keep_neighbours_apart():
     assert ((indices[:, 0] - indices[:, 1])[i] % 3 != (indices[:, 0] - indices[:, 1])[j] % 3).all()
     np.testing.assert_allclose(rings[[0, 1, 7]], [[0, 0], [1, 0], [2, 0]], atol=1e-15)  # centre, then ring by ring
     assert lattice("single")[0].tolist() == [[0, 0]]
+    triangle, indices = lattice("triangle", 1.0, 3)
+    i, j = np.nonzero(neighbours(triangle, 1.0))
+    assert (len(triangle), len(i)) == (6, 2 * 9)  # three by three sides
+    assert ((indices[:, 0] - indices[:, 1])[i] % 3 != (indices[:, 0] - indices[:, 1])[j] % 3).all()
     points, indices = lattice("square", 1.0, 4, 3)
     i, j = np.nonzero(neighbours(points, 1.0))
     assert (indices.sum(axis=1)[i] % 2 != indices.sum(axis=1)[j] % 2).all()
@@ -73,15 +77,13 @@ def test_lattices_and_sheets_that_cannot_be():
     for pitch in (0.0, -1.0, math.nan, math.inf):
         refused(GeometryError, "pitch must be positive and finite", lattice, "square", pitch, 2, 2)
     refused(GeometryError, "columns and rows must be at least 1; got 0 and 1", lattice, "linear", 1.0, 0)
-    refused(GeometryError, "a linear lattice has one row; got 2", lattice, "linear", 1.0, 2, 2)
+    refused(GeometryError, "a linear lattice takes one row; got 2", lattice, "linear", 1.0, 2, 2)
     refused(GeometryError, "more than one coil must have a pitch", lattice, "square", None, 2)
-    refused(GeometryError, "of the kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
-    refused(
-        GeometryError, "at least one ring where its kind is rings, else none; got 0 of rings", lattice, "rings", 1.0
-    )
+    refused(GeometryError, "of kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
+    refused(GeometryError, "at least one ring, any other none; got 0 for rings", lattice, "rings", 1.0)
     refused(
         GeometryError,
-        "lattice must be single, linear, square, hexagonal or rings; got 'round'",
+        "lattice must be single, linear, square, hexagonal, triangle or rings; got 'round'",
         lattice,
         "round",
         1.0,

@@ -134,7 +134,7 @@ def test_paths_that_cannot_be():
         ([[(0, 0), (1e-2, 0), (1e-2, 0)]], "repeats a point"),
         ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (5e-3, -1e-2)]], r"segments 0 and 2 meet at \(7\.5, 0\) mm"),
         ([[(0, 0), (1e-2, 0), (5e-3, 0)]], "crosses itself: segments 0 and 1"),
-        ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 0)]], "closed at"),
+        ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 0)]], "closes at"),
         ([LINE, LINE], "line 1 of a coil must begin where line 0 ends; they are 10 mm apart"),
     ):
         refused(GeometryError, message, path_coil, lines, 1e-4, 1e-4, VIA)

@@ -94,9 +94,9 @@ def test_connectors_that_cannot_be(monkeypatch):
     bare = lattice_array(
         many_layers(2), spiral_coil(RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3), 2, VIA), Lattice("single")
     )
-    refused(GeometryError, "coil1 has no leads to be led to a connector", lead_out, bare, Connector())
+    refused(GeometryError, "coil1 has no leads that could be routed to a connector", lead_out, bare, Connector())
     tried = []
     monkeypatch.setattr(_Grid, "ways", lambda grid, order: tried.append(order) or ways(grid, order))
-    message = r"the lead of coil\d on L\d finds no way to the bottom edge .*connector\.distance_mm"
+    message = r"the lead of coil\d on L\d cannot be routed to the bottom edge .*connector\.distance_mm"
     refused(GeometryError, message, lead_out, coils(3, 3, 7.1e-3), Connector(pitch=1e-3))
     assert len(tried) <= 4  # two from either side: no order leads out half of the coils

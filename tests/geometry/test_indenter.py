@@ -32,7 +32,7 @@ def test_profile_starts_at_the_tip_and_never_falls(indenter):
     height = indenter.profile(r)
     assert height.shape == r.shape
     assert height[0, 0] == 0
-    within = r <= indenter.reach
+    within = r <= indenter.largest_radius
     assert np.isfinite(height[within]).all()
     assert np.isinf(height[~within]).all()
     assert (np.diff(height[within]) >= 0).all()
@@ -42,8 +42,8 @@ def test_profile_starts_at_the_tip_and_never_falls(indenter):
 def test_cut_is_the_inverse_of_the_profile(height, index):
     indenter = ALL[index]
     r = indenter.radius_at(height)
-    assert 0 < r <= indenter.reach
-    if r < indenter.reach:
+    assert 0 < r <= indenter.largest_radius
+    if r < indenter.largest_radius:
         # both ways round once; near the rim of a ball the slope r/√(R² − r²) enlarges that
         assert float(indenter.profile(r)) == pytest.approx(height, rel=1e-6)
     else:
@@ -64,7 +64,7 @@ def test_balls_near_their_tip_and_cones():
     assert ball == pytest.approx(paraboloid, rel=5e-6)
     assert ball[-1] / paraboloid[-1] - 1 == pytest.approx((r[-1] / (2 * R)) ** 2, rel=1e-3)  # further terms: 1e-5
     assert Cone(math.atan(4.0)).profile([0.0, 1e-3]) == pytest.approx([0.0, 0.25e-3], rel=1e-12)  # roundings
-    assert Cone(math.atan(4.0)).reach == math.inf
+    assert Cone(math.atan(4.0)).largest_radius == math.inf
 
 
 def test_bodies_that_cannot_be():

@@ -1,4 +1,4 @@
-"""Copper in copper: the same verdict as the fabrication rules give, on boards whose overlap is known."""
+"""Copper in copper: the same verdict as the fabrication rules give, on known and on random boards, and bare paths."""
 
 from __future__ import annotations
 
@@ -9,14 +9,34 @@ import pytest
 from support.boards import FOUR_LAYERS, VIA
 from support.refusals import refused
 
-from coilarray import CoilArray, FabRules, Placement, check_rules, inductance_matrix, load_design, path_coil, vary
+from coilarray import (
+    CoilArray,
+    Conductor,
+    FabRules,
+    Lattice,
+    Placement,
+    Spiral,
+    check_rules,
+    inductance_matrix,
+    lattice_array,
+    load_design,
+    mutual_inductance,
+    path_coil,
+    spiral_coil,
+    vary,
+)
 from coilarray.design.bundled import DESIGNS
 from coilarray.errors import GeometryError
 from coilarray.geometry.overlap import require_apart
+from coilarray.geometry.rules import KEPT_WITHIN
 
 WIDTH = 1e-3
 BAR = path_coil([[(0, 0), (10e-3, 0)]], WIDTH, WIDTH, VIA)
 HAIRPIN = [(0, 0), (10e-3, 0), (10e-3, 2e-3), (0, 2e-3)]
+
+
+def apart(array):
+    require_apart(array.conductors(), array.stackup)
 
 
 def board(*placements):
@@ -47,7 +67,7 @@ def loop(gap):
     ],
 )
 def test_overlapping_traces_are_refused_as_by_the_rules(array, text):
-    refused(GeometryError, text, require_apart, array)
+    refused(GeometryError, text, apart, array)
     refused(GeometryError, text, inductance_matrix, array)
     assert min(one.value for one in check_rules(array, FabRules())) < 0
 
@@ -64,19 +84,100 @@ def test_overlapping_traces_are_refused_as_by_the_rules(array, text):
     ],
 )
 def test_traces_that_are_apart_are_computed(array):
-    require_apart(array)
+    apart(array)
     assert (np.linalg.eigvalsh(inductance_matrix(array)) > 0).all()
 
 
+def test_random_boards_have_the_verdict_of_the_rules():
+    """Two paths of two straight runs each, on 10 mm; half of the boards have an overlap of some kind."""
+    random, refusals = np.random.default_rng(23), 0
+    for _ in range(60):
+        width = 10.0 ** random.uniform(-4.5, -3)
+        coils = [path_coil([random.uniform(-5e-3, 5e-3, (3, 2))], width, width, VIA) for _ in "AB"]
+        array = board(*(Placement(name, coil, ("L1",), 0, 0) for name, coil in zip("AB", coils, strict=True)))
+        worst = min(one.value for one in check_rules(array, FabRules()) if one.rule != "edge clearance")
+        try:
+            apart(array)
+        except GeometryError:
+            refusals += 1
+            assert worst <= -KEPT_WITHIN
+        else:
+            assert worst > -KEPT_WITHIN
+    assert 15 < refusals < 45
+
+
+def bare(*lines, width=WIDTH, thickness=35e-6, z=0.0):
+    """Bare paths in one plane, by x and y in mm."""
+    return [
+        Conductor([(1e-3 * x, 1e-3 * y, z) for x, y in line], width, thickness, name=name)
+        for name, line in zip("AB", lines, strict=False)
+    ]
+
+
+SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
+SPIRAL = spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, VIA)
+
+
+@pytest.mark.parametrize(
+    ("paths", "text"),
+    [
+        (bare([(0, 0), (10, 0)], [(5, -5), (5, 5)]), r"copper of A – B overlaps on z 0 mm at \(5, .*\) mm, by 1 mm"),
+        (bare([(0, 0), (10, 0)], [(0, 0), (10, 0)]), "copper of A – B .* by 1 mm"),
+        (bare([(0, 0), (10, 0), (10, 0.6), (0, 0.6)]), "copper of A .* by 0.4 mm"),  # its ends meet
+        (bare([(0, 0), (10, 10), (10, 0), (0, 10), (0, 0)]), "copper of A .* by 1 mm"),  # closed, and crosses itself
+        (bare([(0, 0), (10, 0)]) + bare([(5, -5), (5, 5)], z=30e-6), "copper of A – A .* by 1 mm"),  # of 35 µm
+    ],
+)
+def test_bare_paths_in_each_other_are_refused(paths, text):
+    refused(GeometryError, text, inductance_matrix, paths)
+    L = inductance_matrix(paths, allow_overlaps=True)
+    assert L.shape == (len(paths), len(paths))
+    if len(paths) == 2:
+        assert L[0, 1] == mutual_inductance(paths[0], paths[1])[0, 0]
+
+
+@pytest.mark.parametrize(
+    "paths",
+    [
+        bare([*SQUARE, (0, 0)]),
+        bare([*SQUARE, (0, 0.3)]),  # the end of a turn beside its beginning
+        bare([(0, 5), *SQUARE, (0, 5)]),
+        bare(5 * np.array([(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 97)])),
+        bare([(0, 0), (10, 0)]) + bare([(5, -5), (5, 5)], z=35e-6),  # they lie on each other
+        [Conductor([(0, 0, 0), (0, 0, 1e-2)], 1e-3, 1e-3), Conductor([(0, 0, 0), (1e-2, 0, 0)], 1e-3, 1e-3)],
+    ],
+)
+def test_bare_paths_that_are_apart_or_closed_are_computed(paths):
+    assert (np.linalg.eigvalsh(inductance_matrix(paths)) > 0).all()
+
+
+def test_spirals_in_each_other_are_refused_by_name():
+    """Half a pitch aside, turns that are parallel to the shift lie in the gaps, and the others in each other."""
+    places = [Placement(name, SPIRAL, ("L1", "L2"), x, 0) for name, x in (("A", 0.0), ("B", 0.15e-3))]
+    refused(GeometryError, "copper of A – B overlaps on layer L1", inductance_matrix, board(*places))
+    refused(GeometryError, "copper of A – B overlaps on z -0.0175 mm", inductance_matrix, board(*places).conductors())
+    turned = [Placement(name, SPIRAL, ("L1", "L2"), x, 0, x) for name, x in (("A", 0.0), ("B", 0.15e-3))]
+    refused(GeometryError, "copper of A – B overlaps", inductance_matrix, board(*turned).conductors())
+
+
+@pytest.mark.parametrize("kind", ["linear", "square", "hexagonal"])
+def test_lattices_that_overlap_on_other_layers_are_apart(kind):
+    layers = (("L1", "L2"), ("L3", "L4")) if kind != "hexagonal" else (("L1",), ("L2",), ("L3",))
+    coil = SPIRAL if kind != "hexagonal" else spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 1, VIA)
+    lattice = Lattice(kind, 12e-3, 3, 1 if kind == "linear" else 3, layers)
+    array = lattice_array(FOUR_LAYERS, coil, lattice)
+    apart(array)
+    flat = replace(array, placements=tuple(replace(one, layers=layers[0]) for one in array.placements))
+    refused(GeometryError, "copper of .* overlaps on layer L1", apart, flat)
+
+
 def test_a_sharp_corner_is_one_piece_of_copper():
-    require_apart(
-        board(Placement("A", path_coil([[(0, 0), (10e-3, 0), (2e-3, 7e-3)]], WIDTH, WIDTH, VIA), ("L1",), 0, 0))
-    )
+    apart(board(Placement("A", path_coil([[(0, 0), (10e-3, 0), (2e-3, 7e-3)]], WIDTH, WIDTH, VIA), ("L1",), 0, 0)))
 
 
 @pytest.mark.parametrize("name", DESIGNS.names())
 def test_bundled_boards_are_apart(name):
-    require_apart(load_design(name).array)
+    apart(load_design(name).array)
 
 
 def test_all_coils_on_one_pair_of_layers_overlap():
@@ -84,4 +185,4 @@ def test_all_coils_on_one_pair_of_layers_overlap():
     flat = vary(design, {"array.layers": [["L1", "L2"]], "array.pitch_mm": 10.0}).array
     refused(GeometryError, "copper of coil1 – coil2 overlaps on layer L1", inductance_matrix, flat)
     wide = replace(flat, placements=tuple(replace(one, x=2 * one.x) for one in flat.placements))
-    require_apart(wide)
+    apart(wide)

@@ -69,7 +69,7 @@ def test_tilted_plate() -> None:
     [
         (lambda: Material("x", -1.0), "conductivity of 'x' must be at least 0"),
         (lambda: Material("x", 1.0, 0.5), "relative permeability of 'x' must be at least 1"),
-        (lambda: Material("x", 0.0), "got air"),
+        (lambda: Material("x", 0.0), "it has neither"),
         (lambda: Plate("p", math.nan, 1e-3, COPPER), "height of plate 'p' must be finite"),
         (lambda: Plate("p", 0.0, 0.0, COPPER), "thickness of plate 'p' must be positive"),
         (lambda: Ring(1e-3, 2e-3), "inner radius of a ring must be less"),

@@ -311,7 +311,7 @@ def test_regions_and_clear_shapes(tmp_path: Path) -> None:
     files = unzipped(export(array, tmp_path))
     plane = REGION.replace("G36*", "%TO.N,A*%\nG36*") + "\n%TD*%\n"
     files["board-F_Cu.gbr"] = files["board-F_Cu.gbr"].replace("M02*", f"{plane}M02*")
-    message = r"board-F_Cu\.gbr:\d+: net A has a region on L1, which is no current path"
+    message = r"board-F_Cu\.gbr:\d+: net A has a region on L1, which cannot be taken as a current path"
     refused(BoardError, message, trace_coils, read(tmp_path, files), ["A"])
     # to the net check it is foreign
     files = unzipped(export(array, tmp_path))
@@ -390,7 +390,7 @@ def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for name, message in (
         ("nowhere.zip", r"nowhere\.zip: there is no such file or folder"),
-        ("text.zip", r"text\.zip: must be a folder or a whole zip of Gerber files"),
+        ("text.zip", r"text\.zip: must be a folder or an intact zip of Gerber files"),
         ("empty", r"empty: has no copper layer among its 0 Gerber and Excellon files"),
     ):
         refused(BoardError, message, read_gerbers, tmp_path / name)
@@ -400,7 +400,7 @@ def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:
     data = bytearray((path := zipped(tmp_path, BOARD)).read_bytes())
     data[data.index(b"D01*")] ^= 0xFF  # zipped() does not compress
     path.write_bytes(data)
-    refused(BoardError, r"must be a folder or a whole zip of Gerber files; .Bad CRC-32", read_gerbers, path)
+    refused(BoardError, r"must be a folder or an intact zip of Gerber files; .Bad CRC-32", read_gerbers, path)
 
 
 @given(cut=st.floats(0, 0.999))
@@ -409,7 +409,7 @@ def test_a_truncated_zip_is_refused(cut: float, tmp_path: Path) -> None:
     whole = zipped(tmp_path, BOARD).read_bytes()
     path = tmp_path / "cut.zip"
     path.write_bytes(whole[: int(cut * len(whole))])
-    refused(BoardError, r"cut\.zip: must be a folder or a whole zip", read_gerbers, path)
+    refused(BoardError, r"cut\.zip: must be a folder or an intact zip", read_gerbers, path)
 
 
 @given(name=st.sampled_from(sorted(BOARD)), cut=st.floats(0, 1))
@@ -453,10 +453,10 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (lacking("bottom.gbr") | {"in.gbr": gerber("Copper,L2,Inr", *BOTTOM)}, r"are missing: the bottom below L2\.$"),
         ({**BOARD, "other.gbr": BOARD["top.gbr"]}, r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr"),
         ({**BOARD, "x.gbr": gerber("Copper,Lx,Inr")}, r"/x\.gbr: a copper layer must be L1, L2, …; got Copper,Lx,Inr"),
-        (lacking("holes.drl"), r"board\.zip: has 2 copper layers and no plated hole that joins them"),
-        (changed("holes.drl", "Plated,1,2,PTH", "NonPlated,1,2,NPTH"), r"no plated hole that joins them"),
-        (changed("holes.drl", "Plated,1,2", "Plated,2,5"), DRILL_NAME + r": holes must go down .* got Plated,2,5,PTH"),
-        (changed("holes.drl", "Plated,1,2", "Plated,a,2"), DRILL_NAME + r": holes must go down .* got Plated,a,2,PTH"),
+        (lacking("holes.drl"), r"board\.zip: has 2 copper layers and no plated hole to connect them"),
+        (changed("holes.drl", "Plated,1,2,PTH", "NonPlated,1,2,NPTH"), r"no plated hole to connect them"),
+        (changed("holes.drl", "Plated,1,2", "Plated,2,5"), DRILL_NAME + r": holes must go from .* got Plated,2,5,PTH"),
+        (changed("holes.drl", "Plated,1,2", "Plated,a,2"), DRILL_NAME + r": holes must go from .* got Plated,a,2,PTH"),
         (changed("holes.drl", "METRIC\n", ""), DRILL_NAME + r":\d+: the file does not say its unit"),
         (changed("holes.drl", "T1C0.3", "T1F2.0"), DRILL_NAME + r":\d+: the tool has no diameter"),
         (changed("holes.drl", "T1C0.3", "T1C99999.0"), r":\d+: a diameter must be from 0 to 10 m; got 99\.999 m"),
@@ -487,7 +487,7 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (top("D13*", stroke(0, 0, 5, 0), apertures=("C,0.2",) * 3 + ("O,1X2",)), TOP_NAME + r":12: Non-circular"),
         (top(*TOP, "%LPC*%", "D10*", flashes((2, 0))), TOP_NAME + r":18: a clear shape over a track or pad"),
         (top(*TOP[:2]) | {"bottom.gbr": gerber("Copper,L2,Bot")}, DRILL_NAME + r":8: the plated hole"),
-        ({**BOARD, "b.gbrjob": '{"Header": '}, r"b\.gbrjob:1: is not a whole Gerber job file"),
+        ({**BOARD, "b.gbrjob": '{"Header": '}, r"b\.gbrjob:1: is not a complete Gerber job file"),
         ({**BOARD, "b.gbrjob": '{"MaterialStackup": [{"Type": "Copper"}]}'}, "has 1 copper layers and .* files for 2"),
         ({**BOARD, "b.gbrjob": '{"GeneralSpecs": {"BoardThickness": 0.01}}'}, r"b\.gbrjob: a layer thickness must be"),
     ],

@@ -91,7 +91,7 @@ def test_files_that_cannot_be_read(tmp_path):
     refused(BoardError, message, read_sexpr, tmp_path / "none.kicad_pcb")
     refused(BoardError, "cannot be read: Is a directory", read_sexpr, tmp_path)
     (binary := tmp_path / "b.kicad_pcb").write_bytes(b"\x89PNG\r\n\xff\x00")
-    refused(BoardError, r"b\.kicad_pcb: the file is no text in UTF-8", read_sexpr, binary)
+    refused(BoardError, r"b\.kicad_pcb: the file is not UTF-8 text", read_sexpr, binary)
 
 
 def test_kicad_6_to_9_and_newer_formats_with_a_note_are_read_and_older_ones_refused(read):
@@ -109,7 +109,7 @@ def test_kicad_6_to_9_and_newer_formats_with_a_note_are_read_and_older_ones_refu
 
 def test_files_that_are_no_board(read):
     for text, message in (
-        ("(footprint x)", r":1: a KiCad board begins with \(kicad_pcb; this file with \(footprint"),
+        ("(footprint x)", r":1: a KiCad board begins with \(kicad_pcb; this file begins with \(footprint"),
         ("(kicad_pcb)", r":1: \(kicad_pcb …\) must have a \(version …\)"),
         ("(kicad_pcb (version x))", "must have a number; got 'x'"),
         (f"(kicad_pcb (version {KICAD_6}))", r"must have a \(layers …\)"),

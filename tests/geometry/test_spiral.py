@@ -146,7 +146,7 @@ def test_sizes_and_turns_that_cannot_be():
         refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)
     refused(GeometryError, "winding must be 'ccw' or 'cw'; got 'left'", Spiral, 6, **good, winding="left")
     refused(GeometryError, "turns must be a multiple of 1/6", Spiral, 6, **{**good, "turns": 3.1})
-    refused(GeometryError, r"30 turns .*; at most 24\.5 turns do", Spiral, 6, 5.01e-3, 30, 1e-4, 1e-4)
+    refused(GeometryError, r"30 turns .*; at most 24\.5 turns fit", Spiral, 6, 5.01e-3, 30, 1e-4, 1e-4)
     Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
     good = {"extent": 12e-3, "breadth": 10e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
     for name, value in product(good, BAD):
@@ -157,7 +157,7 @@ def test_sizes_and_turns_that_cannot_be():
     refused(GeometryError, "turns must be a multiple of 1/4", RoundedSpiral, **{**good, "turns": 3.1})
     refused(
         GeometryError,
-        r"30 turns .*; at most 24\.5 turns do",
+        r"30 turns .*; at most 24\.5 turns fit",
         RoundedSpiral,
         **{**good, "breadth": 10.02e-3, "turns": 30},
     )

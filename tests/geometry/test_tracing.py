@@ -258,7 +258,7 @@ ZONE = """(zone (net {net}) (layer "F.Cu") (tstamp 0) (hatch edge 0.5)
 
 def test_copper_that_is_no_track(read):
     for item, message in (
-        (ZONE.format(net=1, x=150, x1=160), "net A has a zone on F.Cu, which is no current path"),
+        (ZONE.format(net=1, x=150, x1=160), "net A has a zone on F.Cu, which cannot be taken as a current path"),
         ('(gr_line (start 1 1) (end 2 2) (width 0.1) (layer "B.Cu") (net 1))', "net A has a drawn line on B.Cu"),
         (ZONE.format(net=0, x=104, x1=110), r"a zone without a net touches net A on F.Cu at \(.*\) mm"),
         ('(gr_line (start 95 90) (end 95 96) (width 0.1) (layer "F.Cu"))', "a drawn line without a net touches net A"),
@@ -532,7 +532,7 @@ def test_a_board_drawn_by_hand(read):
     tracing = trace_coils(copper_read := read(drawn_by_hand(5)))
     (coil,) = tracing.coils
     assert coil.name == "/sensor/coil (1)"
-    assert "GND has a filled zone on F.Cu, which is no current path" in tracing.left_out["GND"]
+    assert "GND has a filled zone on F.Cu, which cannot be taken as a current path" in tracing.left_out["GND"]
     assert coil.layers == ("F.Cu", "back side")
     assert [(via.x, via.y, via.pad) for via in coil.vias] == [(pytest.approx(3.5e-3), 0, 0.8e-3)]
     assert [end.number for end in coil.ends] == ["1", "2"]

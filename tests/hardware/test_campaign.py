@@ -300,7 +300,7 @@ def test_resume_measures_what_is_missing(path, whole, scans):
 
 def test_not_whole(path, tmp_path):
     refused(DeviceLost, "the port is gone", run, path, SMALL, reader=stopped_after(9))
-    refused(HardwareError, "is not whole: 8 of 12 positions are not measured yet", response_of, path)
+    refused(HardwareError, "is not complete: 8 of 12 positions are not measured yet", response_of, path)
     part = response_of(path, partial=True)
     assert int(part.delta.notnull().all("state").sum()) == 4
     assert np.isfinite(part.base_inductance).all()
@@ -388,7 +388,7 @@ def test_a_board_that_restarted_is_opened_again(path, whole):
 def test_a_board_that_restarts_for_ever_or_cannot_be_opened_again(path, tmp_path):
     ever = tmp_path / "ever.sqlite"
     refused(HardwareError, f"a scan failed {TRIES} times: .*restarted", run_reconnecting, ever, 6, [1] * 100)
-    refused(BoardRestarted, "the board restarted; run again to go on with the recording", run_reconnecting, path, 6)
+    refused(BoardRestarted, "the board restarted; run again to continue the recording", run_reconnecting, path, 6)
     run(path, SMALL, resume=True)
 
 

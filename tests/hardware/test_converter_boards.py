@@ -98,7 +98,7 @@ def test_the_coils_of_a_design_come_in_order_and_may_be_named():
     refused(HardwareError, r"2 channels \(2, 0\) for 3 coils; none is left for c: .* --coils a,b", wiring_of_board, two,
             named("a", "b", "c"))  # fmt: skip
     refused(HardwareError, "there is no coil 'd' among a, b", wiring_of_board, two, named("a", "b"), coils=["d"])
-    refused(HardwareError, "coils are named for the channels of a port without switches", wiring_of_board,
+    refused(HardwareError, "coils can be named only for a port with channels instead of switches", wiring_of_board,
             parse_port("i2c:1"), named("a"), coils=["a"])  # fmt: skip
 
 

@@ -160,11 +160,11 @@ def test_a_bus_that_only_knows_smbus_is_refused_and_closed(kernel, devices):
 
 def test_a_bus_that_is_not_there_names_those_that_are(kernel, devices):
     assert linux_buses() == ("i2c:1", "i2c:20", "spi:0.0", "spi:0.1")
-    with pytest.raises(HardwareError, match=r"there is no \S*i2c-7; of its kind there are: i2c:1, i2c:20, spi:0\.0, "):
+    with pytest.raises(HardwareError, match=r"there is no \S*i2c-7; ports of this kind: i2c:1, i2c:20, spi:0\.0, "):
         LinuxRegisterBus(7, 0x2A)
     for path in devices.iterdir():
         path.unlink()
-    with pytest.raises(HardwareError, match=r"there is no \S*i2c-1; of its kind there are: none at all\."):
+    with pytest.raises(HardwareError, match=r"there is no \S*i2c-1; ports of this kind: none at all\."):
         LinuxRegisterBus(1, 0x2A)
 
 
@@ -211,7 +211,7 @@ def test_a_form_of_transfers_that_cannot_be_is_refused(change, message):
 
 @pytest.mark.parametrize(("number", "fault"), [(errno.ENODEV, DeviceLost), (errno.EIO, SwitchFault)])
 def test_a_transfer_that_fails_has_a_name_and_a_port_that_is_not_there(spi, number, fault):
-    with pytest.raises(HardwareError, match=r"there is no \S*spidev3\.2; of its kind there are: i2c:1"):
+    with pytest.raises(HardwareError, match=r"there is no \S*spidev3\.2; ports of this kind: i2c:1"):
         SpiSwitchChain(3, 2, ShiftSettings())
     chain = SpiSwitchChain(0, 0, ShiftSettings())
     spi().fails = number

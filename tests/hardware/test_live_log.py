@@ -168,6 +168,6 @@ def test_a_line_that_has_changed_is_told(tmp_path):
 def test_what_is_no_log(tmp_path):
     for text in ("", "time_s,coil1\n0,1\n", "\x00"):
         (tmp_path / "run.csv").write_text(text)
-        refused(OutputError, "run.csv is no log of a live display", read_log, tmp_path / "run.csv")
+        refused(OutputError, "run.csv is not a log of a live display", read_log, tmp_path / "run.csv")
     refused(OutputError, "cannot read the log", read_log, tmp_path / "none.csv")
     refused(OutputError, "cannot write", written, tmp_path / "none" / "run.csv")

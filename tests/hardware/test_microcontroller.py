@@ -204,7 +204,7 @@ def test_endless_messages_do_not_keep_a_command_waiting(board, reader, chatter):
 
 def test_a_scan_of_the_wrong_size_is_not_taken(board, reader):
     board.words = lambda number: ["01798210"] * 5
-    refused(faults.NoAnswer, "not asked for", reader.scan)
+    refused(faults.NoAnswer, "not requested", reader.scan)
     assert reader.counts.scans.misfit == 1
 
 
@@ -313,7 +313,7 @@ def test_only_one_stream_runs_and_nothing_else_meanwhile(board, reader):
     stream = reader.scans()
     next(stream)
     for call in (reader.scan, lambda: next(reader.scans()), lambda: reader.peek(0), lambda: reader.configure(SETTINGS)):
-        refused(HardwareError, "a stream runs; close its iterator first", call)
+        refused(HardwareError, "a stream is running; close its iterator first", call)
     reader.rest()
     assert list(stream) == []
     assert reader.scan().samples
@@ -322,7 +322,7 @@ def test_only_one_stream_runs_and_nothing_else_meanwhile(board, reader):
 def test_a_stream_asked_for_before_new_settings_does_not_start(board, reader):
     stream = reader.scans()
     reader.configure(scan_settings(load_wiring("six_coils"), rcount=1000))
-    refused(HardwareError, "configured again since", next, stream)
+    refused(HardwareError, "configured again after", next, stream)
 
 
 def test_damaged_lines_are_gaps_that_are_counted(board, reader):

@@ -203,7 +203,7 @@ def test_a_better_clock():
 
 
 @pytest.mark.parametrize(("change", "given", "message"), [
-    ({"configuration": SETTINGS.hash ^ 1}, {}, "scan 7 was measured with other settings, [0-9A-F]{4}; these are"),
+    ({"configuration": SETTINGS.hash ^ 1}, {}, "scan 7 was measured with the settings [0-9A-F]{4}, not with"),
     ({"samples": (GOOD,) * 5}, {}, "scan 7 must have 6 states; got 5"),
     ({"samples": (GOOD,) * 7}, {}, "scan 7 must have 6 states; got 7"),
     ({"samples": (RawSample(0x10000, 0, READY),) * 6}, {}, "msb must be 0 to 0xFFFF; got 0x10000"),

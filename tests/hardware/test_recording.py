@@ -189,7 +189,7 @@ def test_blank_files_are_none(path, session, content):
         changed(path, "PRAGMA journal_mode = WAL")
     else:
         path.write_bytes(content)
-    refused(HardwareError, "is no recording: it is empty", read, path, Recording.count)
+    refused(HardwareError, "is not a recording: it is empty", read, path, Recording.count)
     recorded(path, session, [raw_scan(session, 0)])
     assert read(path, Recording.count) == 1
 
@@ -262,7 +262,7 @@ def overwritten(path):
 WRONG_FILES = {
     "missing": (lambda path: path.unlink(), "there is no file"),
     "folder": (lambda path: (path.unlink(), path.mkdir()), "cannot read .*: it is a folder"),
-    "text": (lambda path: path.write_text("state,delta\n" * 100), "is no recording: file is not a database"),
+    "text": (lambda path: path.write_text("state,delta\n" * 100), "is not a recording: file is not a database"),
     "other": (lambda path: (path.unlink(), changed(path, "CREATE TABLE a (id INTEGER)")), "of another program"),
     "newer": (
         lambda path: changed(path, f"PRAGMA user_version = {SCHEMA + 1}"),

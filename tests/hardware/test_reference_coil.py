@@ -98,6 +98,7 @@ def test_a_press_is_found_under_the_correction():
     assert readings[-1].press.begin == readings[21].elapsed
 
 
+@pytest.mark.slow
 def test_the_noise_of_the_reference_is_added():
     spread = [
         np.std([one.states[0].delta for one in live(400, reference=names, noise=1e-6)[10:]])

@@ -153,7 +153,7 @@ def test_a_wrong_mode_of_spi_is_found_and_at_once_where_the_chain_is_wired_back(
     board.chain.readback = False
     assert "words arrive one clock late: another mode of SPI is needed" in checked(board, WIRING).findings
     board.chain.readback = True
-    refused(SwitchFault, "returns other words than it was sent; no switch could be tried", checked, board, WIRING)
+    refused(SwitchFault, "does not return the words that it was sent; no switch", checked, board, WIRING)
 
 
 def test_a_chain_that_is_turned_round_is_found_where_the_coils_are_in_another_order_than_the_devices():
@@ -198,7 +198,7 @@ def test_a_few_transfers_that_fail_do_not_matter():
 
 def test_a_converter_that_does_not_answer_ends_the_test():
     board = refusing(lambda register, count: register == 0x18)
-    refused(BusFault, "did not answer in 3 scans; nothing could be tried", checked, board, THREE)
+    refused(BusFault, "did not answer in 3 scans; nothing could be tested", checked, board, THREE)
     assert at_rest(board, THREE)
 
 

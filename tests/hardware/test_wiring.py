@@ -343,6 +343,7 @@ def test_small_file(tmp_path):
     ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
     ('part = "ADG739"', 'part = "ADG714"', "U1 has no switch 'S1A'"),
     ('part = "ADG739"', 'part = "74HC4066"', "wiring.device.part must be ADG714, ADG738, ADG739; got '74HC4066'"),
+    ("[wiring.part.ADG739]", "[wiring.part.ADG799]", "a table of wiring.part must be ADG714, .*; got 'ADG799'"),
     ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
     ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
     ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),

@@ -90,7 +90,7 @@ def test_a_flipped_bit_is_refused_and_what_is_before_it_recovered(killed, tmp_pa
         pass
     assert (log.read_bytes(), path.read_bytes()) == kept
     if at < HEADER:  # nothing of the log can be read, and all is in it
-        refused(HardwareError, "no recording: it is empty", find_damage, path)
+        refused(HardwareError, "not a recording: it is empty", find_damage, path)
         return
     assert any("what is behind it is lost" in one for one in find_damage(path).others)
     damage = recover_recording(path, tmp_path / "new.sqlite")

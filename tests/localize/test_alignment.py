@@ -135,7 +135,7 @@ BOTH = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state")
     ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
     ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
     ({"noise": -1e-5}, "noise must be finite and not negative"),
-    ({"model": BOTH}, "by one state; the model has coil1, b"),
+    ({"model": BOTH}, "with a model of one state; this one has coil1, b"),
 ])  # fmt: skip
 def test_bad_input(changes, words):
     values = {"model": MODEL, "places": GRID, "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5}

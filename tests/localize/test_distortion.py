@@ -104,7 +104,7 @@ def test_draws_tell_the_error_of_the_neighbours_effect():
     assert errors["effect_std"].sel(cause="all neighbours").values == pytest.approx(np.sqrt(2) * 1e-6)
     assert errors["rms_std"].sel(cause="all neighbours").values == pytest.approx(np.sqrt(2) * 1e-6)
     assert np.isnan(errors["effect_std"].sel(cause="window").values).all()
-    with pytest.raises(LocalizeError, match="draws must be at least 2"):
+    with pytest.raises(LocalizeError, match="draws must be 0 or at least 2"):
         distortion(PAPER, draws=[(PAPER, Imperfections())])
 
 

@@ -342,7 +342,7 @@ SPIKE = MAP.assign(delta=MAP.delta.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WIND
     (1e3 * MAP, {}, "a largest δ of 1 in steps of 3e-05 makes 3.33e.04 levels on .* at most 3000"),
     (MAP, {"refinement": 200, "step": 1e-6}, "levels on 6.* refined points; at most 160 "),
     (SPIKE, {}, "a largest δ of 43.* levels on .* at most"),
-    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "of coils in one row, .* coil1 is at y = 12 mm"),
+    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "for coils in one row, .* coil1 is at y = 12 mm"),
 ])  # fmt: skip
 def test_bad_maps_and_settings_are_named(dataset, settings, text):
     with pytest.raises(LocalizeError, match=text):
@@ -471,8 +471,8 @@ COIL = ROW.coils[0]
 
 
 @pytest.mark.parametrize(("call", "text"), [
-    (lambda: EllipseModel(()), "one coil or more"),
-    (lambda: EllipseModel((COIL, COIL)), "each of its own name"),
+    (lambda: EllipseModel(()), "at least one coil"),
+    (lambda: EllipseModel((COIL, COIL)), "each coil a different name"),
     (lambda: ROW["coil9"], "the model has no coil 'coil9'"),
     (lambda: locate_x(EllipseModel((COIL,)), GOOD), "two coils are needed"),
     (lambda: intersect(ROW, GOOD, "coil1", "coil1"), "got coil1 twice"),
@@ -484,12 +484,12 @@ COIL = ROW.coils[0]
     (lambda: Ellipse(0.0, 1.0, -1.0), "positive semi-axes"),
     (lambda: fit_ellipse([0, 1], [0, 1]), "at least three finite points"),
     (lambda: fit_ellipse([0, 1, np.nan], [0, 1, 2]), "at least three finite points"),
-    (lambda: fit_ellipse([0, 1, 2], [0, 1]), "of one shape"),
-    (lambda: fit_ellipse([1, 1, 1], [2, 2, 2]), "more than one place"),
-    (lambda: fit_ellipse([0, 1, 2, 3], [0, 0, 0, 0]), "many conics"),
+    (lambda: fit_ellipse([0, 1, 2], [0, 1]), "the same shape"),
+    (lambda: fit_ellipse([1, 1, 1], [2, 2, 2]), "not all the same"),
+    (lambda: fit_ellipse([0, 1, 2, 3], [0, 0, 0, 0]), "more than one conic"),
     # a parabola and a hyperbola
-    (lambda: fit_ellipse([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3]), "no ellipse"),
-    (lambda: fit_ellipse([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3]), "no ellipse"),
+    (lambda: fit_ellipse([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3]), "not an ellipse"),
+    (lambda: fit_ellipse([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3]), "not an ellipse"),
     (lambda: crossing_in_mm((-3, 2, 2), (3, 3, 2)), "do not meet: 1 mm lie between them"),
     (lambda: crossing_in_mm((0, 5, 5), (1, 2, 2)), "one lies within the other"),
     (lambda: crossing_in_mm((0, 5, 5), (0, 5, 5)), "one lies within the other"),

@@ -300,7 +300,7 @@ def test_bad_readings_are_refused(field):
     stream = [reading for pair in zip(bad.values(), [good] * len(bad), strict=True) for reading in pair]
     found = locate_all(field, stream)
     assert [location.verdict for location in found] == ["refused", "found"] * len(bad)
-    assert found[2].reason == "a reading must have δ of every state; that of coil2 is missing."
+    assert found[2].reason == "a reading must have δ of every state; coil2 is missing."
     assert found[2].probability is None
     assert places([found[-1].best]) == pytest.approx(places([locate(field, good).best]), abs=1e-12)
     assert locate_all(field, []) == []

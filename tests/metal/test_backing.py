@@ -16,6 +16,8 @@ from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Sheet
 from coilarray.metal.backing import backings_of, outlined_below, require_below
 
+pytestmark = pytest.mark.slow
+
 ALUMINIUM, STEEL = MATERIALS["aluminium"], Material("steel", 7e6, 50.0)
 FACE, METAL = -2e-3, 2e-3  # upper face and thickness of the metal in m
 SHEETS = (Sheet("base", 4e-3, 1.0), Sheet("top", 2e-3, 3.0))
@@ -28,7 +30,7 @@ def metal(outline, material=ALUMINIUM, face=FACE, thickness=METAL, **more):
     return FinitePlate("metal", outline, (0.0, 0.0, face - thickness / 2), thickness, material, **more)
 
 
-def over(coils, plates, frequency, fineness=0.4):  # which errs by 0.4 %
+def over(coils, plates, frequency, fineness=0.3):  # which errs by 0.5 %
     outlined = outlined_below(coils, plates, [frequency], SHEETS, fineness=fineness)
     (backing,) = backings_of(coils, plates, [frequency], SHEETS, outlined=outlined)
     return dent_inductance_over(backing, coils, [pit()], PLACES, MESH)[0]
@@ -62,10 +64,9 @@ def test_a_plate_below_an_outlined_one_sees_nothing_behind_it(coils, wide):
 FOIL = Plate("foil", -2.5e-3, 0.02e-3, ALUMINIUM)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("thickness", "beside", "fineness"),
-    [(METAL, (), 0.4), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.3)],
+    [(METAL, (), 0.4), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.25)],
     ids=["thick", "thin before another plate"],
 )
 def test_a_wide_disc_behind_a_foil_is_an_infinite_plate(coils, thickness, beside, fineness):
@@ -101,7 +102,6 @@ def test_a_plate_of_nothing_does_nothing(coils):
     assert np.abs(found.imag).max() < 1e-5 * np.abs(alone).max()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "errors"), [(ALUMINIUM, (1.5e-2, 5e-2)), (STEEL, (2.5e-2, 5e-2))], ids=["aluminium", "steel"]
 )
@@ -111,8 +111,7 @@ def test_coil_dent_and_disc_are_those_of_finite_elements(material, errors):
     region = disc_region(radius, FACE - METAL, FACE)
     paths = [polygon(120, *one) for one in LOOPS]
     alone = dent_inductance(paths, [dent], [[0.0, 0.0]])[0, 0].diagonal()
-    fineness = 1.0 if material == ALUMINIUM else 0.7
-    (backing,) = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=fineness)
+    (backing,) = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.5)
     found = dent_inductance_over(backing, paths, [dent], [[0.0, 0.0]])[0, 0].diagonal() / alone
     solved, without = (
         dent_over_metal(LOOPS, dent, region, *one, frequency)
@@ -120,13 +119,13 @@ def test_coil_dent_and_disc_are_those_of_finite_elements(material, errors):
     )
     expected = solved / without.real
     # 1 % by the rim and 0.3 % by the dent's own field, which the disc sends back in the elements alone; 1 % more by the
-    # edges of steel, whose skin is a fortieth of its radius
+    # edges of steel, whose skin is a fortieth of its radius. Found on this mesh: 0.2 and 0.6 %, and 3 % of the losses
     np.testing.assert_allclose(found.real, expected.real, rtol=errors[0])
     np.testing.assert_allclose(found.imag, expected.imag, rtol=errors[1], atol=2e-3)
 
 
 def test_refusals():
     lid = Plate("lid", 20e-3, 1e-3, ALUMINIUM)
-    refused(MetalError, "an indentation is .* plate.0 'lid' lies above them, in its way: leave it out", require_below,
+    refused(MetalError, "an indentation is .* plate.0 'lid' lies above them: leave it out", require_below,
             [lid])  # fmt: skip
     assert backings_of([], [], [1e6], SHEETS) == []

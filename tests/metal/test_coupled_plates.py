@@ -1,4 +1,4 @@
-"""Several plates with an outline, and between plates and sheets without end.
+"""Several plates with an outline, and between plates and infinite sheets.
 
 Who checks whom: images of layers against the layers' own waves; plates with an outline before a perfect conductor
 against their mirror image; wide ones against `flat_plates`, on either side of a foil; discs on each other against one
@@ -220,11 +220,11 @@ def test_refusals():
         outlined_inductance, coil, [disc(centre=(0.0, 0.0, -3.1e-3), name="low"), back], [1e6],
     )  # fmt: skip
     refused(
-        MetalError, "the coils must lie between plates without end and magnetic sheets",
+        MetalError, "the coils must lie between infinite plates and magnetic sheets",
         outlined_inductance, coil, [disc(), replace(back, z=-0.5e-3)], [1e6],
     )  # fmt: skip
     ball = Target(Ball(5e-3, ALUMINIUM), (1e-3,))
     refused(
-        MetalError, "a sphere is computed beside plates below the coils; plate.1 'disc' lies above them",
+        MetalError, "a sphere is computed only beside plates below the coils; plate.1 'disc' lies above them",
         target_inductance, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back, disc()],
     )  # fmt: skip

@@ -1,8 +1,8 @@
-"""Eddy currents in finite plates, against closed forms, the plate without end, finite elements and a turn of wire.
+"""Eddy currents in finite plates, against closed forms, the infinite plate, finite elements and a turn of wire.
 
 A plate's moment in a uniform field, and ΔL of loops nearby. Meshes are those of `fineness` 1, whose error of ΔL is some
 0.2 %, unless a test measures the error itself or an identity that holds on every mesh. Several plates, and those
-between others without end, are in `test_coupled_plates`.
+between infinite ones, are in `test_coupled_plates`.
 """
 
 import math
@@ -251,7 +251,7 @@ def test_currents_make_the_change_of_inductance(three_loops, sheets):
     ("plate", "position", "frequency", "message"),
     [
         (disc(), [0, 0, 0.4e-3], 1e6, "must lie above z = 0 mm, the highest copper"),
-        (disc(thickness=8e-3), [0, 0, 6e-3], 50.0, "has a skin depth of 12 mm at 50 Hz, and its ΔL would err by"),
+        (disc(thickness=8e-3), [0, 0, 6e-3], 50.0, "has a skin depth of 12 mm at 50 Hz, so that its ΔL would have"),
         (disc(), [0, 0], 1e6, r"positions of a plate must be finite, of shape \(n, 3\)"),
         (disc(), [0, 0, 3e-3], 0.0, "frequencies must be positive"),
     ],

@@ -1,4 +1,4 @@
-"""Plates without end: the change of the inductance matrix against closed forms, limits and another method.
+"""Infinite plates: the change of the inductance matrix against closed forms, limits and another method.
 
 Checked against each other: circular loops and the integrals of Dodd & Deeds; a perfect conductor and mirror images;
 an iron plate at rest and a magnetic sheet; images for short waves and waves alone; one loop and
@@ -59,6 +59,7 @@ def test_circular_loop(material: Material, thickness: float) -> None:
         np.testing.assert_allclose(change, dodd_deeds(10e-3, 2e-3, plate), rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_perfect_conductor_is_a_mirror() -> None:
     """Images with the current reversed, above, below, and again and again between two plates."""
     below, above = Plate("below", -3e-3, 1e-3, PERFECT), Plate("above", 4e-3, 1e-3, PERFECT)
@@ -86,6 +87,7 @@ def test_an_iron_plate_at_rest_is_a_magnetic_sheet() -> None:
     np.testing.assert_allclose(slow[0], layer_inductance(LOOPS, sheets), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_plates_with_sheets() -> None:
     """A magnetic sheet given as a plate without losses changes what another plate does as the sheet itself."""
     plates = [Plate("target", 6e-3, 0.5e-3, STEEL), Plate("ground", -2e-3, 35e-6, ALUMINIUM)]
@@ -159,7 +161,7 @@ def test_coils_of_a_board_keep_their_sum_over_pieces() -> None:
 @pytest.mark.parametrize(
     ("heights", "message"),
     [
-        ([-0.6e-3], "plate '0' must lie above or below all paths, from z = -0.0002 m"),
+        ([-0.6e-3], "plate '0' must lie above all paths, from z = -0.0002 m"),
         ([6e-3, 6.2e-3], r"must not overlap; plate '0' lies from z = 0.006 to 0.0063 m and plate '1' begins at 0.0062"),
         ([-9e-3, -9.2e-3], "must not overlap; plate '1' lies"),
         ([3.9e-3], "must not overlap; sheet 'magnetic' lies from z = 0.003 to 0.004 m and plate '0' begins at 0.0039"),

@@ -55,6 +55,7 @@ def test_ball_in_a_dent_over_a_plate_agrees_with_finite_elements():
     assert (change.real < 0.7 * alone.real).all()
 
 
+@pytest.mark.slow
 def test_shallow_dents_become_flat_sheets():
     """Beside the axis, where all harmonics count: a dent of 1 µm against the ball on flat sheets."""
     coils, places = [*COILS, polygon(6, 9e-3, -0.5e-3, centre=(13e-3, 2e-3))], np.array([[0.0, 0.0], [5e-3, 3e-3]])

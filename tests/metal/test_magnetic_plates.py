@@ -150,11 +150,11 @@ def test_refusals():
         moving_plate, coil, thin, COINS, [2e4],
     )  # fmt: skip
     refused(
-        MetalError, "must have no holes; 'disc' has some",
+        MetalError, "must not have holes; 'disc' has",
         moving_plate, coil, replace(disc(), outline=Ring(9e-3, 5e-3)), COINS, [2e4],
     )  # fmt: skip
     plain = replace(disc(), name="plain", material=MATERIALS["aluminium"], centre=(0.0, 0.0, 9e-3))
-    line = "only without others with an outline; beside 'disc' there are plain"
+    line = "must be the only one with an outline; beside 'disc' there are plain"
     refused(MetalError, line, moving_plate, coil, plain, [plain.centre], [2e4], (), [disc()])
     refused(MetalError, line, eddy_currents, coil, [plain, disc()], 2e4)
     through = replace(BACK, z=2.5e-3)

@@ -1,4 +1,4 @@
-"""Field and currents beside plates without end against images, against power, and against the inductance they make."""
+"""Field and currents beside infinite plates against images, against power, and against the inductance they make."""
 
 import numpy as np
 import pytest

@@ -335,7 +335,7 @@ def test_the_example_of_two_ellipses_is_beside_the_axis():
 
 @pytest.mark.parametrize("states", [["coil1"], ["coil2"]])
 def test_one_coil_gives_no_position(states):
-    with pytest.raises(LocalizeError, match=f"closed curves of two coils; the map has those of {states[0]} only"):
+    with pytest.raises(LocalizeError, match=f"closed curves of two coils; the map has only those of {states[0]}"):
         map_positions(published_map().sel(state=states))
 
 

@@ -66,22 +66,23 @@ def test_ends_of_ellipses_are_compared_within_the_window():
 
 def test_notes_say_what_limits_the_figures():
     (scale,) = calibration_notes(calibration())
-    assert scale.startswith("The scale of the noise is estimated from what remains: ")
+    assert scale.startswith("The scale of the noise is estimated from the residuals: ")
     data = calibration("response")
     assert calibration_notes(data) == []
     notes = calibration_notes(data.assign(
         at_bound=data["value"] > 1, converged=data.converged & False, fit_probability=0 * data.fit_probability,
-        untold=("combination", ["a by +1: changes the data by 0.1 of their noise", ""]),
+        undetermined=("combination", ["a by +1: changes the data by 0.1 of their noise", ""]),
         problem=("combination", ["", "no contact"]),
     ))  # fmt: skip
     for note, text in zip(notes, (
-        "elastomer.1.relative_permeability is at a bound", "ended before it converged", "less than the priors of: a by",
+        "elastomer.1.relative_permeability is at a bound", "ended before it converged", "less than the priors: a by",
         "does not explain the data", "1 of 2 combinations have no fit",
     ), strict=True):  # fmt: skip
         assert text in note
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_pictures")
 @pytest.mark.parametrize("kind", ["ellipses", "response"])
 def test_the_page_needs_no_other_file(tmp_path, kind):
     data = calibration(kind)

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from support.contacts import MESH, first_coils, first_coils_design
+from support.contacts import MESH, first_coils_design
 from support.refusals import refused
 
 from coilarray import Design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonances_near, resonate
-from coilarray.design.model import parse_design
 from coilarray.elastomer.dented_layer import dent_inductance_over
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
@@ -64,7 +63,7 @@ def alone() -> xr.Dataset:
 
 
 def test_one_coil_answers_with_its_change_of_inductance_and_loss() -> None:
-    design = beside(BACK, design=parse_design(first_coils(1).replace('"coil2"', '"coil1"')))
+    design = beside(BACK, design=first_coils_design(1))
     found = mapped(design, x=[0.0])
     pressed = experiment(design, map_axes(design, x=[0.0], y=[0.0]))
     backing = Backing(-3e-3, (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),),
@@ -159,7 +158,7 @@ def test_a_wide_outline_is_an_infinite_plate(monkeypatch: pytest.MonkeyPatch) ->
     """In the map and in the flat inductance, but for the rim and for the dent's own field."""
     _mesh(monkeypatch, along=36, finest=0.18, lattice=0.2)  # 0.14 % off
     aluminium = MATERIALS["aluminium"]
-    one = parse_design(first_coils(1).replace('"coil2"', '"coil1"'))
+    one = first_coils_design(1)
     wide = FinitePlate("backplane", Disc(24e-3), (*one.array.centres[0], -3.5e-3), 1e-3, aluminium)
     infinite = Plate("backplane", -4e-3, 1e-3, aluminium)
     alone, found, expected = (
@@ -180,7 +179,7 @@ def test_a_wide_outline_is_an_infinite_plate(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.usefixtures("_coarse_plates")
 def test_a_disc_behind_a_film_screens_as_an_infinite_plate_there() -> None:
     """But for the rim and the dent's own field, as without the film, which lets most of the field pass."""
-    one = parse_design(first_coils(1).replace('"coil2"', '"coil1"'))
+    one = first_coils_design(1)
     film, aluminium = Plate("film", -2.5e-3, 50e-6, Material("carbon", 1e5)), MATERIALS["aluminium"]
     disc = FinitePlate("disc", Disc(24e-3), (*one.array.centres[0], -4e-3), 1e-3, aluminium)
     found, expected, without = (
@@ -239,8 +238,8 @@ def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(
 
 def test_refusals() -> None:
     steel = FinitePlate("coin", Ring(9e-3, 3e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["steel"])
-    refused(MetalError, "must have no holes; 'coin' has some", mapped, beside(steel))
+    refused(MetalError, "must not have holes; 'coin' has", mapped, beside(steel))
     lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
-    refused(MetalError, "plate.1 'lid' lies above them, in its way", mapped, beside(BACK, lid))
-    refused(ElastomerError, "needs every coil: reach=None", mapped, beside(BACK), reach=1e-3)
-    refused(MetalError, "the two-dimensional model has no plates", line_response, beside(BACK))
+    refused(MetalError, "plate.1 'lid' lies above them", mapped, beside(BACK, lid))
+    refused(ElastomerError, "needs every coil: use reach=None", mapped, beside(BACK), reach=1e-3)
+    refused(MetalError, "the two-dimensional model does not include plates", line_response, beside(BACK))

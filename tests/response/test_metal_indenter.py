@@ -104,10 +104,10 @@ def test_plates_weaken_what_an_indenter_of_metal_does(plain, steel):
 
 
 def test_refusals():
-    refused(ElastomerError, "depth of an indentation must be from 0 .* got -3 mm", nominal, PLAIN)
-    refused(ElastomerError, "needs every coil: reach=None", nominal, of("steel"), reach=1e-3)
+    refused(ElastomerError, "depth of an indentation must be at least 0 .* got -3 mm", nominal, PLAIN)
+    refused(ElastomerError, "needs every coil: use reach=None", nominal, of("steel"), reach=1e-3)
     refused(MetalError, "rest must be at least 0; got -0.001 m", nominal, of("steel"), rest=-1e-3)
     refused(
-        DesignError, "counts as a sphere of its radius; got a flat punch of steel",
+        DesignError, "is computed as a sphere of its radius; got a flat punch of steel",
         Indentation, FlatPunch(1e-3), (1e-3,), material=MATERIALS["steel"],
     )  # fmt: skip

@@ -79,7 +79,7 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
             xr.testing.assert_identical(near[name].variable, row[name].variable)
     assert set(near.attrs) - set(row.attrs) == {"state_cutoff_m", "coil_cutoff_m"}
     assert (near.attrs["error_of_peak"], row.attrs["error_of_peak"]) == (error, 0.0)
-    with pytest.raises(ElastomerError, match="near coils alone has no inductance changes"):
+    with pytest.raises(ElastomerError, match="only the near coils has no inductance changes"):
         respond(PAPER, near)
 
 
@@ -110,7 +110,7 @@ def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
     monkeypatch.setattr(map_module, "_AUTO_VALUES", 35)  # below the 36 pairs of coils
     assert error(reach="auto") == 1e-3
     assert error(reach=None) == error(reach="auto", dielectric=True) == 0
-    with pytest.raises(ElastomerError, match="dielectric is for reach=None"):
+    with pytest.raises(ElastomerError, match="dielectric needs reach=None"):
         error(reach=1e-3, dielectric=True)
 
 

@@ -263,7 +263,7 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
         refused(MetalError, line, lambda wrong: target_map(ONE, **wrong), wrong)
     refused(MetalError, "noise must be positive and finite", ranges_of, exponential(1.0, 1.0, np.array([1.0])), 0.0)
     above = ca.Plate("above", 40e-3, 0.5e-3, ca.MATERIALS["copper"])
-    line = "beside plates below the coils; plate.0 'above' lies above them, in its way: leave it out"
+    line = "beside plates below the coils; plate.0 'above' lies above them: leave it out"
     refused(MetalError, line, lambda: target_map(replace(ONE, plates=(above,))))
     monkeypatch.setattr(module, "target_inductance", lambda *args, **options: np.full((1, 2, 1, 1, 1), -1.0 + 0j))
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))

@@ -166,7 +166,7 @@ def test_evidence_of_linear_models_is_the_closed_form(line):
     between = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
     assert float(best.correlation[0, 1]) == pytest.approx(between, rel=1e-5)
     assert best.posterior.std("draw").values == pytest.approx(best["std"].values, rel=0.05)  # 1000 draws
-    assert int(best.told) == 2
+    assert int(best.determined) == 2
     band = np.sqrt(np.einsum("ij,jk,ik->i", 0.1 * rows, covariance, 0.1 * rows))
     assert best.model_std.values == pytest.approx(band, rel=1e-5)
 
@@ -174,8 +174,8 @@ def test_evidence_of_linear_models_is_the_closed_form(line):
 def test_what_the_data_cannot_tell_is_said(line):
     """Only the sum of μr and pitch shows: one direction is told, and the other is one against the other."""
     found = calibrate(PAPER, straight(2.7, 0.0), {MU: (2.0, 4.0), "array.pitch_mm": (13.0, 14.0)}).dataset
-    assert (int(found.told[0]), found.attrs["noise_is"]) == (1, "estimated")
-    (said,) = str(found.untold.values[0]).splitlines()
+    assert (int(found.determined[0]), found.attrs["noise_is"]) == (1, "estimated")
+    (said,) = str(found.undetermined.values[0]).splitlines()
     assert "array.pitch_mm by +0.258 mm" in said
     assert "elastomer.1.relative_permeability by -0.258" in said
     assert said.endswith(": changes the data by 0 of their noise")
@@ -308,7 +308,12 @@ def test_drift_is_added_in_the_order_of_a_campaign():
 
 
 @pytest.mark.parametrize(
-    ("name", "count", "start"), [("table_a1", 8, [0.215, 2.7, 166.0, 0.0]), ("table_a1_asymmetry", 7, [])]
+    ("name", "count", "start"),
+    [
+        ("table_a1", 8, [0.215, 2.7, 166.0, 0.0]),
+        ("table_a1_asymmetry", 7, []),
+        ("table_a1_sample", 3, [0.49, 2.7, 166.0, 0.0, 0.067, 5.3]),
+    ],
 )
 def test_the_bundled_plans_fit_the_design(name, count, start):
     plan = load_plan(name)
@@ -334,7 +339,7 @@ TWICE = {"name": "b", "set": {MU: 2}}
     ({"unknown": [{**UNKNOWN, "low": 5.0}]}, "unknown.0 needs low below high; got 5 and 4"),
     ({"unknown": [{**UNKNOWN, "start": 5.0}]}, "needs start from low to high; got 5"),
     ({"unknown": [{**UNKNOWN, "prior_std": 1.0}]}, "both prior_mean and prior_std"),
-    ({"unknown": [{**UNKNOWN, "entry": "imperfections.dirt"}]}, "needs an imperfection that there is: .* got imper"),
+    ({"unknown": [{**UNKNOWN, "entry": "imperfections.dirt"}]}, "needs an imperfection of .* got imper"),
     ({"unknown": [{**UNKNOWN, "entry": []}]}, "unknown.0.entry must have at least 1 entry"),
     ({"unknown": [UNKNOWN, UNKNOWN]}, "names elastomer.1.relative_permeability in more than one "),
     ({"unknown": [UNKNOWN], "alternative": [{"name": "a", "choice": []}]}, "alternative.0.choice must have at least 1"),
@@ -363,5 +368,5 @@ def test_mistakes_of_a_calibration(data, unknowns, text):
 
 def test_noise_that_is_asked_for_must_be_there():
     plan = check_plan({"unknown": [UNKNOWN], "data": {"noise": "given"}})
-    with pytest.raises(GoalError, match="say nothing of their noise"):
+    with pytest.raises(GoalError, match="do not state their noise"):
         calibrate(PAPER, straight(2.6, 0.0), plan)

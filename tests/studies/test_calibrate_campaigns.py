@@ -1,11 +1,10 @@
 """Campaigns recorded with the emulator from known values return them within the stated errors.
 
 Who checks whom: the emulator's own physics (a table of inductance changes, the whole circuit at every reading, noise of
-the converter) against the fit; the errors of 20 fits against how far they are off.
+the converter) against the fit; the errors of 50 fits against how far they are off.
 """
 
 import json
-from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -39,16 +38,19 @@ MU, STIFF, DRIFT = "elastomer.1.relative_permeability", "elastomer.1.youngs_modu
 TRUE = {MU: 2.9, STIFF: 190.0, DRIFT: 0.0}
 BOUNDS = {MU: (2.7, 3.1), STIFF: (150.0, 230.0), DRIFT: (-2e-5, 2e-5)}
 GRID = Campaign(x=(-6e-3, -3e-3, 0.0, 3e-3, 6e-3), y=(-4e-3, 0.0, 4e-3), depths=(1e-3,))
-NOISE = 1e-6  # of a frequency; that of the converter, 1.4e-7, would show how the meshes of table and map differ
-CAMPAIGNS = 20
+# Of a frequency: 2.8e-6 of δ. The table has more depths than the map, so that its contacts have other meshes, which is
+# 1e-7 of δ. With 3e-6 the errors of permeability and modulus, which go together, are so long that their valley bends:
+# each alone is still within its error, but both together are not what the linear covariance says (χ² 298 for 150).
+NOISE = 1e-6
+CAMPAIGNS = 50
 TABLE = (np.array([0.5e-3, 0.75e-3, 1e-3]), np.linspace(-4e-3, 4e-3, 5), np.array(GRID.x))  # has the grid's own places
 
 
 def small_document():
-    """The two coils under a sample that is just large enough."""
+    """The two coils under a sample on a seat that is just large enough."""
     document = two_coils_document()
-    edges = {"sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10]}
-    return {**document, "indentation": {**document["indentation"], **edges}}
+    seat = {"base": "seat", "seat_stiffness_kPa_per_mm": 5.3, "sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10]}
+    return {**document, "indentation": {**document["indentation"], **seat}}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -90,19 +92,20 @@ def point_of(item):
 
 
 class Surface:
-    """A polynomial of second degree through evaluations of the model: for many fits of the same board."""
+    """The model for many fits of the same board: of second degree in the sheet's values, of first in the drift."""
 
     def __init__(self):
         self.coefficients = None
 
     @staticmethod
     def terms(point):
-        return np.array([np.prod(part) for part in combinations_with_replacement([1.0, *point], 2)])
+        mu, stiff, drift = point
+        return np.array([1.0, mu, stiff, drift, mu * mu, mu * stiff, stiff * stiff])
 
     def fit(self, item, ranges):
         """Evaluate at the middle of the ranges, and around it."""
-        steps = [np.zeros(3), *(0.25 * np.eye(3)), *(-0.25 * np.eye(3))]
-        steps += [0.25 * (np.eye(3)[i] + np.eye(3)[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+        mu, stiff, drift = 0.25 * np.eye(3)
+        steps = [0 * mu, mu, -mu, stiff, -stiff, mu + stiff, drift]
         items = [changed(item, ranges.mean(axis=1) + step * np.ptp(ranges, axis=1)) for step in steps]
         values = np.array([list(evaluate_model(one).values()) for one in items])
         self.coefficients = np.linalg.solve([self.terms(step) for step in steps], values)
@@ -119,7 +122,7 @@ def changed(item, values):
     return {**item, "document": {**item["document"], "elastomer": sheets}, "imperfections": {"drift": drift}}
 
 
-def test_errors_of_twenty_campaigns_are_as_stated(emulated, tmp_path, monkeypatch):
+def test_errors_of_fifty_campaigns_are_as_stated(emulated, tmp_path, monkeypatch):
     surface, asked = Surface(), []
 
     def evaluate(item):
@@ -139,18 +142,18 @@ def test_errors_of_twenty_campaigns_are_as_stated(emulated, tmp_path, monkeypatc
         off.append(apart / found["std"].values)
         squares.append(apart @ np.linalg.solve(covariance, apart))
         within.append((found.low.values <= list(TRUE.values())) & (found.high.values >= list(TRUE.values())))
-    # the model that was fitted is that of the package: in a far corner to a tenth of the noise, 2.4e-6
+    # the model that was fitted is that of the package: in a far corner to a tenth of the noise of δ
     corner = changed(asked[0], [2.95, 175.0, 5e-6])
     exact = np.array(list(evaluate_model(corner).values()))
     np.testing.assert_allclose(list(surface(corner).values()), exact, atol=0.2e-6)
-    # 3 unknowns of 20 campaigns: χ² with 60 degrees of freedom, at odds of 1 in 1000 on each side. The noise of each
+    # 3 unknowns of 50 campaigns: χ² with 150 degrees of freedom, at odds of 1 in 1000 on each side. The noise of each
     # campaign is known with 27 degrees of freedom by what remains and 19 by the baselines: Student's is 46/44 wider
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 3 * CAMPAIGNS)
     assert low < sum(squares) < high * 46 / 44
     # no bias: 3.3 standard deviations of a mean
     assert np.abs(np.mean(off, axis=0)).max() < 3.3 / np.sqrt(CAMPAIGNS)
-    # 95 % of 20 are 19 ± 1
-    assert (np.sum(within, axis=0) >= 16).all()
+    # 95 % of 50 are 47.5 ± 1.5
+    assert (np.sum(within, axis=0) >= 43).all()
 
 
 def test_the_command_finds_what_was_recorded(emulated, tmp_path, capsys):

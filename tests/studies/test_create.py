@@ -17,7 +17,7 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
-from coilarray.studies.create import reach_of_fewer_layers
+from coilarray.studies.create import Choices, reach_of_fewer_layers
 from coilarray.studies.create.arrangement import Arrangement, read_arrangement
 from coilarray.studies.create.decoupling import neighbour_coupling
 from coilarray.studies.create.plan import Plan
@@ -80,6 +80,7 @@ def test_an_inductance_out_of_reach_is_refused_with_the_range():
         ("6", "square", Arrangement("linear", 6)),
         ("4x4", "square", Arrangement("square", 4, 4)),
         ("3×2", "hexagon", Arrangement("hexagonal", 3, 2)),
+        ("3-hex", "circle", Arrangement("triangle", 2)),
         ("7-hex", "hexagon", Arrangement("rings", 1)),
         ("19-HEX", "circle", Arrangement("rings", 2)),
     ],
@@ -124,7 +125,7 @@ def test_a_design_has_what_was_asked_and_keeps_every_limit(tmp_path, coils, choi
     assert all(margin.kept for margin in check_rules(design.array, design.rules))
     scan = scan_design(design, elastomer=False)
     assert broken_limits(scan) == []
-    assert choices.get("fab", "oshpark-4-layer") == file.values["fab.profile"]
+    assert choices.get("fab", "oshpark-2-layer") == file.values["fab.profile"]
     if "frequency" in choices:
         assert float(scan.frequency[0]) == pytest.approx(
             choices["frequency"], rel=1e-2 if is_standard(file.design.circuit.capacitance) else 3e-3
@@ -233,14 +234,15 @@ def test_what_fewer_layers_reach_can_be_made():
     choices = {"shape": "hexagon", "size": 16e-3, "overlap": "decoupled", "elastomer": False}
     file = new_design("many", "2", inductance=24e-6, **choices)
     layers = len(file.design.array.stackup.names)
-    reach = reach_of_fewer_layers(layers, "2", inductance=24e-6, **choices)
+    wanted = Choices("2", inductance=24e-6, **choices)
+    reach = reach_of_fewer_layers(layers, wanted)
     assert reach.layers < layers
     assert 1e-6 < reach.inductance < 24e-6
     made = new_design("few", "2", inductance=reach.inductance, layers=reach.layers, **choices).design
     assert len(made.array.stackup.names) == reach.layers
     # rounded down to three digits
     assert design_inductance(made)[0][0, 0] == pytest.approx(reach.inductance, rel=1e-2)
-    assert reach_of_fewer_layers(reach.layers, "2", inductance=24e-6, **choices) is None
+    assert reach_of_fewer_layers(reach.layers, wanted) is None
 
 
 @pytest.mark.parametrize(("sets", "winding_layers"), [(1, 2), (2, 2), (4, 2), (3, 4), (4, 4)])
@@ -275,12 +277,15 @@ REFUSED = {
     "frequency in MHz": ({"frequency": 1}, "frequency must be 0.001 to 1000 MHz; got 1e-06 MHz"),
     "inductance in H for µH": ({"inductance": 1e-11}, "inductance must be 0.001 to 100000 µH; got 1e-05 µH"),
     "inductance": ({"inductance": math.nan}, "inductance must be positive and finite; got nan µH"),
-    "overlap": ({"overlap": "some"}, "overlap must be none or decoupled; got 'some'"),
+    "overlap": ({"overlap": "some"}, "overlap must be one of none, decoupled; got 'some'"),
     "connector": ({"connector": "up"}, "connector must be one of right, top, left, bottom; got 'up'"),
     "both": ({"overlap": "decoupled", "pitch": 1e-2}, "pitch and overlap cannot both be given"),
     "layers": ({"layers": 3}, "layers must be 1 or a multiple of 2; got 3"),
     "fab": ({"fab": "nobody"}, "there is no fab profile 'nobody'"),
-    "layers of the fab": ({"layers": 6, "fab": "oshpark-4-layer"}, "6 copper layers are needed; oshpark-4-layer makes"),
+    "layers of the fab": ({"layers": 2, "fab": "oshpark-4-layer"}, "layers must be 4, as oshpark-4-layer makes"),
+    "too few of the fab": ({"overlap": "decoupled", "fab": "jlcpcb-2-layer"}, "a multiple of 4 .*; got 2 of jlcpcb-2"),
+    "capacitance": ({"capacitance": 0.0}, "capacitance must be positive and finite; got 0 pF"),
+    "frequency twice": ({"capacitance": 1e-10, "frequency": 2e6}, "frequency and capacitance cannot both be given"),
     "too small": ({"size": 1e-3}, "there is no room for a turn"),
 }  # fmt: skip
 
@@ -292,4 +297,6 @@ def test_choices_that_cannot_be_are_one_line(name):
 
 
 def test_one_coil_has_no_pitch():
-    refused(DesignError, "one coil has no neighbours: pitch and overlap are for several", new_design, "x", "1", pitch=1)
+    refused(
+        DesignError, "one coil has no neighbours: pitch and overlap are for several", new_design, "x", "1", pitch=1e-2
+    )

@@ -137,8 +137,8 @@ def test_what_the_command_line_gives_takes_the_place_of_the_derived():
 
 
 @pytest.mark.parametrize(("wishes", "file", "message"), [
-    (["worst_k"], ONE, "has one coil alone, which couples with none"),
-    (["decouple"], ONE, "has one coil alone, which couples with none"),
+    (["worst_k"], ONE, "has only one coil, and so no coupling"),
+    (["decouple"], ONE, "has only one coil, and so no coupling"),
     (["position_error"], PAD, r"has no \[indenter\] and \[indentation\]"),
     (["position_error"], load_design("gast_fem"), "needs 3 states of the scan for x, y and the depth; gast_fem has 1"),
     (["range"], PAD, r"has no \[target\]"),

@@ -177,9 +177,9 @@ def test_a_best_that_is_no_better_than_the_start(design, tmp_path):
 
     near = LEAST.replace('direction = "minimize"', "target = 0.5")
     for high, inside, wanted, words in (
-        (16, True, LEAST, "worst_k is 1 as it was, and {:.6g}"),
-        (13, False, LEAST, "worst_k is 1 as it was, and {:.6g}"),
-        (16, True, near, "worst_k is 1 as it was, 0.5 from its target, and {:.6g} from it"),
+        (16, True, LEAST, "worst_k is 1 for the given design, and {:.6g}"),
+        (13, False, LEAST, "worst_k is 1 for the given design, and {:.6g}"),
+        (16, True, near, "worst_k is 1 for the given design, 0.5 from its target, and {:.6g} from it"),
     ):
         goal = goal_of(wanted, trials=8, replaced=("high = 16", f"high = {high}"))
         result = optimize_with(design, goal, tmp_path, StandIn(bowl))

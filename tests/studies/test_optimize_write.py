@@ -165,6 +165,7 @@ def test_chosen_designs(single, double):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_pictures")
 def test_page(single, double, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits of six designs take long
     pages = [write_optimization_report(result, tmp_path).read_text(encoding="utf-8") for result in (single, double)]
@@ -188,12 +189,13 @@ def test_page(single, double, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_pictures")
 def test_page_where_nothing_is_found(starter, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))
     goal = parse_goal(GOAL.format(second="", trials=4).replace("at_least = 30", "at_least = 4000"))
     result = optimize_with(starter, goal, tmp_path, StandIn(quantities))
     page = write_optimization_report(result, tmp_path).read_text(encoding="utf-8")
-    assert "No design is found that keeps all bounds; the design as it was does not either. No design is" in page
+    assert "No design is found that keeps all bounds; the given design does not either. No design is" in page
     assert "Too few points" in page
     assert [path.name for path in write_optimization(result, tmp_path)] == ["trials.csv", "result.json"]
 
@@ -225,7 +227,7 @@ def test_front_picture():
     shown = {c.get_label(): c for c in ax.collections}
     assert shown["Pareto front"].get_offsets().tolist() == [[1, 5], [2, 2], [3, 1]]
     assert shown["Pareto front"].get_facecolors()[0].tolist() == pytest.approx(to_rgba(VERMILLION))
-    assert shown["design as it was"].get_offsets().tolist() == [[4, 4]]
+    assert shown["given design"].get_offsets().tolist() == [[4, 4]]
     assert len(shown["keeps all bounds"].get_offsets()) == 4
     assert [text.get_text() for text in ax.texts] == ["middle"]
     assert ax.lines[0].get_drawstyle() == "steps-post"

@@ -88,7 +88,7 @@ def test_what_cannot_be_has_its_reason(starter):
     assert no_coil.startswith("starter: coils.nothing.turns_per_layer names no coil shape")
     assert "array.pitch_mm must be a number" in text
     (alone,) = run(load_design("gast_fem"), [{}], ["worst_k"])  # a quantity that the design does not have
-    assert alone == "the design gast_fem has one coil alone, which couples with none."
+    assert alone == "the design gast_fem has only one coil, and so no coupling."
 
 
 def test_no_point_is_computed_twice(starter, cache):

@@ -99,8 +99,8 @@ BAD_REQUESTS = {
     "nothing like it": ("zzzz", "there is no quantity 'zzzz'. coilarray optimize --list-quantities"),
     "no name": ("", "the name of a quantity is missing; there are board_area_mm2"),
     "a table without a name": ({"coils": ["a", "b"]}, "the name of a quantity is missing;"),
-    "a number": (3, "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 3."),
-    "open bracket": ("k[coil1", "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 'k[coil1'."),
+    "a number": (3, "a quantity must be a name, with options in brackets, such as k[coil1,coil2]; got 3."),
+    "open bracket": ("k[coil1", "a quantity must be a name, with options in brackets, such as k[coil1,coil2]; got 'k[coil1'."),
     "empty brackets": ("rms_k[]", ""),
     "words after": ("k[coil1,coil2] x", "a quantity must be a name, with options in brackets"),
     "missing option": ("k", "k needs the option coils, the names of two coils: write k[coil1,coil2]."),
@@ -243,9 +243,9 @@ SAMPLE = {"indentation.sample_x_mm": [-15, 15], "indentation.sample_y_mm": [-20,
 
 
 @pytest.mark.parametrize(("changes", "asked", "message"), [
-    ({}, "fab_margin_mm[board size]", "the rules of starter say nothing of its board size"),
-    (ALONE, "rms_k", "the design starter has one coil alone"),
-    (ALONE, "worst_k", "the design starter has one coil alone"),
+    ({}, "fab_margin_mm[board size]", "the rules of starter do not limit its board size"),
+    (ALONE, "rms_k", "the design starter has only one coil"),
+    (ALONE, "worst_k", "the design starter has only one coil"),
     pytest.param(NO_RESONANCE, "q", "resonance", marks=pytest.mark.slow),
     ({**SAMPLE, "indentation.sample_x_mm": [-9, 9]}, "peak_delta[coil3]",
      "the indenter at x = 11 mm is outside the sample of starter"),
@@ -372,7 +372,7 @@ WEAK = [((k - 1) * 11e-3, 0.0, 3e-3, 2e-3, 3e-4) for k in range(3)]
      {"array.direction_deg": 90.0, "indentation.x_mm": [-14, 14], "indentation.y_mm": [-6, 6],
       "indentation.step_mm": 2.0, "indentation.origin": "coil2"}, "x0_distortion_mm",
      "no coil of starter is on the x axis of its map"),
-    (lambda p: even(p) * p[..., 2:], {}, "position_error_mm", "the readings of starter do not tell where"),
+    (lambda p: even(p) * p[..., 2:], {}, "position_error_mm", "the readings of starter do not determine the position"),
 ], ids=["even", "nothing", "weak", "beside the axis", "no position"])  # fmt: skip
 def test_a_response_that_does_not_tell_the_quantity(synthetic, delta, changes, asked, message):
     synthetic(delta)
@@ -544,7 +544,7 @@ def test_a_target_is_that_of_its_map_over_the_coil_or_where_it_is_asked():
         (STARTER, r"the design starter has no \[target\]"),
         (
             replace(design, target=replace(ball, distances=(1e-3,))),
-            "two distances of the target at least; starter has one",
+            "at least two distances of the target; starter has one",
         ),
     ):
         with pytest.raises(GoalError, match=message):

@@ -256,9 +256,9 @@ AT = Positions((0.0,), (0.0,), 1e-3)
     (SMALL, {"quantities": ["k[upper,nobody]"]}, "no coil 'nobody'"),
     (SMALL, {"quantities": ["peak_delta"]}, r"no \[indenter\]"),
     (replace(SMALL, limits=(Limit("worst", at_most=1.0),)), {"quantities": [K]},
-     r"the limit worst ≤ 1 names no output; there are k\[upper,lower\]"),
+     r"the limit worst ≤ 1 does not name an output; there are k\[upper,lower\]"),
     (replace(SMALL, positions=AT), {}, "positions need"), (Tolerances({"etch": Spread(board=25e-6)}), {},
-     r"etch\.L1 .*one standard deviation or less, cannot be: .*trace_width"),
+     r"etch\.L1 .*one standard deviation or less, cannot be made: .*trace_width"),
     # both boards next to the nominal one are possible, but some of the eight drawn ones are not
     (Tolerances({"dielectric": Spread(board=0.99)}), {"samples": 8, "quantities": [K]},
      r"fewer than 8 of 8 boards have k\[upper,lower\]: these errors leave no board"),

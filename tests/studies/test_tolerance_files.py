@@ -125,7 +125,7 @@ HEAD = "schema = 1\n"
     (HEAD + '[[limit]]\nquantity = "rms_k"', "limit.0 needs at_least, at_most or both"),
     (HEAD + '[[limit]]\nquantity = "rms_k"\nat_least = 2\nat_most = 1', "limit.0 needs at_least up to at_most"),
     (HEAD + "[[limit]]\nat_most = 1", "limit.0.quantity is missing"),
-    (HEAD + '[assumed]\netch = "x"', "assumed.etch names no table of errors of the file"),
+    (HEAD + '[assumed]\netch = "x"', "assumed.etch does not name a table of errors of the file"),
 ])  # fmt: skip
 def test_mistakes_are_one_line_that_names_the_file(tmp_path, text, message):
     path = tmp_path / "fab.toml"

@@ -180,12 +180,12 @@ def test_frequency_goes_with_one_over_the_root_of_the_tank():
 @pytest.mark.parametrize(("errors", "message"), [
     ({"etch.L9": 1e-6}, "no error 'etch.L9'"), ({"etch": 1e-6}, "no error 'etch'"),
     ({"placement_z": 1e-6}, "did you mean placement_"), ({"etch.L1": math.nan}, "etch.L1 must be finite"),
-    ({"etch.L1": -0.1e-3}, "leave no board: trace_width must be positive"),
-    ({"etch.L1": 0.21e-3}, "leave no board: gap must be positive"),
-    ({"dielectric.L1-L2": -1.0}, "leave no board: a layer thickness"),
-    ({"copper.L1": -1.5}, "leave no board: a layer thickness"),
-    ({"elastomer.base": -6e-3}, "leave no board: thickness of sheet 'base'"),
-    ({"permeability": -0.9}, "leave no board: relative permeability"),
+    ({"etch.L1": -0.1e-3}, "no board can be made with these errors: trace_width must be positive"),
+    ({"etch.L1": 0.21e-3}, "no board can be made with these errors: gap must be positive"),
+    ({"dielectric.L1-L2": -1.0}, "no board can be made with these errors: a layer thickness"),
+    ({"copper.L1": -1.5}, "no board can be made with these errors: a layer thickness"),
+    ({"elastomer.base": -6e-3}, "no board can be made with these errors: thickness of sheet 'base'"),
+    ({"permeability": -0.9}, "no board can be made with these errors: relative permeability"),
     ({"permeability": -1.2}, "permeability must be above"), ({"capacitance": -1.0}, "capacitance must be above"),
 ])  # fmt: skip
 def test_bad_errors_are_refused_in_one_line(errors, message):

@@ -107,7 +107,7 @@ def placed(table):
 
 def test_a_misplaced_elastomer_is_located_where_it_is_pressed(placed):
     """The board reads δ(x + a): so the position is off by a, along its own axis alone."""
-    assert placed.attrs["untold"] == ""
+    assert placed.attrs["undetermined"] == ""
     for axis, other in (("x", "y"), ("y", "x")):
         # derivatives of splines of 0.5 mm steps
         assert of(placed, f"shift_{axis}_mm[{PLACE}]", f"placement_{axis}, board") == pytest.approx(0.05, rel=0.02)

@@ -39,8 +39,13 @@ def disc_region(radius, bottom, top):
     return inside, edges
 
 
-def loop_inductance(loops, materials, frequency, near, edges, finest):
-    """ΔL − jΔR/ω in H, shape (loops,), of loops (radius, height) in m by materials, against vacuum on the same mesh.
+def vacuum(r, z):
+    """Return relative permeability and conductivity at points."""
+    return np.ones_like(r), np.zeros_like(r)
+
+
+def loop_inductance(loops, materials, frequency, near, edges, finest, others=vacuum):
+    """ΔL − jΔR/ω in H, shape (loops,), of loops (radius, height) in m by materials, against others on the same mesh.
 
     `materials(r, z)` gives relative permeability and conductivity at points; faces at every 2 mm are on lines of the
     mesh. Elements within their own size of a surface, from which `edges(r, z)` are the distances in m, are divided
@@ -63,19 +68,24 @@ def loop_inductance(loops, materials, frequency, near, edges, finest):
         mesh = mesh.refined(split)
     basis = Basis(mesh, ElementTriP2(), intorder=6)
 
-    r, z = np.asarray(basis.global_coordinates())
-    mu, sigma = materials(r, z)
-    free = np.setdiff1d(np.arange(basis.N), basis.get_dofs().flatten())
     sources = np.zeros((basis.N, len(loops)))
     for number, (radius, height) in enumerate(loops):
         probe = basis.probes(np.array([[radius], [height]]))
         sources[:, number] = radius * probe.toarray().ravel()
-    vacuum = energy.assemble(basis, reluctivity=np.ones_like(r))
-    filled = energy.assemble(basis, reluctivity=1 / mu)
-    if frequency:
-        filled = filled + 2j * np.pi * frequency * MU_0 * loss.assemble(basis, conductivity=sigma)
-    fields = [splu(m[free][:, free].tocsc()).solve(sources[free].astype(m.dtype)) for m in (vacuum, filled)]
-    return 2 * np.pi * MU_0 * (sources[free] * (fields[1] - fields[0])).sum(axis=0)
+    free = np.setdiff1d(np.arange(basis.N), basis.get_dofs().flatten())
+    fields = []
+    for mu, sigma in (one(*np.asarray(basis.global_coordinates())) for one in (materials, others)):
+        matrix = energy.assemble(basis, reluctivity=1 / mu)
+        if frequency and sigma.any():
+            matrix = matrix + 2j * np.pi * frequency * MU_0 * loss.assemble(basis, conductivity=sigma)
+        matrix = matrix[free][:, free].tocsc()
+        fields.append(symmetric(matrix).solve(sources[free].astype(matrix.dtype)))
+    return 2 * np.pi * MU_0 * (sources[free] * (fields[0] - fields[1])).sum(axis=0)
+
+
+def symmetric(matrix):
+    """Factors of a symmetric matrix of finite elements, whose diagonal needs no pivots: fewer than any order has."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def dent_over_metal(loops, dent, region, permeability, conductivity, frequency):
@@ -103,8 +113,7 @@ def dent_over_metal(loops, dent, region, permeability, conductivity, frequency):
     def near(r, z):
         return (r < 9e-3) & (np.abs(z) < 7e-3)
 
-    dented, flat = (loop_inductance(loops, materials(part), frequency, near, surfaces, 1.25e-4) for part in (1.0, 0.0))
-    return dented - flat
+    return loop_inductance(loops, materials(1.0), frequency, near, surfaces, 1.25e-4, materials(0.0))
 
 
 def ball_over_sheets(loops, radius, centre, material, frequency, *, dent=None, plate=None):
@@ -140,10 +149,7 @@ def ball_over_sheets(loops, radius, centre, material, frequency, *, dent=None, p
     def near(r, z):
         return (np.hypot(r, z - centre) < 1.5 * radius) | (z > bottom) & (z < top) & (r < 20e-3)
 
-    filled, empty = (
-        loop_inductance(loops, materials(with_ball), frequency, near, surfaces, 1e-4) for with_ball in (True, False)
-    )
-    return filled - empty
+    return loop_inductance(loops, materials(True), frequency, near, surfaces, 1e-4, materials(False))
 
 
 def pit(base=4e-3, mu=3.0):
@@ -223,5 +229,5 @@ def dented_loops(loops, thickness, mu, top, zone=6e-3, step=0.125e-3):
             assert distance.min() < 1e-9
             sources[np.argmin(distance), number] = loop[0]
         free = np.setdiff1d(np.arange(basis.N), basis.get_dofs().flatten())
-        found.append(sources[free].T @ splu(matrix[free][:, free].tocsc()).solve(sources[free]))
+        found.append(sources[free].T @ symmetric(matrix[free][:, free].tocsc()).solve(sources[free]))
     return 2 * np.pi * MU_0 * (found[0] - found[1])

@@ -51,8 +51,10 @@ def few_turns(name):
 
 
 def first_coils(count):
-    """Text of gast2020 with so many coils of few turns, pressed with small strain."""
-    text = few_turns("gast2020").replace("columns = 6", f"columns = {count}")
+    """Text of gast2020 with so many coils of few turns, pressed with small strain; a single one is the origin."""
+    text = (
+        few_turns("gast2020").replace("columns = 6", f"columns = {count}").replace('"coil2"', f'"coil{min(count, 2)}"')
+    )
     return text.replace("[indentation]", '[indentation]\nstrain = "linear"')
 
 

@@ -7,6 +7,7 @@ from support.plot_results import calibration, curves
 from coilarray import viz
 
 
+@pytest.mark.slow
 def test_ellipses_are_drawn_with_their_band_and_what_remains():
     data = calibration()
     figure = viz.calibration_figure(data)
@@ -24,6 +25,7 @@ def test_ellipses_are_drawn_with_their_band_and_what_remains():
     figure.draw_without_rendering()
 
 
+@pytest.mark.slow
 def test_a_response_is_drawn_along_x_and_by_position():
     data = calibration("response")
     figure = viz.calibration_figure(data)

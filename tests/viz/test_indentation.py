@@ -93,9 +93,9 @@ def test_the_indenter_touches_the_bottom_of_the_dent(indenter):
     x, z = body.get_xy().T
     assert z.min() == pytest.approx(7.0)  # 8 mm less the depth
     np.testing.assert_allclose(z.max(), ax.get_ylim()[1])
-    inside = np.abs(x) * 1e-3 < indenter.reach * (1 - 1e-9)
+    inside = np.abs(x) * 1e-3 < indenter.largest_radius * (1 - 1e-9)
     np.testing.assert_allclose(z[inside] - 7.0, indenter.profile(np.abs(x[inside]) * 1e-3) * 1e3, atol=1e-9)
-    assert np.abs(x).max() * 1e-3 <= indenter.reach
+    assert np.abs(x).max() * 1e-3 <= indenter.largest_radius
     assert ax.get_xlabel() == ("r (mm)" if symmetry == "axial" else "x (mm)")
 
 

@@ -100,6 +100,7 @@ def test_a_map_of_errors_is_symmetric_about_zero_and_grey_where_there_is_none():
             viz.plot_x_error(bad)
 
 
+@pytest.mark.slow
 def test_distortion_of_a_coil_and_its_ranked_causes():
     data = distortion()
     lines = curves(viz.plot_distortion(data, "coil1"))
@@ -145,6 +146,7 @@ def test_bounds_are_shown_in_millimetres_and_infinite_ones_grey():
         viz.identifiability_figure(found * np.inf)
 
 
+@pytest.mark.slow
 def test_bounds_of_a_square_board_stand_side_by_side_and_no_title_is_cut():
     at = np.linspace(-15e-3, 15e-3, 5)
     sigma = xr.DataArray(np.full((5, 5), 1e-5) * np.arange(1, 6), {"y": at, "x": at}, ("y", "x"))

@@ -44,6 +44,7 @@ def test_the_solid_of_a_plate_is_its_outline_times_its_thickness_where_it_lies()
     np.testing.assert_allclose(solid.center_mass, plate.centre, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_plates_and_target_lie_where_the_design_says(design, shown):
     parts = {part.name: part for part in shown.parts}
     plated = scene_of_design(replace(design, plates=(BACKPLANE,), target=None), View(show=("board", "plates")))
@@ -68,6 +69,7 @@ def test_plates_and_target_lie_where_the_design_says(design, shown):
         assert z_max - z_min == pytest.approx(8.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_every_position_says_what_the_library_computes(design, shown):
     x, y = (min(values, key=abs) for values in (design.target.x, design.target.y))
     found = target_map(design, distances=[4e-3], x=[x], y=[y]).isel(distance=0, x=0, y=0).sel(state="coil2")

@@ -209,7 +209,7 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
     model = forward_model(table)
     found = locate(model, model.delta([3e-3, 2.5e-3, 0.6e-3]), noise=3e-6)
     longest = math.sqrt(5.9915 * max(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1] for mode in found.modes))
-    told = "No 95 % ellipse where it would be longer than the board."
+    told = "95 % ellipses longer than the board are not drawn."
     for length, drawn in ((1.01 * longest, True), (1e-3 * longest, False)):
         scene = scene_of_location(found, bounds=(2e-3, 1.5e-3, 2e-3 + length, 3.5e-3), top=0.0)
         assert "pin 0" in parts_of(scene)
@@ -222,14 +222,14 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
     ("view", "error", "message"),
     [
         (View(show=("nothing",)), GeometryError, "must be of board, elastomer, dent"),
-        (View(show=()), GeometryError, "there is nothing to see"),
+        (View(show=()), GeometryError, "nothing to show"),
         (View(show=("board",), layers=("L9",)), GeometryError, "no copper layer 'L9'"),
         (View(show=("field",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
         (View(show=("board",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
         (View(show=("dent",), at=(1.0, 0.0)), GeometryError, "the indenter must be over the board, from"),
         (View(show=("dent",), at=(np.nan, 0.0)), GeometryError, "the indenter must be over the board, from"),
         (View(show=("dent",), depth=1.0), ElastomerError, "below the thickness of all sheets"),
-        (View(show=("location",)), LocalizeError, "needs the table"),
+        (View(show=("location",)), LocalizeError, "needs the response table"),
     ],
 )
 def test_mistakes_are_one_line(design, view, error, message):
@@ -252,7 +252,9 @@ def test_maps_and_designs_that_do_not_fit_are_refused(design, table):
     for show in ("dent", "response"):
         with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
             scene_of_design(bare, View(show=(show,)))
-    with pytest.raises(GeometryError, match=r"nothing to see of coupling\. There is one coil, which couples with none"):
+    with pytest.raises(
+        GeometryError, match=r"nothing to show for coupling\. There is only one coil, and so no coupling"
+    ):
         scene_of_design(load_design("gast_fem"), View(show=("coupling",)))
 
 

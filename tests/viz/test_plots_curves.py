@@ -145,7 +145,7 @@ def test_sweeps_of_another_shape_are_refused():
         sweeps.plot_sweep_map(results.pitch_sweep(), "worst_k")
     texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
     for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
-        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
+        with pytest.raises(ValueError, match="must be over one entry with numbers, and have k of a pair"):
             sweeps.plot_coupling_sweep(wrong)
 
 
@@ -204,7 +204,7 @@ def test_a_pareto_front_and_a_search_are_those_of_the_result():
     drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
     np.testing.assert_allclose(drawn["Pareto front"], [[0.2, 30], [0.25, 50]])
     np.testing.assert_allclose(drawn["keeps all bounds"], [[0.3, 40], [0.2, 30], [0.4, 35], [0.25, 50]])
-    np.testing.assert_allclose(drawn["design as it was"], [[0.35, 20]])
+    np.testing.assert_allclose(drawn["given design"], [[0.35, 20]])
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("worst_k", "span_mm")
     (text,) = ax.texts
     assert (text.get_text(), text.xy) == ("least k", (0.2, 30.0))

@@ -24,7 +24,7 @@ from coilarray.viz.studio.messages import LARGEST, Inbox, MessageError
 aiohttp = pytest.importorskip("aiohttp")
 msgpack = pytest.importorskip("msgpack")
 
-CASES = int(os.environ.get("COILARRAY_TEST_MESSAGES", "200"))
+CASES = int(os.environ.get("COILARRAY_TEST_MESSAGES", "100"))
 """Messages to the sockets, and a fourth as many requests."""
 
 CLIENTS = 20
@@ -279,7 +279,7 @@ def test_strange_calls_of_the_picture_are_told_on_the_page(tmp_path):
         async def calls():
             async with aiohttp.ClientSession() as http:
                 rng, ws = random.Random(23), await connected(http, studio.url)
-                for k in range(60):
+                for k in range(30):
                     name = list(VIEWS)[k % len(VIEWS)]
                     sent = framed({**call(name), "args": mutated(rng, VIEWS[name])})
                     with suppress(MessageError):  # of which the studio would end the session

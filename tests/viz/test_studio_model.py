@@ -127,10 +127,14 @@ def test_a_design_is_built_piece_by_piece(starter):
     moved = then(structure.place_coil, "coil4", 5.0, -7.5, 30.0).array.placements[3]
     assert (moved.x, moved.y, moved.rotation) == pytest.approx((5e-3, -7.5e-3, math.pi / 6))
     assert list(then(structure.remove_coil, "coil1").array.names) == ["coil2", "coil3", "coil4"]
-    for kind, count in (("square", 4), ("hexagonal", 4), ("linear", 4), ("rings", 7), ("single", 1), ("free", 1)):
+    counts = {"square": 4, "hexagonal": 4, "linear": 4, "triangle": 6, "rings": 7, "single": 1, "free": 1}
+    for kind, count in counts.items():
         assert len(then(structure.set_lattice, kind).array.names) == count
         assert work.opened.document["array"]["lattice"] == kind
-    assert len(then(structure.set_layers, 6).array.stackup.names) == 6
+    thick = sum(work.design.array.stackup.dielectric_thickness)
+    six = then(structure.set_layers, 6).array.stackup
+    assert len(six.names) == 6
+    assert sum(six.dielectric_thickness) == pytest.approx(thick, abs=5 * 0.05e-6)  # each is rounded to 0.1 µm
     made_up = {"layers", "copper_thickness_um", "dielectric_thickness_mm", "dielectric_epsilon_r"}
     assert {key for key, why in work.opened.assumed.items() if why == "set by the studio"} == {
         f"stackup.{key}" for key in made_up

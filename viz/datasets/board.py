@@ -50,7 +50,7 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
-    """Return the surface of the laminate in mm; empty where the stack-up has none."""
+    """Return the surface of the laminate in mm; empty if the stack-up has none."""
     from coilarray.viz.extra_3d import pyvista
 
     return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()

@@ -30,7 +30,7 @@ _DENSE = 4  # points of a draped line in the least step of the map
 
 
 def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
-    """Return one depth of an indentation or response by its index; ValueError where there is none."""
+    """Return one depth of an indentation or response by its index; ValueError if there is none."""
     count = dataset.sizes["depth"]
     if not -count <= depth < count:
         raise ValueError(f"depth must be the position of one of {count} depths; got {depth}.")
@@ -38,7 +38,7 @@ def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
 
 
 def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
-    """Return one state of a dataset by its name; ValueError where there is none."""
+    """Return one state of a dataset by its name; ValueError if there is none."""
     names = [str(name) for name in dataset.state.values]
     if state not in names:
         raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")

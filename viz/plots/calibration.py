@@ -1,4 +1,4 @@
-"""Flat figures of a calibration: data and model with what remains, the posterior, and the evidence of combinations."""
+"""Flat figures of a calibration: data and model with residuals, the posterior, and the evidence of combinations."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _NAMES = {"A": "A", "B": "B", "x0": "$x_0$"}
 
 @style.styled
 def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
-    """Draw one row per state: the measured and the fitted numbers, and what remains in standard deviations.
+    """Draw one row per state: the measured and the fitted numbers, and the residuals in standard deviations.
 
     Of ellipses A, B and x0 over δ, with the band of one standard deviation of the posterior; of a response δ along x,
-    and what remains as a map where there are several rows. At most six states are shown.
+    and the residuals as a map where there are several rows. At most six states are shown.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
 
 def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw the parameters of the ellipses of one state over δ, and what remains: dashed where it is only predicted."""
+    """Draw the ellipses' parameters of one state over δ, dashed if only predicted, and the residuals."""
     known = np.isfinite(of.model.values[of.quantity == "x0"])  # elsewhere the window does not show the model's ellipse
     for name, (marker, colour) in _LOOKS.items():
         part = of.isel(datum=np.flatnonzero(of.quantity == name))
@@ -56,12 +56,12 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
         remains = np.where(known, part.residual.values, np.nan)
         right.plot(level, remains, f"{marker}{line}", color=colour, label=_NAMES[name])
     left.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"{state}: lines fitted")
-    right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: what remains")
+    right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: residuals")
     _finish(left, right)
 
 
 def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw δ of one state along x at every y and depth, and what remains by position."""
+    """Draw δ of one state along x at every y and depth, and the residuals by position."""
     deepest = of.isel(datum=np.flatnonzero(of.depth == of.depth.max()))
     for k, y in enumerate(np.unique(deepest.y.values)):
         row = deepest.isel(datum=np.flatnonzero(deepest.y == y)).sortby("x")
@@ -74,7 +74,7 @@ def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
     )  # fmt: skip
     style.colour_bar(right, dots, "fitted − measured (noise)")
     left.set(xlabel=MM.label("x"), ylabel=MILLI_DELTA.label("δ"), title=f"{state}, {MM.text(deepest.depth[0])} deep")
-    right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: what remains")
+    right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: residuals")
     style.faint_grid(left)
     left.legend(loc="best")
 

@@ -73,7 +73,7 @@ def plot_pareto(
     ax: Axes | None = None,
     named: Mapping[str, str] | None = None,
 ) -> Axes:
-    """Draw two scores of all trials against each other, the Pareto front and the design as it was.
+    """Draw two scores of all trials against each other, the Pareto front and the given design.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def plot_convergence(
     polished_from : int, optional
         Index of the first trial of the local solver.
     start : float, optional
-        Score of the design as it was, drawn as a dashed line.
+        Score of the given design, drawn as a dashed line.
     ax : Axes, optional
         Axes to draw into.
 
@@ -177,7 +177,7 @@ def plot_convergence(
         ax.step(number[shown], best[shown], where="post", color=VERMILLION, label="best so far")
         _focus(ax, values[kept] if start is None else np.append(values[kept], start), log)
     if start is not None:
-        ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="design as it was")
+        ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="given design")
     if polished_from is not None:
         ax.axvspan(polished_from - 0.5, values.size - 0.5, color=SHADE, zorder=0, label="local solver")
     ax.set(xlim=(-0.5, max(values.size - 0.5, 0.5)), xlabel="trial", ylabel=label)
@@ -228,7 +228,7 @@ def plot_front(
     stairs: Literal["pre", "post"] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw two scores of all trials against each other, the Pareto front and the design as it was.
+    """Draw two scores of all trials against each other, the Pareto front and the given design.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def plot_front(
     front : sequence of int
         Indices of the points on the front; a single one is called the best.
     labels, start : tuple of str, and of float, optional
-        Labels of both axes, with units; and the scores of the design as it was.
+        Labels of both axes, with units; and the scores of the given design.
     named : mapping of int to str, optional
         Names to write beside points, by their indices.
     stairs : {"pre", "post"}, optional
@@ -270,7 +270,7 @@ def plot_front(
         ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label=name, zorder=3)
         _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
     if start is not None:
-        ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="design as it was", zorder=4)
+        ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="given design", zorder=4)
     for k, name in (named or {}).items():
         ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
     ax.set(xlabel=labels[0], ylabel=labels[1])

@@ -98,7 +98,7 @@ def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:
 
 
 def legend_beside(ax: Axes, title: str | None = None) -> None:
-    """Legend at the right of the axes, where it hides no curve; none where no curve has a name."""
+    """Legend at the right of the axes, where it hides no curve; none if no curve has a name."""
     if named := ax.get_legend_handles_labels()[0]:
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(named) / _ROWS), title=title)
 
@@ -207,7 +207,7 @@ def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
 
 
 def require_plane(at: xr.DataArray | xr.Dataset) -> None:
-    """Raise ValueError where there are fewer than two x or y."""
+    """Raise ValueError if there are fewer than two x or y."""
     if min(at.sizes["x"], at.sizes["y"]) < 2:
         raise ValueError(f"a map must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
 

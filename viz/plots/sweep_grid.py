@@ -209,7 +209,7 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     pairs = [str(name) for name in sweep.data_vars if _is_coupling(str(name))]
     if "sample" in sweep.dims or len(entries) != 1 or _is_text(sweep[entries[0]]) or not pairs:
         raise ValueError(
-            "a sweep of the coupling must be over one entry with numbers and have k of a pair; this one is over "
+            "a sweep of the coupling must be over one entry with numbers, and have k of a pair; this one is over "
             f"{', '.join(entries)} and has {', '.join(map(str, sweep.data_vars))}."
         )
     along = sweep.sortby(entries[0])
@@ -470,7 +470,7 @@ def _is_coupling(name: str) -> bool:
 
 
 def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
-    """Return the entry along lines and the entry of texts with one line each; empty where there is none."""
+    """Return the entry along lines and the entry of texts with one line each; empty if there is none."""
     if "sample" in sweep.dims:
         return "", ""
     if len(entries) == 1:

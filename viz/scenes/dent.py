@@ -84,7 +84,7 @@ def scene_of_dent(
     """Return the deformed sheets and the indenter for one depth of an indentation, without the board.
 
     Arguments as of `dent_scene`; a `box` x_min, y_min, x_max, y_max in m shows that part of the sheets, by default all
-    over the board. ValueError where the centre is not in it.
+    over the board. ValueError if the centre is not in it.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])

@@ -77,8 +77,11 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT
+    known = set(view.actors)
     for part in scene.parts:
-        view.add_actor(actor_of(part, pixel), name=part.name, reset_camera=False, pickable=False, render=False)
+        if part.name in known:
+            view.remove_actor(part.name, reset_camera=False, render=False)
+        view.renderer.AddActor(actor_of(part, pixel))  # PyVista's own looks through all others for one of its name
     alike: dict[tuple[str, float, bool, bool], list[Text]] = defaultdict(list)
     for text in scene.texts:
         alike[text.group, text.height, text.bold, text.always].append(text)
@@ -118,7 +121,9 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
         ambient=part.ambient, diffuse=part.diffuse, interpolation="Phong" if part.smooth else "Flat",
         culling="back" if part.closed else None,
     )  # fmt: skip
-    return pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
+    actor = pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
+    actor.SetPickable(False)
+    return actor
 
 
 def _surface(part: Part) -> pyvista.PolyData:

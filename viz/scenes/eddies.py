@@ -74,11 +74,11 @@ def eddies_of_target(
 
 
 def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse plates without end beside those with an outline, whose currents change theirs: MetalError."""
+    """Refuse infinite plates beside those with an outline, whose currents change theirs: MetalError."""
     kinds = {isinstance(plate, FinitePlate) for plate in plates}
     if len(kinds) > 1:
         raise MetalError(
-            "eddy currents of plates without end are not computed beside plates with an outline; got "
+            "eddy currents of infinite plates are not computed beside plates with an outline; got "
             f"{', '.join(plate.name for plate in plates)}."
         )
 

@@ -77,7 +77,7 @@ def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scal
 
 
 def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
-    """Return the eddy currents of a body as arrows in the colours of a scale; none where they are below it.
+    """Return the eddy currents of a body as arrows in the colours of a scale; none if they are below it.
 
     `within` is the rectangle in m that is shown, whose size says how small an arrow may be.
     """

@@ -96,8 +96,8 @@ def board_and_metal(design: Design) -> tuple[Item, ...]:
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
     """Compute and put together what a view asks for, by default the board.
 
-    `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
-    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,
+    `track` gives the progress function of each computation. GeometryError if there is no such coil or layer, the
+    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError if the indentation,
     map or reading is impossible, MetalError for metal that the design does not have or that is not computed.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
@@ -116,7 +116,7 @@ class _Making:
         shown = set(self.view.show)
         for item in shown:
             if item not in ITEMS:
-                raise GeometryError(f"what is shown must be of {', '.join(ITEMS)}; got {item!r}.")
+                raise GeometryError(f"items to show must be of {', '.join(ITEMS)}; got {item!r}.")
         if self.view.coil not in (None, *self.design.array.names):
             raise GeometryError(f"there is no coil {self.view.coil!r}; there are {', '.join(self.design.array.names)}.")
         self._require_field()
@@ -142,7 +142,7 @@ class _Making:
         scene += self._field(shown)
         if not scene.parts:
             reason = f" {' '.join(scene.notes)}" if scene.notes else ""
-            raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}.{reason}")
+            raise GeometryError(f"nothing to show for {', '.join(self.view.show) or 'no items'}.{reason}")
         return scene
 
     def _metal(self) -> Scene:
@@ -204,7 +204,7 @@ class _Making:
 
     @property
     def _covered(self) -> bool:
-        """True where the sheets hide the board."""
+        """True if the sheets hide the board."""
         return "dent" in self.view.show and not set(self.view.show) & _WITHIN
 
     @property
@@ -219,7 +219,7 @@ class _Making:
         x, y = (self._setup.x, self._setup.y) if response is None else (response.x.values, response.y.values)
         for name, positions in (("x", x), ("y", y)):  # before a map is computed
             if len(positions) < 2:
-                raise LocalizeError(f"a map that is draped needs at least 2 positions along {name}; got 1.")
+                raise LocalizeError(f"a draped map needs at least 2 positions along {name}; got 1.")
         if response is None:
             depths = [self._depth]
             response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
@@ -249,7 +249,7 @@ class _Making:
 
     def _location(self) -> Scene:
         if self.view.table is None:
-            raise LocalizeError("a location needs the table of the design.")
+            raise LocalizeError("a location needs the response table of the design.")
         model = forward_model(on_board(self.view.table))
         if self.view.reading is None:
             reading: Mapping[str, float] | npt.NDArray[np.float64] = model.delta([*self._at, self._depth])

@@ -78,7 +78,7 @@ def scene_of_metal(
     place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
     numbers = None
     if steps:
-        numbers = target_at(design, place, steps, progress)
+        numbers = target_at(design, place, steps, progress=progress)
     of_plates: list[Eddies] = []
     of_target: list[Eddies | None] = [None] * len(steps)
     if "eddies" in shown:
@@ -109,7 +109,7 @@ def scene_of_metal(
 
 
 def target_at(
-    design: Design, place: tuple[float, float], distances: Sequence[float], progress: Progress | None = None
+    design: Design, place: tuple[float, float], distances: Sequence[float], *, progress: Progress | None = None
 ) -> xr.Dataset:
     """Compute what the target of a design does at one place on the board, in m, and several distances."""
     x, y = (value - origin for value, origin in zip(place, target_of(design).origin_point, strict=True))

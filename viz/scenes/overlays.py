@@ -88,7 +88,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     apart = ~np.eye(len(k), dtype=bool)
     pairs = np.abs(k[apart])
     if not pairs.size or pairs.max() == 0:
-        return Scene(notes=("There is one coil, which couples with none.",) if not pairs.size else ())
+        return Scene(notes=("There is only one coil, and so no coupling.",) if not pairs.size else ())
     strongest = float(pairs.max())
     arcs = meshes.coupling_arcs(centres, k, least=_LEAST * strongest)
     nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
@@ -148,7 +148,7 @@ def scene_of_response(
     if lines.n_cells:
         parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
     deep = float(meshes.at_depth(response, depth).depth) * 1e3
-    return Scene(tuple(parts), notes=(f"δ of {state} where the indenter is, {deep:g} mm deep.",))
+    return Scene(tuple(parts), notes=(f"δ of {state} at the indenter, {deep:g} mm deep.",))
 
 
 def scene_of_location(
@@ -178,7 +178,7 @@ def scene_of_location(
             notes.append("No ellipse: to first order this reading does not depend on one direction.")
             continue
         if _semi_axis(mode) > length:
-            notes.append("No 95 % ellipse where it would be longer than the board.")
+            notes.append("95 % ellipses longer than the board are not drawn.")
             continue
         if not mode.gaussian:
             notes.append("The likelihood is not Gaussian: the ellipse is its shape near the position only.")

@@ -120,7 +120,7 @@ class Scene:
     notes : tuple of str
         Lines of text beside it: assumptions, meanings of numbers.
     slider : Slider or None
-        What a page moves; None where nothing moves.
+        Slider of a page; None if nothing moves.
     """
 
     parts: tuple[Part, ...] = ()
@@ -129,7 +129,7 @@ class Scene:
     slider: Slider | None = None
 
     def __add__(self, other: Scene) -> Scene:
-        """Put two scenes together; ValueError where both have a part of the same name, or a slider."""
+        """Put two scenes together; ValueError if both have a part of the same name, or a slider."""
         both = {part.name for part in self.parts} & {part.name for part in other.parts}
         if both:
             raise ValueError(f"parts of a scene must have different names; both have {', '.join(sorted(both))}.")
@@ -162,7 +162,7 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float, float]:
-        """x_min, x_max, y_min, y_max, z_min, z_max of parts and texts in mm; ValueError where there is no part."""
+        """x_min, x_max, y_min, y_max, z_min, z_max of parts and texts in mm; ValueError if there is no part."""
         if not self.parts:
             raise ValueError("a scene must have at least one part; got none.")
         places = [np.repeat(text.position, 2) for text in self.texts]

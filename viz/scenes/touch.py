@@ -81,7 +81,7 @@ def touch_along(
 
     The path has `count` places at equal steps along its `corners` on the board in m, by default a straight line along x
     over all coils in the middle of the map; `depth` in m is by default the deepest of the design.
-    ElastomerError where the design has no indenter or the indentation is impossible, GeometryError where the path
+    ElastomerError if the design has no indenter or the indentation is impossible, GeometryError if the path
     leaves the board or has no length, or there are fewer than two places.
     """
     setup = indentation_of(design)
@@ -132,7 +132,7 @@ def _along(way: FloatArray, count: int) -> FloatArray:
     """Return places at equal steps along a path."""
     length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))]
     if not (np.isfinite(length).all() and length[-1] > 0):
-        raise GeometryError("the way of an indenter must have a length; all its corners are one.")
+        raise GeometryError("the path of the indenter must have a length; all its corners are the same.")
     at = np.linspace(0.0, length[-1], count)
     return np.column_stack([np.interp(at, length, way[:, k]) for k in range(2)])
 
@@ -143,7 +143,7 @@ def _require_on_board(design: Design, places: FloatArray) -> None:
     if not inside.all():
         x, y = places[~inside][0] * 1e3
         raise GeometryError(
-            f"the way of the indenter must be over the board, from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to "
+            f"the path of the indenter must be over the board, from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to "
             f"({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm; got ({x:.4g}, {y:.4g}) mm."
         )
 

@@ -28,7 +28,11 @@ _ARRAY = {
     "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "rings": "rings",
     "direction_deg": "direction of the rows", "rotation_deg": "rotation of each coil",
 }  # fmt: skip
-_NOT_OF = {"single": ("rows", "direction_deg"), "rings": ("rows",)}  # entries of _ARRAY that a lattice has not
+_NOT_OF = {
+    "single": ("rows", "direction_deg"),
+    "rings": ("rows",),
+    "triangle": ("rows",),
+}  # entries of _ARRAY that a lattice has not
 _SHEET = {
     "thickness_mm": "thickness", "relative_permeability": "relative permeability",
     "youngs_modulus_kPa": "Young's modulus",

@@ -11,7 +11,7 @@ from coilarray.design.model import build_design_file
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.geometry.values import SIDES
 from coilarray.studies.create.arrangement import read_arrangement, read_size
-from coilarray.studies.create.plan import Shape
+from coilarray.studies.create.choices import Choices, Shape
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _FIRST = {
-    "name": "mine", "coils": "4x4", "shape": "hexagon", "size": "16", "inductance": "", "connector": "none",
-    "decoupled": False, "elastomer": True,
+    "name": "mine", "coils": str(Choices.coils), "shape": Choices.shape, "size": f"{Choices().sides[0] * 1e3:g}",
+    "inductance": "", "connector": "none", "decoupled": Choices.overlap == "decoupled", "elastomer": Choices.elastomer,
 }  # fmt: skip
 
 

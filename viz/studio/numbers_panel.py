@@ -57,7 +57,7 @@ class NumbersPanel(Panel):
         return self._circuit[1]
 
     def _compare(self) -> None:
-        """Compute the numbers of the design as it was read or last saved."""
+        """Compute the numbers of the given design read or last saved."""
         work = self._page.work
         if not work.kept:  # of a new design
             return

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from coilarray.design.model import Design
@@ -57,6 +57,7 @@ _PARTS = (
 )  # fmt: skip
 # results that a change of the design makes stale
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
+_NUMBERS_FIRST = 0.015  # s for which the scene waits: of two threads of Python each makes the other one slow
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 
@@ -195,12 +196,12 @@ class Page:
             return
         design, numbers = self.work.design, self.numbers
         accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
-        self.redraw()
+        self.redraw(after=_NUMBERS_FIRST)
         self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
 
-    def redraw(self) -> None:
-        """Compute the scene of the current tab again."""
-        self.scenes.ask(self.scene.steps())
+    def redraw(self, *, after: float = 0.0) -> None:
+        """Compute the scene of the current tab again, `after` so many seconds."""
+        self.scenes.ask([replace(step, rest=after, patience=after) for step in self.scene.steps()])
 
     def is_current(self, design: Design) -> bool:
         """Return whether a design is the current one."""

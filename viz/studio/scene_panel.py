@@ -27,7 +27,7 @@ class ScenePanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._parts: BoardParts | None = None
-        self._saved: Scene | None = None  # of the design as it was read or last saved
+        self._saved: Scene | None = None  # of the given design read or last saved
         problem = page.setup.rendering_problem or ("not shown" if page.setup.services.alone else None)
         self._view = None if problem else SceneView(page.server, self._at_rest)
         values = {
@@ -104,6 +104,8 @@ class ScenePanel(Panel):
     def _show_saved(self, found: tuple[str, Scene]) -> None:
         with self._page.state as state:
             state.saved_name, self._saved = found
+            if self._view is not None:
+                self._view.compare(self._saved)
             self._draw_saved()
 
     def _draw_saved(self) -> None:
@@ -114,6 +116,8 @@ class ScenePanel(Panel):
     def _toggle_saved(self) -> None:
         self._page.state.scene_saved = not self._page.state.scene_saved
         self._saved = None
+        if self._view is not None:
+            self._view.compare(None)
         self._page.state.saved_picture = ""
         self._page.redraw()
 

@@ -73,6 +73,7 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     sizes: Mapping[str, dict[str, Any]] = {
         "single": {}, "linear": {"columns": count}, "square": {"columns": root, "rows": math.ceil(count / root)},
         "hexagonal": {"columns": root, "rows": math.ceil(count / root)}, "rings": {"rings": 1},
+        "triangle": {"columns": math.ceil(math.sqrt(2 * count + 0.25) - 0.5)},
     }  # fmt: skip
     if kind not in sizes:
         raise DesignError(f"array.lattice must be one of {', '.join(LATTICES)}; got {kind!r}.")
@@ -83,7 +84,8 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     )
     table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
     table |= {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
-    points = 7 if kind == "rings" else table.get("columns", 1) * table.get("rows", 1)
+    columns = table.get("columns", 1)
+    points = {"rings": 7, "triangle": columns * (columns + 1) // 2}.get(kind, columns * table.get("rows", 1))
     usual = [f"coil{k + 1}" for k in range(points)]
     names = [place["name"] for place in places][:points]
     names += [name for name in (*usual, *(f"coil{points + k + 1}" for k in range(points))) if name not in names]
@@ -99,7 +101,10 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 
 
 def set_layers(document: Document, _: Design, number: float) -> Document:
-    """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed."""
+    """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed.
+
+    Its dielectrics change by one factor, so that it stays as thick as it is.
+    """
     stackup = document["stackup"]
     names = list(stackup["layers"])
     if not (1 <= number <= 64 and number == (count := int(number))):
@@ -111,10 +116,11 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
     for key, (value, less) in usual.items():
         values = list(stackup.get(key, []))
         table[key] = (values + [values[-1] if values else value] * count)[: count - less]
-    longer = [
-        key for key, values in table.items() if isinstance(values, list) and len(values) > len(stackup.get(key, []))
-    ]
-    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in longer))
+    before, thick = stackup.get("dielectric_thickness_mm", []), table["dielectric_thickness_mm"]
+    if before and thick:
+        table["dielectric_thickness_mm"] = [round(each * sum(before) / sum(thick), 4) for each in thick]
+    changed = [key for key, values in table.items() if values != list(stackup.get(key, []))[: len(values)]]
+    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in changed))
 
 
 def set_leads(document: Document, _: Design, *, there: bool) -> Document:

@@ -94,7 +94,7 @@ class Work:
 
 
 def work_on(opened: DesignFile, file: str) -> Work:
-    """Return a design as it was read; DesignError where it is too large for the studio."""
+    """Return a given design read; DesignError where it is too large for the studio."""
     require_small(opened.design)
     return Work(opened, file, opened.document, opened.text)
 

@@ -302,8 +302,8 @@ def _paths(
             onward = [segment for segment in at.get(node, []) if segment.line not in used]
             if len(onward) != 1:
                 raise ValueError(
-                    f"line {number}: a port needs one unbranched path from {first} to {last} of its own; "
-                    f"{len(onward) or 'no'} segments go on from {node}."
+                    f"line {number}: a port needs its own unbranched path from {first} to {last}; "
+                    f"{len(onward) or 'no'} segments continue from {node}."
                 )
             (segment,) = onward
             used.add(segment.line)
@@ -321,7 +321,7 @@ def _paths(
         )
     idle = [segment for segment in segments if segment.line not in used]
     if idle:
-        raise ValueError(f"line {idle[0].line}: the segment is on the path of no port.")
+        raise ValueError(f"line {idle[0].line}: the segment is not on the path of any port.")
     return tuple(conductors)
 
 
@@ -382,15 +382,21 @@ def read_zc_matrix(text: str) -> tuple[FloatArray, tuple[str, ...], ComplexArray
             frequencies.append(float(heading[1]))
             matrices.append([])
         elif re.match("admittance", line, re.IGNORECASE):
-            raise ValueError(f"line {number}: an admittance matrix (FastHenry -x) is not read; run it for all ports.")
+            raise ValueError(
+                f"line {number}: an admittance matrix (FastHenry -x) is not supported; run FastHenry for all ports."
+            )
         elif matrices:
             entries = re.findall(rf"({_NUMBER})\s*([+-]\s*{_NUMBER})j", line)
             rest = re.sub(rf"({_NUMBER})\s*([+-]\s*{_NUMBER})j", "", line).strip()
             if rest or len(entries) != len(names) or len(matrices[-1]) == len(names):
-                raise ValueError(f"line {number}: {len(names)} rows of {len(names)} impedances are due; got {line!r}.")
+                raise ValueError(
+                    f"line {number}: a matrix must have {len(names)} rows of {len(names)} impedances; got {line!r}."
+                )
             matrices[-1].append([complex(float(real), float(imag.replace(" ", ""))) for real, imag in entries])
         else:
             raise ValueError(f"line {number}: not a line of FastHenry's Zc.mat; got {line!r}.")
     if not matrices or any(len(matrix) != len(names) for matrix in matrices):
-        raise ValueError(f"{len(names)} rows an impedance matrix are due; got {[len(matrix) for matrix in matrices]}.")
+        raise ValueError(
+            f"each impedance matrix must have {len(names)} rows; got {[len(matrix) for matrix in matrices]}."
+        )
     return np.array(frequencies), tuple(names[k] for k in sorted(names)), np.array(matrices, dtype=np.complex128)

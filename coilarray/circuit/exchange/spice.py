@@ -50,7 +50,7 @@ def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ..
         if not name.strip():
             raise ValueError("every coil needs a name; got an empty one.")
         if given.count(name) > 1:
-            raise ValueError(f"names must be all different; got {name!r} more than once.")
+            raise ValueError(f"names must be different; got {name!r} more than once.")
         stem = re.sub(r"[^A-Za-z0-9_]", "_", name.strip())[:_NAME_LENGTH]
         candidates = itertools.chain([stem], (f"{stem}_{k}" for k in itertools.count(2)))
         plain = next(candidate for candidate in candidates if candidate.lower() not in taken)
@@ -108,7 +108,7 @@ def spice_subcircuit(
     From NAME_1 to NAME_2 a coil is R + jωL, and its sections, in parallel with C, current into NAME_1 positive, as in
     `coilarray.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits
     (which is all of a double); a set with small ones left out need not be positive definite. A resistance or
-    capacitance of zero is no element, since SPICE replaces R = 0 by a default. Between two coils there are four
+    capacitance of zero is not an element, since SPICE replaces R = 0 by a default. Between two coils there are four
     capacitors C_ij/4, one from each pin of one to each of the other, and C_ij/6 less across each.
 
     To leave a coil open, connect one pin to ground and nothing to the other: an ideal open, with a path for direct

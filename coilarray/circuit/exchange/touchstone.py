@@ -63,11 +63,11 @@ def touchstone(
     if f.ndim != 1 or not f.size:
         raise ValueError(f"at least one frequency is needed, as one row; got shape {f.shape}.")
     if Z.ndim != 3 or Z.shape[0] != len(f) or Z.shape[1] != Z.shape[2] or not Z.size:
-        raise ValueError(f"impedance must have shape ({len(f)}, n, n), a matrix a frequency; got {Z.shape}.")
+        raise ValueError(f"impedance must have shape ({len(f)}, n, n), one matrix per frequency; got {Z.shape}.")
     if not np.isfinite(Z).all():
         raise ValueError("impedances must be finite; at least one is not.")
     if not (np.isfinite(f).all() and f[0] >= 0 and (np.diff(f) > 0).all()):
-        raise ValueError("frequencies must be finite, not negative and rise from one to the next.")
+        raise ValueError("frequencies must be finite, not negative and rising.")
     require_positive("reference_resistance", reference_resistance, " Ω", ValueError)
     ports = plain_names(names, Z.shape[1])
     target = Path(path)

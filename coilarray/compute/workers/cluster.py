@@ -43,7 +43,7 @@ def connect(address: str) -> Client:
     scheme, _, host = address.partition("://")
     name, _, port = host.rpartition(":")
     if scheme not in ("tcp", "tls") or not name or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ClusterError(f"the address of a cluster must be tcp://host:port; got {address!r}.")
+        raise ClusterError(f"the address of a cluster must be tcp://HOST:PORT; got {address!r}.")
     # a Client alone waits without end for what accepts a connection and says nothing
     try:
         with ThreadPoolExecutor(1) as thread:  # a notebook's own thread runs an event loop already
@@ -134,12 +134,12 @@ class ClusterPool(Pool):
             return future.result()
         except _distributed().KilledWorker:
             raise ClusterError(
-                "a task ended several workers of the cluster, one after another; is there memory enough?"
+                "a task ended several workers of the cluster, one after another; do they have enough memory?"
             ) from None
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] != "coilarray":
                 raise
-            raise ClusterError("a worker of the cluster has no coilarray, or another version of it.") from None
+            raise ClusterError("a worker of the cluster has no coilarray, or another version.") from None
         except CancelledError:
             self._check()
             raise ClusterError("the Dask scheduler is lost, or it has cancelled a task.") from None
@@ -160,7 +160,7 @@ def _distributed() -> Any:
 
 
 async def _identity(address: str) -> str:
-    """Ask what answers at an address; TimeoutError where nothing does."""
+    """Ask what answers at an address; TimeoutError if nothing does."""
     dask = _distributed()
     security = dask.Security().get_connection_args("client")
     async with dask.rpc(address, timeout=ANSWER_WITHIN, connection_args=security) as server:

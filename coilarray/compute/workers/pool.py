@@ -1,4 +1,4 @@
-"""What every pool of workers does, on an executor of `concurrent.futures`, and the simplest one: this process."""
+"""The adapter of all pools of workers, on an executor of `concurrent.futures`, and the simplest pool: this process."""
 
 from __future__ import annotations
 

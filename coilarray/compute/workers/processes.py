@@ -109,9 +109,9 @@ class LocalPool(Pool):
             if lost[0].losses >= _TRIES:
                 self.drop()
                 script = 'a script must ask for workers under if __name__ == "__main__".'
-                hint = "is there memory enough?" if code < 0 else script
+                hint = "is there enough memory?" if code < 0 else script
                 raise ClusterError(
-                    f"a local process ended {_TRIES} times at one task, with exit code {code}; {hint}"
+                    f"a local process ended {_TRIES} times during the same task, with exit code {code}; {hint}"
                 ) from None
         for task in lost:
             self._send(task)

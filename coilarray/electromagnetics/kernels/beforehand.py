@@ -37,7 +37,7 @@ KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
 
 
 def compile_kernels() -> None:
-    """Compile each kernel for the arguments that a report gives it; nothing where numba is switched off."""
+    """Compile each kernel for the arguments that a report gives it; nothing if numba is switched off."""
     for made, arguments in KERNELS:
         if isinstance(made, CPUDispatcher):
             made.compile(tuple(arguments))

@@ -166,7 +166,7 @@ def filament_pair(
 ) -> float:  # fmt: skip
     """∬ dl·dl'/R of the filaments p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors).
 
-    Infinite where the two run over each other on one line.
+    Infinite where the two overlap on one line.
     """
     cosine = ux * vx + uy * vy + uz * vz
     wx = uy * vz - uz * vy

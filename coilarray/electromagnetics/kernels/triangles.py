@@ -43,23 +43,25 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
     the integrals are symmetric, those up to the diagonal are written; all where `first` is n.
     """
     n = other.shape[0]
-    moments = np.empty((n, 10))
+    moments, areas = np.empty((n, 10)), np.empty(n)
     for j in range(n):
         _moments(other[j], moments[j])
+        areas[j] = _area(other[j])
     own = np.empty(10)
     for i in range(corners.shape[0]):
         _moments(corners[i], own)
+        area = _area(corners[i])
         for j in range(min(first + i + 1, n)):
             dx, dy, dz = own[0] - moments[j, 0], own[1] - moments[j, 1], own[2] - moments[j, 2]
             r2 = dx * dx + dy * dy + dz * dz
             near = _NEAR * (own[9] + moments[j, 9])
             if r2 > near * near:
-                r = math.sqrt(r2)
+                inverse = 1.0 / r2
                 xx, yy, zz = own[3] + moments[j, 3], own[4] + moments[j, 4], own[5] + moments[j, 5]
                 xy, yz, zx = own[6] + moments[j, 6], own[7] + moments[j, 7], own[8] + moments[j, 8]
                 along = xx * dx * dx + yy * dy * dy + zz * dz * dz + 2 * (xy * dx * dy + yz * dy * dz + zx * dz * dx)
-                shape = 1.0 + (1.5 * along / r2 - 0.5 * (xx + yy + zz)) / r2
-                integrals[i, j] = _area(corners[i]) * _area(other[j]) * shape / r
+                shape = 1.0 + (1.5 * along * inverse - 0.5 * (xx + yy + zz)) * inverse
+                integrals[i, j] = area * areas[j] * shape * math.sqrt(inverse)
             else:
                 integrals[i, j] = 0.5 * (_near_pair(corners[i], other[j]) + _near_pair(other[j], corners[i]))
 

@@ -1,4 +1,4 @@
-"""Calibration of a design by what was measured on its board."""
+"""Calibration of a design by measurements of its board."""
 
 from coilarray.studies.calibrate.calibration import Calibration, calibrate
 from coilarray.studies.calibrate.plan import Plan, load_plan

@@ -1,4 +1,4 @@
-"""Calibrate a design: fit its unknown entries to what was measured, and rank the alternatives that it may be."""
+"""Calibrate a design: fit its unknown entries to a measurement, and rank alternative designs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Calibration:
         The design with the choices of the best combination and the values fitted to it, which are no longer assumed;
         where it was read from a file, with its text.
     imperfections : Imperfections
-        What was fitted of the experiment.
+        Fitted imperfections of the experiment.
     values : mapping of str to float
         Fitted values of the best combination, by the first entry of each unknown, in the units of the entries.
     dataset : xarray.Dataset
@@ -93,12 +93,12 @@ def calibrate(
     pool: Pool | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Fit entries of a design to measured data, with errors, correlations and what the data cannot tell.
+    """Fit entries of a design to measured data, with errors, correlations and what the data cannot determine.
 
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation; what is no unknown stays as it is.
+        Design with an indentation; what is not an unknown stays as it is.
     data : xarray.Dataset or EllipseModel, optional
         A measured response, as `coilarray.hardware.record.recorded_response.recorded_response` returns it, with NaN
         where it has gaps; or ellipses, by default those of Table A1 of Gast & Zimmermann (2020).
@@ -128,8 +128,8 @@ def calibrate(
 
         ``chi_square``, ``degrees_of_freedom``, ``fit_probability`` of a larger χ² by noise of the given size,
         ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence`` and ``probability`` among the combinations;
-        ``told``, how many directions the data tell better than the priors, and ``untold``, the others in words, one a
-        line; ``converged``, ``evaluations`` and ``problem``, why a combination has no fit.
+        ``determined``, the number of directions that the data determine better than the priors, and ``undetermined``,
+        the others in words, one a line; ``converged``, ``evaluations`` and ``problem``, why a combination has no fit.
 
     Raises
     ------
@@ -146,8 +146,8 @@ def calibrate(
     The posterior is the normal distribution of the linear model at the best point, cut off at the bounds; where the
     scale of the noise is not given but measured or estimated, Student's. Evidences are Laplace's approximation of the
     same box (D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28); flat priors enter them
-    with their ranges, so that wide bounds cost probability. A direction is told where the data alone know it better
-    than the prior, whose standard deviation is the range/√12 where flat.
+    with their ranges, so that wide bounds cost probability. A direction is determined if the data alone give it a
+    smaller standard deviation than the prior, which is the range/√12 if flat.
 
     Examples
     --------
@@ -216,12 +216,12 @@ def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[s
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:
-    """Return tables without an entry; DesignError where it is not there."""
+    """Return tables without an entry; DesignError if it is not there."""
     if isinstance(table, list) and parts[0].isdecimal() and int(parts[0]) < len(table) and len(parts) > 1:
         place = int(parts[0])
         return [*table[:place], _without(table[place], parts[1:], key), *table[place + 1 :]]
     if not isinstance(table, Mapping) or parts[0] not in table:
-        raise DesignError(f"{key} is not in the design, so that it cannot be taken away.")
+        raise DesignError(f"{key} is not in the design, so it cannot be removed.")
     rest = {name: value for name, value in table.items() if name != parts[0]}
     return rest if len(parts) == 1 else {**rest, parts[0]: _without(table[parts[0]], parts[1:], key)}
 

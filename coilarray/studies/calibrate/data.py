@@ -43,7 +43,7 @@ class Measurement:
         What `model_values` needs, as plain values.
     noise_freedom : float
         Degrees of freedom with which the scale of the standard deviations is known: infinite where they are given, 0
-        where they are relative and their scale comes from what remains.
+        where they are relative and their scale comes from the residuals.
     """
 
     values: FloatArray
@@ -77,7 +77,7 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
     found = (_ellipses if isinstance(data, EllipseModel) else _response)(data, table, design, states)  # type: ignore[arg-type]
     found = replace(found, weight=np.where([name in table.tested for name in found.coords["state"]], 0.0, found.weight))
     if not found.weight.any():
-        raise GoalError("the data have nothing to fit: no number that is asked for is known and determined.")
+        raise GoalError("the data have nothing to fit: none of the chosen numbers is known and determined.")
     return found
 
 
@@ -109,7 +109,7 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
     known = np.isfinite(values)
     if noise is None:
         if table.noise == "given" and table.delta_std is None:
-            raise GoalError('the data say nothing of their noise; give data.delta_std or noise = "estimated".')
+            raise GoalError('the data do not state their noise; give data.delta_std or noise = "estimated".')
         level = np.full(len(states), 1.0 if table.delta_std is None else table.delta_std)
         freedom = 0.0 if table.delta_std is None else np.inf
     else:  # of a state one number: those of single positions, from a few repeats, would be weights that mislead
@@ -164,9 +164,9 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
                 weight = share if there and key in table.parameters else 0.0
                 shown = value if there else np.nan
                 rows.append((shown, table.semiaxis_std_mm * 1e-3, weight, key, name, level))
-        told = coil.highest <= _BEYOND * levels[-1]
-        weight = 1.0 if told and "peak" in table.parameters else 0.0
-        rows.append((coil.highest if told else np.nan, table.peak_std, weight, "peak", name, np.nan))
+        known = coil.highest <= _BEYOND * levels[-1]
+        weight = 1.0 if known and "peak" in table.parameters else 0.0
+        rows.append((coil.highest if known else np.nan, table.peak_std, weight, "peak", name, np.nan))
     values, std, weights, quantity, state, of_level = zip(*rows, strict=True)
     freedom = np.inf if table.noise == "given" else 0.0
     coords = {"quantity": quantity, "state": state, "level": of_level}

@@ -1,4 +1,4 @@
-"""Designs that a calibration leaves possible."""
+"""Designs drawn from the posterior of a calibration."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def posterior_draws(
     Raises
     ------
     GoalError
-        A dataset that is no calibration, or more draws than it has.
+        A dataset that is not a calibration, or more draws than it has.
     DesignError
         A design without one of the entries.
     """

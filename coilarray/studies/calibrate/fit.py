@@ -1,8 +1,8 @@
-"""Least squares between bounds for a model that takes seconds: few evaluations, and many at once where they are needed.
+"""Least squares between bounds for a model that takes seconds: few evaluations, as many as possible in parallel.
 
 Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at the start and at the
 end, where they make the covariance, and Broyden's updates of them in between (C. G. Broyden, Math. Comput. 19, 577,
-1965), which cost nothing; where those give no better point they are evaluated anew. A fit asks for evaluations and does
+1965), which cost nothing; if those give no better point they are evaluated again. A fit asks for evaluations and does
 not make them, so that several fits can share the workers.
 """
 
@@ -36,7 +36,7 @@ _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any ca
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what.
+    """Measured numbers, unknowns with their bounds and priors, and the noise.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Problem:
         return self.freedom + self.noise_freedom
 
     @property
-    def reach(self) -> FloatArray:
+    def span(self) -> FloatArray:
         """Range of every unknown."""
         return self.high - self.low
 
@@ -116,7 +116,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a fit ended.
+    """Result of a fit.
 
     `point` (unknowns,), the model's numbers `values` (n,) there, at the first guess `before` (n,), and their `slopes`
     (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations, 1 where the noise is given;
@@ -137,7 +137,7 @@ class Fit:
 def information(problem: Problem, fit: Fit) -> FloatArray:
     """Information of data and priors about the unknowns at a fit, (unknowns, unknowns), positive definite."""
     rows = problem.weighted(fit.slopes) / fit.scale
-    prior = 1 / problem.prior_std**2 + (_RIDGE / problem.reach) ** 2
+    prior = 1 / problem.prior_std**2 + (_RIDGE / problem.span) ** 2
     return np.asarray(rows.T @ rows + np.diag(prior))
 
 
@@ -149,7 +149,7 @@ def gradient(problem: Problem, fit: Fit) -> FloatArray:
 
 def at_bound(problem: Problem, point: FloatArray) -> npt.NDArray[np.bool_]:
     """Whether each unknown is at a bound."""
-    return np.minimum(point - problem.low, problem.high - point) < _AT_BOUND * problem.reach
+    return np.minimum(point - problem.low, problem.high - point) < _AT_BOUND * problem.span
 
 
 def fit(problem: Problem) -> Asking:
@@ -180,7 +180,7 @@ def fit(problem: Problem) -> Asking:
             if not isinstance(outcome, str):
                 gained = _cost(problem, point, values, scale) - _cost(problem, point + move, outcome, scale)
                 if gained > _SHARE * expected:
-                    along = move / problem.reach**2
+                    along = move / problem.span**2
                     slopes = slopes + np.outer(outcome - values - slopes @ move, along) / (move @ along)
                     point, values, fresh = np.clip(point + move, problem.low, problem.high), outcome, False
                     scale = problem.scale_at(problem.residuals(values))
@@ -203,10 +203,10 @@ def _slopes(
 ) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int, str]]:
     """Slopes of the model's numbers by differences, the number of evaluations, and why one of them cannot be."""
     slopes, reason = np.zeros((len(values), len(point))), ""
-    inwards = np.where(point + steps * problem.reach <= problem.high, 1.0, -1.0)
+    inwards = np.where(point + steps * problem.span <= problem.high, 1.0, -1.0)
     todo, made = list(range(len(point))), 0
     for sign in (1.0, -1.0):
-        moves = {k: sign * inwards[k] * steps[k] * problem.reach[k] for k in todo}
+        moves = {k: sign * inwards[k] * steps[k] * problem.span[k] for k in todo}
         moves = {k: move for k, move in moves.items() if problem.low[k] <= point[k] + move <= problem.high[k]}
         if not moves:
             break
@@ -224,13 +224,13 @@ def _slopes(
 def _difference_steps(problem: Problem, now: Fit) -> FloatArray:
     """Half a standard deviation of every unknown in its range: the data then change by half of their noise."""
     deviation = np.sqrt(np.diag(np.linalg.inv(information(problem, now))))
-    return np.clip(0.5 * deviation / problem.reach, *_STEPS)
+    return np.clip(0.5 * deviation / problem.span, *_STEPS)
 
 
 def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
     """Slopes in ranges of the unknowns and residuals of data and priors, all in standard deviations."""
-    data = problem.weighted(now.slopes) * problem.reach / now.scale
-    prior = np.diag(problem.reach / problem.prior_std)
+    data = problem.weighted(now.slopes) * problem.span / now.scale
+    prior = np.diag(problem.span / problem.prior_std)
     offsets = problem.residuals(now.values) / now.scale, problem.prior_residuals(now.point)
     return np.vstack((data, prior)), np.concatenate(offsets)
 
@@ -241,16 +241,16 @@ def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
     size = np.sqrt((slopes**2).sum(axis=0) + _RIDGE**2)
     matrix = np.vstack((slopes, np.sqrt(damping) * np.diag(size))) if damping else slopes
     target = np.concatenate((-offsets, np.zeros(len(matrix) - len(offsets))))
-    where = (now.point - problem.low) / problem.reach
+    where = (now.point - problem.low) / problem.span
     box = np.minimum(-where, -1e-15), np.maximum(1 - where, 1e-15)
     move = np.clip(lsq_linear(matrix, target, bounds=box, method="bvls").x, -where, 1 - where)
-    return np.asarray(move * problem.reach)
+    return np.asarray(move * problem.span)
 
 
 def _gain(problem: Problem, now: Fit, move: FloatArray) -> float:
     """By how much the linear model says that a step lowers χ²/2."""
     slopes, offsets = _rows(problem, now)
-    after = offsets + slopes @ (move / problem.reach)
+    after = offsets + slopes @ (move / problem.span)
     return float(offsets @ offsets - after @ after) / 2
 
 

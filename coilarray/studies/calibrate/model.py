@@ -1,4 +1,4 @@
-"""One evaluation of a calibration: the response of a changed design, and of it the numbers that were measured.
+"""One evaluation of a calibration: the response of a changed design, reduced to the measured numbers.
 
 What an evaluation costs depends on what was changed. Contacts are kept by sheets and indenter, inductances by coils and
 sheets, inductance changes by coils and dents in the store of results; losses and strays are those of the coils under

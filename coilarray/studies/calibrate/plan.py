@@ -1,4 +1,4 @@
-"""Calibration plans: which entries of a design are unknown, which alternatives it has, and what is fitted to what.
+"""Calibration plans: the unknown entries of a design, its alternatives, and the data to fit.
 
 TOML; the bundled ``table_a1`` is a longer example::
 
@@ -104,7 +104,7 @@ class Unknown(Table):
         known = [f"{IMPERFECTION}{name}" for name in IMPERFECTIONS]
         for entry in self.entry:
             if entry.startswith(IMPERFECTION) and entry not in known:
-                raise ValueError(f"needs an imperfection that there is: {', '.join(known)}; got {entry}")
+                raise ValueError(f"needs an imperfection of {', '.join(known)}; got {entry}")
         return self
 
     @property
@@ -114,14 +114,14 @@ class Unknown(Table):
 
 
 class Choice(Table):
-    """``[[alternative.choice]]``: entries that it sets and takes away, and unknowns that only it has."""
+    """``[[alternative.choice]]``: entries that it sets and removes, and unknowns that only it has."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the answer."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Values of the design by their dotted keys."""
     without: list[str] = Field(default_factory=list)
-    """Keys of the design that it takes away."""
+    """Keys of the design that it removes."""
     unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
 
     @field_validator("set")
@@ -146,7 +146,7 @@ class Alternative(Table):
     def _different(self) -> Alternative:
         names = [choice.name for choice in self.choices]
         if len(set(names)) != len(names):
-            raise ValueError(f"needs choices of different names; got {listed(names)}")
+            raise ValueError(f"needs choices with different names; got {listed(names)}")
         return self
 
 
@@ -156,9 +156,9 @@ class DataTable(Table):
     ``states`` are all by default; those of ``tested`` are only predicted, to try what was fitted to the others.
     ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are fitted by default;
     ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations, and ``delta_std`` that of δ of a response that
-    has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale from what remains: the
-    default for ellipses, and for a response without any standard deviation. ``noise = "given"`` believes them. A
-    recording's own is by default known as well as its repeats or baselines tell it. ``circuit`` is "full" or "ideal"
+    has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale from the residuals, by
+    default for ellipses and for a response without standard deviations; ``noise = "given"`` trusts them. That of a
+    recording is by default known as well as its repeats or baselines determine it. ``circuit`` is "full" or "ideal"
     (without losses and strays, which change δ by less than 1 %), the default for ellipses; so is ``mesh = "coarse"``,
     right to 1e-3 of δ.
     """
@@ -166,7 +166,7 @@ class DataTable(Table):
     states: Annotated[list[str], Field(min_length=1)] | None = None
     """States whose readings are fitted; all by default."""
     tested: list[str] = Field(default_factory=list)
-    """States that are only predicted, to try what was fitted to the others."""
+    """States that are only predicted, to test the fit to the others."""
     parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
     """Of ellipses: the parameters that are fitted."""
     levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
@@ -180,9 +180,9 @@ class DataTable(Table):
     delta_std: Annotated[float, Field(gt=0)] | None = None
     """Standard deviation of δ of a response that has none of its own."""
     noise: Literal["given", "estimated"] | None = None
-    """Whether the standard deviations are believed, or their scale is estimated from what remains."""
+    """Whether the standard deviations are trusted, or their scale is estimated from the residuals."""
     circuit: Literal["full", "ideal"] | None = None
-    """Whether losses and strays count."""
+    """Whether losses and strays are included."""
     mesh: Literal["fine", "coarse"] | None = None
     """Mesh of the magnetic layer."""
 

@@ -1,4 +1,4 @@
-"""What fits of several combinations of choices say: posteriors, evidences, and what the data cannot tell."""
+"""Results of the fits of several combinations of choices: posteriors, evidences, and what the data cannot determine."""
 
 from __future__ import annotations
 
@@ -140,10 +140,10 @@ def _log_prior(problem: Problem, point: FloatArray) -> float:
     return float(total)
 
 
-def _untold(row: Solution) -> list[str]:
-    """Directions that the data tell less well than the priors, each in words."""
+def _undetermined(row: Solution) -> list[str]:
+    """Directions that the data determine less well than the priors, each in words."""
     problem = row.problem
-    prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.reach * _FLAT_STD)
+    prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.span * _FLAT_STD)
     rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
     squares, directions = np.linalg.eigh(rows.T @ rows)
     said = []
@@ -199,14 +199,14 @@ def result_dataset(
             numbers[key][i] = values
         r = problem.residuals(row.fit.values)
         square = float(r @ r)
-        direct = _untold(row)
+        direct = _undetermined(row)
         said[i] = "\n".join(direct)
         odds = _fit_probability(problem, square)
         likelihood = (row.log_likelihood, row.bic, row.log_evidence)
-        told = len(row.case.names) - len(direct)
+        determined = len(row.case.names) - len(direct)
         for key, value in zip(
             _FIGURES,
-            (square, problem.freedom, odds, row.fit.scale, *likelihood, told, row.fit.evaluations),
+            (square, problem.freedom, odds, row.fit.scale, *likelihood, determined, row.fit.evaluations),
             strict=True,
         ):
             figures[key][i] = value
@@ -222,7 +222,7 @@ def result_dataset(
         "posterior": (("combination", "draw", "unknown"), draws, {"long_name": "draws from the posterior"}),
         "measured": ("datum", measured.values, {"long_name": "measured"}),
         "noise": ("datum", measured.std, {"long_name": "standard deviation, given or relative"}),
-        "weight": ("datum", measured.weight, {"long_name": "independent numbers for which one stands"}),
+        "weight": ("datum", measured.weight, {"long_name": "independent numbers that one represents"}),
         **{key: (of_datum, values, {"long_name": _SAID[key]}) for key, values in numbers.items()},
         **{key: ("combination", figures[key], {"long_name": _SAID[key], "units": "1"}) for key in _FIGURES},
         "probability": (
@@ -230,7 +230,7 @@ def result_dataset(
             {"long_name": "probability among the combinations", "units": "1"},
         ),
         "converged": ("combination", [isinstance(row, Solution) and row.fit.converged for row in rows]),
-        "untold": ("combination", said, {"long_name": "directions that the data do not tell"}),
+        "undetermined": ("combination", said, {"long_name": "directions that the data do not determine"}),
         "problem": ("combination", reasons, {"long_name": "why there is no fit"}),
     }  # fmt: skip
     coords: dict[str, Any] = {"combination": [one.name for one in combinations], "unknown": names, "other": names}
@@ -250,7 +250,7 @@ def result_dataset(
 
 _FIGURES = (
     "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_likelihood", "bic", "log_evidence",
-    "told", "evaluations",
+    "determined", "evaluations",
 )  # fmt: skip
 _SAID = {
     "start": "first guess", "value": "value", "std": "± value", "low": "95 % interval, from",
@@ -258,5 +258,5 @@ _SAID = {
     "residual": "fitted less measured, in standard deviations", "chi_square": "χ²",
     "degrees_of_freedom": "degrees of freedom", "fit_probability": "probability of a larger χ²",
     "noise_scale": "scale of the noise", "log_likelihood": "ln likelihood", "bic": "BIC",
-    "log_evidence": "ln evidence", "told": "directions that the data tell", "evaluations": "evaluations",
+    "log_evidence": "ln evidence", "determined": "directions that the data determine", "evaluations": "evaluations",
 }  # fmt: skip

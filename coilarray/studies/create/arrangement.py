@@ -25,7 +25,7 @@ class Arrangement:
             return {"lattice": "single"}
         if self.lattice == "rings":
             return {"lattice": "rings", "rings": self.columns}
-        rows = {"rows": self.rows} if self.lattice != "linear" else {}
+        rows = {"rows": self.rows} if self.lattice not in ("linear", "triangle") else {}
         return {"lattice": self.lattice, "columns": self.columns, **rows}
 
     @property
@@ -42,18 +42,22 @@ class Arrangement:
 
 
 _RINGS = {7: 1, 19: 2, 37: 3}
+_TRIANGLE = 3
 _MOST = 1000
-_COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), or 7-hex, 19-hex or 37-hex (rings); got {!r}."
+_COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), 3-hex, 7-hex, 19-hex or 37-hex; got {!r}."
 
 
 def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
-    """Read how many coils there are: 1, 6 in a row, 4x4, or 7-hex with rings about a centre; DesignError otherwise.
+    """Read how many coils there are: 1, 6 in a row, 4x4, 3-hex as a triangle, or 7-hex with rings about a centre.
 
     Hexagons and circles by rows and columns lie on a hexagonal lattice, where all neighbours are equally far.
+    DesignError for another text.
     """
     found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", str(coils).strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)
     first, second = int(count), int(rows or 1)
+    if ring and first == _TRIANGLE:
+        return Arrangement("triangle", 2)
     if ring and first in _RINGS:
         return Arrangement("rings", _RINGS[first])
     if first * second < 1 or ring:

@@ -25,7 +25,7 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
     between them, no other board is tried.
     """
     problem = ""
-    several = plan.arrangement.rows > 1 or plan.arrangement.lattice == "rings"
+    several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")
     for k, distance in list(enumerate(_DISTANCES))[several:]:
         further = k * _FURTHER if movable else 0.0
         tried = replace(plan, lead=plan.lead + k * _LONGER, pitch=plan.pitch + further)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq
@@ -14,9 +15,10 @@ from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.errors import DesignError
 
-_FROM, _TO = 0.4, 1.0  # of the width of a coil: where the sign of its neighbours' coupling is looked for
-_SAMPLES = 5
+# parts of the width of a coil, between which the sign of its neighbours' coupling is looked for
+_SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
 _PITCH_STEP = 1e-5  # m, to which a pitch is given
+_ROUGHLY = 2e-3  # of the width: as near as the rough model is followed, which the corrections mend
 _SLOPE, _CORRECTIONS = 0.01, 2
 
 
@@ -51,21 +53,17 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
     def rough(pitch: float) -> float:
         return float(neighbour_coupling(rough_at(pitch)).mean())
 
-    pitches = np.linspace(_TO, _FROM, _SAMPLES) * width
-    outer, k_outer = float(pitches[0]), rough(float(pitches[0]))
-    for inner in pitches[1:].tolist():
-        k_inner = rough(inner)
-        if k_outer * k_inner <= 0:
-            found = float(brentq(rough, inner, outer, xtol=_PITCH_STEP / 4))
+    for outer, inner in pairwise(part * width for part in _SAMPLES):
+        if rough(outer) * rough(inner) <= 0:
+            found = float(brentq(rough, inner, outer, xtol=_ROUGHLY * width))
             slope = (rough(found + _SLOPE * width) - rough(found)) / (_SLOPE * width)
             for _ in range(_CORRECTIONS):  # by what the rough model leaves out
                 found -= float(neighbour_coupling(design_at(found)).mean()) / slope
             if inner - _SLOPE * width <= found <= outer + _SLOPE * width:
                 return round(found / _PITCH_STEP) * _PITCH_STEP
-        outer, k_outer = inner, k_inner
     raise DesignError(
-        f"neighbours of {width * 1e3:g} mm couple at every pitch from {_FROM * width * 1e3:.4g} to "
-        f"{_TO * width * 1e3:.4g} mm: their overlap cannot decouple them."
+        f"neighbours of {width * 1e3:g} mm couple at every pitch from {_SAMPLES[-1] * width * 1e3:.4g} to "
+        f"{_SAMPLES[0] * width * 1e3:.4g} mm: their overlap cannot decouple them."
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 
 import shapely
@@ -16,13 +16,14 @@ from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
+from coilarray.studies.create.choices import Choices
 from coilarray.studies.create.decoupling import decoupled_pitch
 from coilarray.studies.create.plan import Plan
 from coilarray.studies.create.tank import expected_frequency
 from coilarray.studies.create.terminals import with_terminals
 from coilarray.studies.create.winding import Room, Winding, wind
 
-_FABS = ("oshpark-4-layer", "multi-cb-35um")  # taken where none is named: the first that has enough layers
+_FABS = ("oshpark-2-layer", "oshpark-4-layer", "multi-cb-35um")  # the last one makes any number of layers
 _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
 _CORNERED = 0.75  # of half the hole: wider traces of polygons, whose turns slope, would touch at the inner corners
@@ -33,96 +34,80 @@ _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
 _PASSES, _CLOSE = 3, 1e-3  # corrections of what is left out of the search for a winding, and when they end
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What a layout is to have: inductance in H, layers, board house, pitch in m, or neighbours that do not couple.
-
-    The `frequency` in Hz at which the coils are used is the one that is wanted, if any is.
-    """
-
-    inductance: float | None
-    layers: int | None
-    fab: str | None
-    pitch: float | None
-    decoupled: bool
-    frequency: float | None = None
-
-    def fab_for(self, layers: int) -> str | None:
-        """Return the board house that is named, or the first of the usual ones; None where it lacks layers."""
-        for name in _FABS if self.fab is None else (self.fab,):
-            most = load_profile(name).rules.max_layers
-            if most is None or layers <= most:
-                return name
-        return None
-
-
-def lay_out(plan: Plan, wishes: Wishes) -> Plan:
-    """Find layers, winding, pitch and terminals; DesignError, one line, where no layout does what is asked."""
+def lay_out(plan: Plan, choices: Choices) -> Plan:
+    """Find layers, winding, pitch and terminals; DesignError, one line, where no layout does what is chosen."""
     problem = None
-    for board in _boards(plan, wishes):
+    for board in _boards(plan, choices):
         try:
-            return _completed(replace(board, winding=_winding(board, wishes)), wishes)
+            return _completed(replace(board, winding=_winding(board, choices)), choices)
         except DesignError as error:
             problem = error  # of the most layers: what is out of reach of all
     assert problem is not None  # there is at least one board, or a reason why not
     raise problem
 
 
-def most_on_fewer_layers(plan: Plan, wishes: Wishes, layers: int) -> Plan | None:
+def most_on_fewer_layers(plan: Plan, choices: Choices, layers: int) -> Plan | None:
     """Find the layout that comes nearest to the wanted inductance on fewer layers; None where nothing can be placed."""
     short: list[tuple[float, int, Plan]] = []
-    for board in _boards(plan, wishes):
+    for board in _boards(plan, choices):
         for room in _rooms(board):
             with contextlib.suppress(DesignError):  # no room for a turn, or for a pad
                 full = replace(board, winding=room.fullest)
                 reached = _rough_inductance(full) if board.layers < layers and room.most_turns else math.inf
-                if reached < (wishes.inductance or 0.0):  # others have been tried
+                if reached < (choices.inductance or 0.0):  # others have been tried
                     short.append((-reached, board.layers, full))
     for _, _, board in sorted(short, key=lambda one: one[:2]):
         with contextlib.suppress(DesignError):
-            return _completed(board, wishes)
+            return _completed(board, choices)
     return None
 
 
-def _completed(wound: Plan, wishes: Wishes) -> Plan:
+def _completed(wound: Plan, choices: Choices) -> Plan:
     """Find pitch and terminals for a winding; DesignError where there are none."""
     problem = None
     for turned in (False, True) if _can_turn(wound) else (False,):
         try:
-            placed = _placed(replace(wound, turned=turned), wishes)
-            return with_terminals(placed, movable=wound.sets == 1 and wishes.pitch is None)
+            placed = _placed(replace(wound, turned=turned), choices)
+            return with_terminals(placed, movable=wound.sets == 1 and choices.pitch is None)
         except DesignError as error:
             problem = error
     assert problem is not None  # there is a way to turn it
     raise problem
 
 
-def _boards(plan: Plan, wishes: Wishes) -> Iterator[Plan]:
+def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
     """Give the boards to try, those of the fewest layers first.
 
     Coils side by side need one set of layers; coils that overlap need more, and a wide hole for the terminals of their
     neighbours. DesignError where there is none.
     """
-    overlap = wishes.decoupled or (wishes.pitch is not None and wishes.pitch < plan.width)
+    overlap = choices.overlap == "decoupled" or (choices.pitch is not None and choices.pitch < plan.width)
     some_sets: tuple[int, ...] = (1,)
     if overlap:
         some_sets = (2, 3, 4) if plan.arrangement.lattice in ("linear", "square") else (3, 4)
-    if wishes.layers is None:
-        each = _WINDING_LAYERS if wishes.inductance is not None else _WINDING_LAYERS[:1]
+    made = choices.layers_of_fab
+    if made is not None and choices.layers not in (None, made):
+        raise DesignError(f"layers must be {made}, as {choices.fab} makes boards of {made}; got {choices.layers}.")
+    layers = choices.layers if made is None else made
+    if layers is None:
+        each = _WINDING_LAYERS if choices.inductance is not None else _WINDING_LAYERS[:1]
         pairs = sorted(product(some_sets, each), key=lambda pair: pair[0] * pair[1])
     else:
-        pairs = [(sets, wishes.layers // sets) for sets in some_sets if _divides(sets, wishes.layers)]
+        pairs = [(sets, layers // sets) for sets in some_sets if _divides(sets, layers)]
     if not pairs:
         least = f"1 or a multiple of {2 * some_sets[0]}" if not overlap else f"a multiple of {2 * some_sets[0]}"
         apart = f" for neighbours on {some_sets[0]} different sets of them" if overlap else ""
-        raise DesignError(f"layers must be {least}{apart}; got {wishes.layers}.")
-    makeable = [(pair, fab) for pair in pairs if (fab := wishes.fab_for(math.prod(pair))) is not None]
-    if not makeable:
-        most = load_profile(str(wishes.fab)).rules.max_layers
-        raise DesignError(f"{math.prod(pairs[0])} copper layers are needed; {wishes.fab} makes at most {most}.")
-    for (sets, winding_layers), fab in makeable:
+        of = "" if made is None else f" of {choices.fab}"
+        raise DesignError(f"layers must be {least}{apart}; got {layers}{of}.")
+    for sets, winding_layers in pairs:
         for hole in _HOLES if overlap else (plan.hole,):
+            fab = choices.fab or _house_for(sets * winding_layers)
             yield replace(plan, sets=sets, winding_layers=winding_layers, fab=fab, hole=hole)
+
+
+def _house_for(layers: int) -> str:
+    """Return the first of the usual board houses that makes boards of so many layers."""
+    return next(name for name in _FABS if load_profile(name).rules.max_layers in (None, layers))
 
 
 def _divides(sets: int, layers: int) -> bool:
@@ -131,12 +116,12 @@ def _divides(sets: int, layers: int) -> bool:
 
 def _can_turn(plan: Plan) -> bool:
     """Whether turned hexagons, which face neighbours with corners, may lie further apart on equal layers."""
-    return plan.shape == "hexagon" and plan.sets > 1 and plan.arrangement.lattice in ("hexagonal", "rings")
+    return plan.shape == "hexagon" and plan.sets > 1 and plan.arrangement.lattice in ("hexagonal", "triangle", "rings")
 
 
-def _placed(plan: Plan, wishes: Wishes) -> Plan:
+def _placed(plan: Plan, choices: Choices) -> Plan:
     """Find the pitch; DesignError where coils on the same layers overlap then."""
-    if wishes.decoupled:
+    if choices.overlap == "decoupled":
         few = replace(plan, arrangement=plan.arrangement.fewest)
         rough = replace(few, rough=True, elastomer=False)
         pitch = decoupled_pitch(
@@ -144,7 +129,7 @@ def _placed(plan: Plan, wishes: Wishes) -> Plan:
         )
         placed = replace(plan, pitch=pitch)
     else:
-        placed = replace(plan, pitch=plan.width + plan.lead + _BESIDE if wishes.pitch is None else wishes.pitch)
+        placed = replace(plan, pitch=plan.width + plan.lead + _BESIDE if choices.pitch is None else choices.pitch)
     if not _are_apart(placed):
         raise DesignError(
             f"coils of {plan.width * 1e3:g} mm at a pitch of {placed.pitch * 1e3:.4g} mm overlap so far that "
@@ -153,18 +138,18 @@ def _placed(plan: Plan, wishes: Wishes) -> Plan:
     return placed
 
 
-def _winding(plan: Plan, wishes: Wishes) -> Winding:
+def _winding(plan: Plan, choices: Choices) -> Winding:
     """Find turns and trace: of the usual width where that will do, else of the board house's narrowest."""
     usual, finest = _rooms(plan)
-    if wishes.inductance is None:
+    if choices.inductance is None:
         usual = replace(usual, hole=max(_USUAL_HOLE * usual.radius, usual.hole))
         for room in (usual, finest):
             if room.most_turns:
                 return room.fullest
     try:
-        return _wind_apart(plan, wishes, usual)
+        return _wind_apart(plan, choices, usual)
     except DesignError:
-        return _wind_apart(plan, wishes, finest)
+        return _wind_apart(plan, choices, finest)
 
 
 def _rooms(plan: Plan) -> tuple[Room, Room]:
@@ -177,9 +162,9 @@ def _rooms(plan: Plan) -> tuple[Room, Room]:
     return usual, replace(usual, trace_width=rules.min_trace, gap=closest)
 
 
-def _wind_apart(plan: Plan, wishes: Wishes, room: Room) -> Winding:
+def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
     """Wind with wider gaps where wide traces come too near to each other at their corners; else as in the room."""
-    first = found = _wind(plan, wishes, room)
+    first = found = _wind(plan, choices, room)
     for _ in range(_PASSES):
         array = replace(plan.one, winding=found, elastomer=False).design.array
         margins = [m for m in check_rules(array, plan.rules) if m.rule == "spacing within net"]
@@ -187,17 +172,17 @@ def _wind_apart(plan: Plan, wishes: Wishes, room: Room) -> Winding:
             return found
         missing = -min(margin.margin for margin in margins)
         room = replace(room, gap=math.ceil((room.gap + _GAP_MARGIN * missing) / _GAP_STEP) * _GAP_STEP)
-        found = _wind(plan, wishes, room)
+        found = _wind(plan, choices, room)
     return first  # it is not the gaps of the turns that are too narrow
 
 
-def _wind(plan: Plan, wishes: Wishes, room: Room) -> Winding:
+def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
     """Find the winding by a rough model: without sheets, of few segments, screened; and again by what it leaves out.
 
     Its resistance is that at the frequency at which the coil is likely to be used.
     """
-    inductance = wishes.inductance or 0.0  # refused with the reason
-    frequency = wishes.frequency or expected_frequency(inductance or 1.0)
+    inductance = choices.inductance or 0.0  # refused with the reason
+    frequency = choices.frequency or expected_frequency(inductance or 1.0)
 
     def left_out(winding: Winding) -> float:
         wound = replace(plan, winding=winding)

@@ -6,17 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any
 
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, build_design
 from coilarray.design.tables import SCHEMA
 from coilarray.geometry import FabRules
 from coilarray.studies.create.arrangement import Arrangement
+from coilarray.studies.create.choices import Shape
 from coilarray.studies.create.winding import Winding
-
-Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
-SHAPES: tuple[Shape, ...] = get_args(Shape)
 
 _COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
 _DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
@@ -133,6 +131,8 @@ class Plan:
         if count.lattice == "rings":
             rings = f"{count.columns} rings" if count.columns > 1 else "a ring"
             return f"{shape.capitalize()} coils in {rings} about a centre"
+        if count.lattice == "triangle":
+            return f"{shape.capitalize()} coils in a triangle"
         return f"{shape.capitalize()} coils, {count.columns}" + (f" × {count.rows}" if count.rows > 1 else " in a row")
 
     def _stackup(self, names: list[str]) -> dict[str, Any]:

@@ -102,10 +102,10 @@ def wind(
     def of(turns: int, width: float) -> float:
         return inductance_of(Winding(turns, width, room.gap))
 
-    fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
-    if fewest > room.most_turns:
-        most = f"at most {inductance_of(room.fullest) * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
+    if (reached := inductance_of(room.fullest)) < inductance:
+        most = f"at most {reached * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
         raise DesignError(_out_of_reach(inductance, most, room))
+    fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
     last = _first(lambda turns: of(turns, room.widest(turns)) > inductance, room.most_turns) - 1
     if last < 1 and fewest == 1:
         least = f"at least {of(1, room.widest(1)) * 1e6:.3g} µH can, with 1 turn a layer"

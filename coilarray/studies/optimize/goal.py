@@ -1,4 +1,4 @@
-"""Goal files: what may change in a design, what is wanted, what must hold, and how to search. TOML, ``schema = 1``."""
+"""Goal files: variables, objectives, constraints and settings of a search. TOML, ``schema = 1``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GOALS = TomlFiles("goal", GoalError)
 _POLISH = 60  # evaluations of the local solver where the goal says nothing
 _WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
 _MOST_STEPS = 1e9
-_ROUNDING = 1e-9  # of a bound: less is no violation
+_ROUNDING = 1e-9  # of a bound: less is not a violation
 
 Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
@@ -48,9 +48,9 @@ class Variable(Table):
     high: float | None = None
     """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
-    """Distance between the values that are tried; any value by default."""
+    """Step between the values that are tried; any value by default."""
     log: bool = False
-    """Whether values are spread by their logarithm."""
+    """Whether values are spread evenly on a logarithmic scale."""
     choices: Annotated[list[Any], Field(min_length=2)] | None = None
     """Instead of bounds: the values that it may have."""
 
@@ -66,7 +66,7 @@ class Variable(Table):
         if not self.low < self.high:
             raise ValueError(f"needs low below high; got {self.low:g} and {self.high:g}")
         if self.log and self.low <= 0:
-            raise ValueError(f"needs low above 0 where log = true; got {self.low:g}")
+            raise ValueError(f"needs low above 0 with log = true; got {self.low:g}")
         if self.log and self.step is not None:
             raise ValueError("may have step or log, not both")
         if self.step is not None:
@@ -95,12 +95,12 @@ def _plain(choice: Any) -> Any:
 
 
 class Objective(Table):
-    """``[[objective]]``: a quantity to make small or large, or to bring to a value."""
+    """``[[objective]]``: a quantity to minimise, to maximise, or to bring to a value."""
 
     quantity: QuantityKey
     """Quantity of the design; `coilarray optimize --list-quantities` shows them."""
     direction: Literal["minimize", "maximize"] | None = None
-    """Whether it is made small or large."""
+    """Whether it is minimised or maximised."""
     target: float | None = None
     """Instead of a direction: the value to bring it to."""
 
@@ -112,7 +112,7 @@ class Objective(Table):
 
     @property
     def maximized(self) -> bool:
-        """True where larger scores are better."""
+        """True if larger scores are better."""
         return self.direction == "maximize"
 
     @property
@@ -170,15 +170,15 @@ class Search(Table):
     sampler: Sampler | None = None
     """Method that chooses them; tpe for one objective and nsga2 for several by default."""
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
-    """Seed of what is random: the same seed tries the same designs."""
+    """Seed of the random numbers: the same seed tries the same designs."""
     batch: Annotated[int, Field(ge=1, le=10_000)] = 8
     """Number of designs that are chosen together, for workers to share."""
     population: Annotated[int, Field(ge=2, le=10_000)] = 24
     """Number of designs in a generation of nsga2 and cmaes."""
     polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
-    """Evaluations of the local solver that goes on from the best; none for several objectives."""
+    """Evaluations of the local solver, which refines the best design; none for several objectives."""
     accuracy: Accuracy = "full"
-    """Accuracy of the inductances while trying; what is chosen is always computed in full."""
+    """Accuracy of the inductances in the search; the chosen designs are always computed in full."""
 
 
 class Goal(Table):

@@ -30,7 +30,7 @@ _MOST_EVALUATIONS = 1_000_000
 
 
 def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
-    """Return why there is nothing to polish, in one line; empty where there is."""
+    """Return why there is nothing to polish, in one line; empty if there is."""
     if len(goal.objectives) > 1:
         return "a goal with several objectives has no single best point to polish."
     if not goal.polish:
@@ -48,7 +48,7 @@ def polish(
     """Improve the `best` point of a search for one objective, over its continuous variables.
 
     New trials are added to the study. Trials in the study are not evaluated again, and at most as many as the goal says
-    are tried. `report` is called with each. OutputError where the study cannot be written.
+    are tried. `report` is called with each. OutputError if the study cannot be written.
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 

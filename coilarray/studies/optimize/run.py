@@ -43,7 +43,7 @@ class Optimization:
     start : Trial
         The design that the search started from, as a trial.
     start_inside : bool
-        True where the start lies within the bounds of the variables, and is a point of the search too.
+        True if the start lies within the bounds of the variables, and is a point of the search too.
     trials : tuple of Trial
         Trials of the search, then of the local solver, each in their order, including those of earlier runs.
     front : tuple of Trial
@@ -52,7 +52,7 @@ class Optimization:
     found : int
         Number of trials that an earlier run had left.
     polish_problem : str
-        Why the local solver did not run; empty where it did.
+        Why the local solver did not run; empty if it did.
     """
 
     file: DesignFile
@@ -67,16 +67,16 @@ class Optimization:
 
     @property
     def design(self) -> Design:
-        """The design as it was."""
+        """The given design."""
         return self.file.design
 
     @property
     def best(self) -> Trial | None:
-        """The best trial of a goal with one objective; None where none is better than the start, or with several."""
+        """The best trial of a goal with one objective; None if none is better than the start, or with several."""
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
-        """Return the variables' values of a trial by entry; None where the start has none."""
+        """Return the variables' values of a trial by entry; None if the start has none."""
         return {axis.entry: axis.start for axis in self.axes} if trial.kind == "start" else trial.changes
 
     def designs(self) -> tuple[Design, ...]:
@@ -107,13 +107,9 @@ def optimize_design(
     pool : Pool
         Workers, from `coilarray.compute.workers.workers`; the points do not depend on them.
     cache : Store, optional
-        Where evaluated points are kept, from `coilarray.compute.store.open_store`.
+        Store of evaluated points, from `coilarray.compute.store.open_store`.
     progress : callable, optional
         See `SearchProgress`.
-
-    Returns
-    -------
-    Optimization
 
     Raises
     ------

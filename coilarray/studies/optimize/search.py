@@ -45,7 +45,7 @@ def search(
     """Try as many points as the goal says, in the order of their places; those in the study are not evaluated again.
 
     The first point is the design as it is, where that lies within the bounds; `start` is its outcome. `report` is
-    called with each trial once it is known. OutputError where the study cannot be written, MissingDependencyError where
+    called with each trial once it is known. OutputError if the study cannot be written, MissingDependencyError where
     the sampler is cmaes and its package is not installed.
     """
     if goal.sampler == "cmaes":

@@ -37,7 +37,7 @@ class Axis:
 
     `choices` are the allowed values as JSON texts, empty for a number; `low`, `high` and `step` are in the unit of the
     entry, a step of None allows any value. `log` searches over the logarithm; `whole` is an entry that takes only whole
-    numbers; `start` is the value in the design, None where it has none.
+    numbers; `start` is the value in the design, None if it has none.
     """
 
     entry: str
@@ -126,7 +126,7 @@ class Axis:
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
-    GoalError for an entry that there is not, or a bound or choice that the design file could not say: which variable,
+    GoalError for an unknown entry, or a bound or choice that the design file cannot have: which variable,
     what is allowed, what was given. Whether a geometry is possible is only seen in the search.
     """
     file = as_file(design)
@@ -144,7 +144,7 @@ def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str,
 
 
 def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
-    """Return the design as it is in parameters; None where it lies outside the bounds or choices."""
+    """Return the design as it is in parameters; None if it lies outside the bounds or choices."""
     parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
     return None if None in parameters.values() else parameters
 
@@ -172,7 +172,7 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
-    """Return the value of an entry, of one place of a list too; None where the design says nothing."""
+    """Return the value of an entry, of one place of a list too; None if the design says nothing."""
     if entry in file.values:
         return file.values[entry]
     whole, _, place = entry.rpartition(".")

@@ -3,7 +3,7 @@
 A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms a trial with six
 variables. Here the sampler works on a study in memory, and each trial is written once it is finished, in one
 transaction. A killed run leaves no half-finished trial behind. Every trial has a checksum among its attributes: one
-that has changed since counts as missing, and its point is computed anew.
+that has changed since counts as missing, and its point is computed again.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class StudyFile:
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        self._damaged = 0  # trials of which the user has been told
+        self._damaged = 0  # damaged trials already reported
 
     def trials(self) -> list[FrozenTrial]:
         """Return every finished trial that is as it was written, in that order; OutputError for a damaged file."""
@@ -53,13 +53,13 @@ class StudyFile:
         whole = [trial for trial in every if is_whole(trial)]
         if (damaged := len(every) - len(whole)) > self._damaged:
             _LOG.warning(
-                "coilarray: %d of %d trials in %s are damaged; they are computed anew.", damaged, len(every), FILE
+                "coilarray: %d of %d trials in %s are damaged; they are computed again.", damaged, len(every), FILE
             )
             self._damaged = damaged
         return whole
 
     def add(self, trial: FrozenTrial) -> None:
-        """Write a finished trial, whole or not at all; OutputError where that fails."""
+        """Write a finished trial, whole or not at all; OutputError if that fails."""
         from optuna.exceptions import StorageInternalError
 
         trial.set_user_attr(_CHECKSUM, _checksum(trial))

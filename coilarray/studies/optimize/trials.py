@@ -1,4 +1,4 @@
-"""One evaluated point of a search, and which of several are best."""
+"""Evaluated points of a search, and the best of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.sweep import Sweep, keeps_rules
 
-_ROUNDING = 1e-9  # of a score: less is no gain
+_ROUNDING = 1e-9  # of a score: less is not a gain
 RULES = ("fab_margin_mm", "fab_broken")
 """Quantities by which a goal says what it takes of the fabrication rules."""
 
@@ -53,7 +53,7 @@ class Trial:
 
     @property
     def feasible(self) -> bool:
-        """True where the point is possible and keeps every bound."""
+        """True if the point is possible and keeps every bound."""
         return not self.reason and all(violation <= 0 for violation in self.violations.values())
 
     @property
@@ -95,7 +95,7 @@ def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
 
 
 def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
-    """Return the numbers of points that no other beats, by the first score; −1 in `signs` is for a maximum."""
+    """Return the numbers of the Pareto front's points, by the first score; −1 in `signs` is for a maximum."""
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
     # sorted by all costs, a point is beaten by none that comes after it
@@ -121,7 +121,7 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
-    """Return the best point of a sweep by a goal, of several objectives the Pareto front; none where no bound is kept.
+    """Return the best point of a sweep by a goal, of several objectives the Pareto front; none if no bound is kept.
 
     The result has the quantities of the goal, as `coilarray.studies.sweep.run_sweep` returns it. Points that break
     fabrication rules are left out, unless the goal says itself what it takes of them.

@@ -1,4 +1,4 @@
-"""Quantities of a design by name: what goals, sweeps and tolerances speak of."""
+"""Quantities of a design by name, for goals, sweeps and tolerances."""
 
 from __future__ import annotations
 

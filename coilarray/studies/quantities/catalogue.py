@@ -60,7 +60,7 @@ def request(asked: str | Mapping[str, Any]) -> Request:
         name = options.pop("quantity", None)
         return _quantity(name).asked(options)
     if not isinstance(asked, str) or (found := _TEXT.fullmatch(asked.strip())) is None:
-        raise GoalError(f"a quantity must be a name, with options in brackets as k[coil1,coil2]; got {asked!r}.")
+        raise GoalError(f"a quantity must be a name, with options in brackets, such as k[coil1,coil2]; got {asked!r}.")
     quantity = _quantity(found[1].strip())
     return quantity.asked({} if found[2] is None else _options(quantity, found[2]))
 

@@ -44,7 +44,7 @@ def _inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 def _pairs(evaluation: Evaluation) -> npt.NDArray[np.float64]:
     count = len(evaluation.design.array.names)
     if count < 2:
-        raise GoalError(f"the design {evaluation.design.name} has one coil alone, which couples with none.")
+        raise GoalError(f"the design {evaluation.design.name} has only one coil, and so no coupling.")
     return np.asarray(evaluation.coupling[np.triu_indices(count, 1)])
 
 

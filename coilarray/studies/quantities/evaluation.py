@@ -71,7 +71,7 @@ class Evaluation:
 
     @property
     def indentation(self) -> Indentation:
-        """Indentation of the design; GoalError where it has none."""
+        """Indentation of the design; GoalError if it has none."""
         if self.design.indentation is None:
             raise GoalError(f"the design {self.design.name} has no [indenter] and [indentation].")
         return self.design.indentation
@@ -92,7 +92,7 @@ class Evaluation:
 
     @property
     def target(self) -> Target:
-        """Target of the design; GoalError where it has none."""
+        """Target of the design; GoalError if it has none."""
         try:
             return target_of(self.design)
         except MetalError as error:
@@ -113,14 +113,14 @@ class Evaluation:
         return self._maps[key]
 
     def coil(self, name: str) -> int:
-        """Return the index of a coil; GoalError where there is none of that name."""
+        """Return the index of a coil; GoalError if there is none of that name."""
         names = self.design.array.names
         if name not in names:
             raise GoalError(f"the design {self.design.name} has no coil {name!r}; there are {', '.join(names)}.")
         return names.index(name)
 
     def state_of(self, coil: str) -> int:
-        """Return the index of the first state of the scan that measures this coil alone; GoalError where none does."""
+        """Return the index of the first state of the scan that measures this coil alone; GoalError if none does."""
         self.coil(coil)
         if coil not in self.own_states:
             raise GoalError(f"the scan of {self.design.name} has no state that measures {coil} alone.")

@@ -61,7 +61,7 @@ def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     if wanted in limits:  # distances far beyond the limit are not listed
         margins.append(FARTHEST * limits[wanted] * 1e3)
     if not margins:
-        raise GoalError(f"the rules of {evaluation.design.name} say nothing of its {wanted}.")
+        raise GoalError(f"the rules of {evaluation.design.name} do not limit its {wanted}.")
     return min(margins)
 
 

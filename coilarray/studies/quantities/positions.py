@@ -1,4 +1,4 @@
-"""How well readings tell the position: the Cramér–Rao bound over a region."""
+"""How well readings determine the position: the Cramér–Rao bound over a region."""
 
 from __future__ import annotations
 
@@ -77,7 +77,9 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
     )
     median = float(np.median(bound[name].values)) * 1e3
     if math.isinf(median):
-        raise GoalError(f"the readings of {evaluation.design.name} do not tell where and how deep the indenter is.")
+        raise GoalError(
+            f"the readings of {evaluation.design.name} do not determine the position and depth of the indenter."
+        )
     return median
 
 

@@ -1,4 +1,4 @@
-"""What a quantity is, and how it is asked for with options: as a text like ``k[coil1,coil2]`` or as a table."""
+"""A quantity, and requests for it with options: as a text like ``k[coil1,coil2]`` or as a table."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Option:
     must_be : str
         Allowed values, for messages.
     read : callable
-        Function that takes a text or a TOML value and returns the value, or None where it is not allowed.
+        Function that takes a text or a TOML value and returns the value, or None if it is not allowed.
     says : str
         Meaning of the option and its default.
     required : bool
-        True where there is no default.
+        True if there is no default.
     bare : bool
-        True where its value stands in a text without its name.
+        True if its value stands in a text without its name.
     """
 
     name: str
@@ -135,7 +135,7 @@ class Request:
         return f"{self.quantity.name}[{','.join(parts)}]" if parts else self.quantity.name
 
     def value(self, evaluation: Evaluation) -> float:
-        """Compute the quantity; GoalError where the design has none."""
+        """Compute the quantity; GoalError if the design has none."""
         number = float(self.quantity.compute(evaluation, self.options))
         if not math.isfinite(number):
             raise GoalError(f"{self.key} of {evaluation.design.name} is not finite: {number}.")

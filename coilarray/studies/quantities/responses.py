@@ -1,4 +1,4 @@
-"""Quantities of the response to an indentation: its size, its width and what it does to the paper's ellipses."""
+"""Quantities of the response to an indentation: its size, its width and the distortion of the paper's ellipses."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> CubicSpline:
-    """Spline of δ of every state over x at one y and depth, in m; GoalError where it does not reach `through`."""
+    """Spline of δ of every state over x at one y and depth, in m; GoalError if it does not reach `through`."""
     thickness = sum(sheet.thickness for sheet in evaluation.design.sheets)
     low, high, _, _ = evaluation.window(depth, beyond=thickness)
     if not low <= through <= high:

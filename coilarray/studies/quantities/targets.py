@@ -1,4 +1,4 @@
-"""Quantities of a target: what it does to a coil at a distance, and how far and how finely its distance is resolved."""
+"""Quantities of a target: its effect on a coil at a distance, and the range and resolution of its distance."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     found = _ranges(_every_distance(evaluation, options), options)
     value = float(found.range.item())
     if math.isnan(value):
-        raise GoalError(f"{options['coil']} of {evaluation.design.name} does not notice the target at any distance.")
+        raise GoalError(f"{options['coil']} of {evaluation.design.name} does not detect the target at any distance.")
     return value * 1e3
 
 
@@ -77,7 +77,7 @@ def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: 
     distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
     if len(distances) < 2:
         raise GoalError(
-            f"range and deviation need two distances of the target at least; {evaluation.design.name} has one."
+            f"range and deviation need at least two distances of the target; {evaluation.design.name} has one."
         )
     return _over(evaluation, options, distances)
 

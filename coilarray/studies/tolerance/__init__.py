@@ -1,4 +1,4 @@
-"""Tolerances: what fabrication errors do to the coils and to the position that the sensor tells."""
+"""Tolerances: the effect of fabrication errors on the coils and on the positions that the sensor finds."""
 
 from __future__ import annotations
 

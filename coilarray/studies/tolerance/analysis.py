@@ -1,4 +1,4 @@
-"""The whole analysis: boards around the design, boards drawn at random, and the spread that both give."""
+"""The whole analysis: boards around the design, randomly drawn boards, and the spread from both."""
 
 from __future__ import annotations
 
@@ -165,13 +165,13 @@ def check_analysis(
     design, tolerances, quantities, samples, seed, sampling, accuracy
         See `analyse`.
     with_table : bool
-        True where a response table is at hand. Without one, positions must lie in the table that will be computed.
+        True if a response table is at hand. Without one, positions must lie in the table that will be computed.
 
     Raises
     ------
     GoalError
-        An unknown quantity or coil, a limit that names no output, samples or a seed that are not allowed, or no error
-        with a spread.
+        An unknown quantity or coil, a limit on something else than an output, samples or a seed that are not allowed,
+        or no error with a spread.
     LocalizeError
         A position outside the table that is to be computed, or fewer states than unknowns.
     """
@@ -214,7 +214,7 @@ def _asked(
 def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
     for limit in limits:
         if limit.quantity not in names:
-            raise GoalError(f"the limit {limit.text} names no output; there are {', '.join(names)}.")
+            raise GoalError(f"the limit {limit.text} does not name an output; there are {', '.join(names)}.")
 
 
 def _check_places(design: Design, outputs: Outputs) -> None:
@@ -259,7 +259,9 @@ def _near_values(
     for outcome, errors in zip(outcomes, boards, strict=False):
         if isinstance(outcome, str):
             ((name, value),) = errors.items()
-            raise GoalError(f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be: {outcome}")
+            raise GoalError(
+                f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be made: {outcome}"
+            )
         rows.append([outcome[name] for name in names])
     return np.array(rows)
 
@@ -275,7 +277,7 @@ def _with_shifts(
     located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
     attributes = {
         "found": f"{int(found.sum())} of {int(good.sum()) * len(shifts.points)} readings",
-        "untold": "; ".join(shifts.undetermined(outputs.places())),
+        "undetermined": "; ".join(shifts.undetermined(outputs.places())),
     }
     none = np.zeros(len(by_delta))
     return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), attributes

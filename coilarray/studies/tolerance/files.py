@@ -58,7 +58,7 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
     given = file.spreads()
     for key in file.assumed:
         if key not in given:
-            raise GoalError(f"{origin}: assumed.{key} names no table of errors of the file.")
+            raise GoalError(f"{origin}: assumed.{key} does not name a table of errors of the file.")
     if file.others == "none":
         return file.build(given, file.assumed)
     assumed = {key: reason for key, reason in _typical().assumed.items() if key not in given}
@@ -92,28 +92,28 @@ class _LayerMicrometres(_Errors):
     board_um: _Micrometres = 0.0
     """Error that a whole board shares."""
     layer_um: _Micrometres = 0.0
-    """Error of each layer by itself."""
+    """Independent error of each layer."""
 
 
 class _LayerMilliradians(_Errors):
     board_mrad: _UpTo100 = 0.0
     """Error that a whole board shares."""
     layer_mrad: _UpTo100 = 0.0
-    """Error of each layer by itself."""
+    """Independent error of each layer."""
 
 
 class _LayerPercent(_Errors):
     board_percent: _UpTo100 = 0.0
     """Error that a whole board shares."""
     layer_percent: _UpTo100 = 0.0
-    """Error of each layer by itself."""
+    """Independent error of each layer."""
 
 
 class _LayerMillimetres(_Errors):
     board_mm: _UpTo100 = 0.0
     """Error that a whole board shares."""
     layer_mm: _UpTo100 = 0.0
-    """Error of each layer by itself."""
+    """Independent error of each layer."""
 
 
 class _BoardMillimetres(_Errors):
@@ -135,9 +135,9 @@ class _PositionsTable(Table):
     """``[positions]``: where the indenter presses."""
 
     x_mm: list[Position] = Field(min_length=1, max_length=100)
-    """x of the places, rising."""
+    """x of the positions, rising."""
     y_mm: list[Position] = Field(min_length=1, max_length=100)
-    """y of the places, rising."""
+    """y of the positions, rising."""
     depth_mm: Millimetres
     """Depth of the indentation."""
     noise: Annotated[float, Field(gt=0, le=1)] | None = None

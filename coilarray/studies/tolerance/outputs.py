@@ -1,4 +1,4 @@
-"""What is asked of every board: quantities by name, and δ of every state where the indenter presses."""
+"""What is computed for every board: quantities by name, and δ of every state at positions of the indenter."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def wanted_outputs(
 ) -> Outputs:
     """Check what is asked for; repeated quantities count once.
 
-    GoalError for a quantity or its coil that there is not, or positions of a design that says nothing of an
+    GoalError for an unknown quantity or coil, or positions of a design that says nothing of an
     indentation.
     """
     if positions is not None and design.indentation is None:

@@ -136,7 +136,7 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
             target=_target(design.target, nonzero),
         )
     except (DesignError, GeometryError) as error:
-        raise GoalError(f"these errors leave no board: {error}") from None
+        raise GoalError(f"no board can be made with these errors: {error}") from None
 
 
 def _scaled(value: float, errors: Mapping[str, float], name: str) -> float:

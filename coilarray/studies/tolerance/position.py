@@ -1,4 +1,4 @@
-"""How far from the truth a board with errors locates the indenter, when it uses the table of the board without.
+"""Errors of positions found with a board that has fabrication errors, by the response table of the nominal board.
 
 The board reads δ + Δδ. Near the truth the likelihood of the table is that of a linear model with J = ∂δ/∂(x, y, depth),
 and with the covariance Σ of the noise its maximum is moved by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading hardly

@@ -1,4 +1,4 @@
-"""What drawn boards tell of a spread, and how sure they are."""
+"""Spread of drawn boards, and its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distributions of fabrication errors, and what is asked of the boards that they make."""
+"""Distributions of fabrication errors, and the outputs and limits of the boards."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Tolerances:
     assumed : mapping of str to str
         Tables that are not given, with the reason for their values.
     quantities : tuple of str
-        Names of outputs that the file asks for; empty where it asks for none.
+        Names of outputs that the file asks for; empty if it asks for none.
     positions : Positions or None
         Positions where the response is wanted.
     limits : tuple of Limit

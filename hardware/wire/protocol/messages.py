@@ -117,7 +117,7 @@ def parse_message(text: str) -> Message:
 
 
 def read_scan(fields: Sequence[str]) -> ScanMessage:
-    """Read the fields of a scan; MessageError where one has another form."""
+    """Read the fields of a scan; MessageError if one has another form."""
     if len(fields) < 5:
         raise MessageError(f"a scan must have at least 5 fields; got {len(fields)}.")
     sequence, time, configuration, boot, *words = fields
@@ -228,7 +228,7 @@ def read_version(fields: Sequence[str]) -> tuple[int, int]:
 
 
 def read_greeting(fields: Sequence[str]) -> Greeting:
-    """Read the fields of a reply to HELLO; MessageError where one has another form."""
+    """Read the fields of a reply to HELLO; MessageError if one has another form."""
     if len(fields) < 8:  # a later minor version may have more
         raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
     _, firmware, boot, manufacturer, device, states, devices, capabilities = fields[:8]
@@ -245,7 +245,7 @@ def read_greeting(fields: Sequence[str]) -> Greeting:
 
 
 def read_pong(fields: Sequence[str]) -> Pong:
-    """Read the fields of a reply to PING; MessageError where one has another form."""
+    """Read the fields of a reply to PING; MessageError if one has another form."""
     if len(fields) < 4:
         raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
     boot, time, mode, dropped = fields[:4]

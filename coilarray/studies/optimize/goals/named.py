@@ -1,4 +1,4 @@
-"""Goals by name that fit any design: each takes its ranges and bounds from the design at hand."""
+"""Named goals that fit any design: each takes its ranges and bounds from the given design."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     design : Design or DesignFile
         Design that is to be changed.
     vary : sequence of Axis
-        What may change, from `coilarray.studies.sweep.parse_axis`, instead of what the wishes say.
+        Variables, from `coilarray.studies.sweep.parse_axis`, instead of those that follow from the wishes.
 
     Raises
     ------
@@ -137,7 +137,8 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     }
     if not variables:
         raise GoalError(
-            f"{', '.join(wishes)} finds nothing to change in {file.design.name}; --vary or a goal file can name it."
+            f"{', '.join(wishes)} finds nothing to vary in {file.design.name}; name entries by --vary or in a goal "
+            "file."
         )
     comments = {f"variable.{k}": one.says for k, one in enumerate(variables.values()) if one.says}
     comments |= {f"objective.{k}": says for k, (_, says) in enumerate(objectives.values()) if says}

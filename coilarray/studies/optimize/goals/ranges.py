@@ -1,4 +1,4 @@
-"""Which entries of a design may change, and how far: ranges that follow from its coils, its lattice and its fab limits.
+"""Ranges of the entries of a design that may change, from its coils, its lattice and its fabrication limits.
 
 The design as it is lies in every range, so that a search never has to leave out what it starts from.
 """
@@ -64,7 +64,7 @@ def neighbours(design: Design) -> Pair:
     """
     known = pairs(design)
     if not known:
-        raise GoalError(f"the design {design.name} has one coil alone, which couples with none.")
+        raise GoalError(f"the design {design.name} has only one coil, and so no coupling.")
     near = known[: len(design.array.neighbours)]
     return next((pair for pair in near if not pair.share_copper), near[0])
 

@@ -1,4 +1,4 @@
-"""Wishes, bounds and variables as the command line has them."""
+"""Wishes, bounds and variables in the syntax of the command line."""
 
 from __future__ import annotations
 
