@@ -43,7 +43,9 @@ def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
 def _speed_table(results: list[speed.Speed]) -> str:
     lines = ["| figure | value | in the same run | goal |", "| --- | --- | --- | --- |"]
     lines += [
-        f"| {r.what} | {r.value:.3g} {r.unit} | {r.note} | {r.goal}{'' if r.kept else ': missed'} |" for r in results
+        f"| {r.what} | {r.value:{'.0f' if r.value >= 1000 else '.3g'}} {r.unit} | {r.note} | {r.goal}"
+        f"{'' if r.kept else ': missed'} |"
+        for r in results
     ]
     return "\n".join(lines)
 
