@@ -11,7 +11,7 @@ from typing import IO, Any, NoReturn, TypeVar, cast
 from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.registry import CPUDispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 from coilarray.compute.checksum import check_seal, sealed
 from coilarray.errors import DamagedError
@@ -61,16 +61,18 @@ class _Disk(FunctionCache):
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Load machine code that is there; only what compiles needs numba's declarations, which take 0.3 s to load."""
-        rtsys.initialize(target_context)  # memory of arrays that kernels make
+        memory: Any = rtsys  # numba has no types
+        memory.initialize(target_context)  # of arrays that kernels make
+        kept: Any = self._load_overload
         with suppress(OSError):
-            found = self._load_overload(signature, target_context)
+            found = kept(signature, target_context)
             if found is not None:
                 return found
         load: Any = super().load_overload
         return load(signature, target_context)
 
     def save_overload(self, *arguments: Any) -> None:
-        keep: Any = super().save_overload  # numba has no types
+        keep: Any = super().save_overload
         with suppress(OSError):
             keep(*arguments)
 
@@ -80,7 +82,7 @@ class SealedFile(IndexDataCacheFile):
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[IO[bytes]]:
-        opened: Any = super()._open_for_write  # numba has no types
+        opened: Any = super()._open_for_write
         with io.BytesIO() as content, opened(filepath) as file:
             yield content
             file.write(sealed(content.getvalue()))
