@@ -208,7 +208,8 @@ def test_a_touch_is_linear(indenter, base):
     # corrections are of the order of the slope, squared; a rounded edge of 5 % takes as much of the contact's radius
     rounded = 0.06 if isinstance(indenter, FlatPunch) else 0.01
     assert float(found.force[0]) == pytest.approx(float(linear.force[0]), rel=rounded)
-    difference = found.displacement_z.values[0, 1] - linear.displacement_z.values[0, 1]
+    below = CubicSpline(linear.r, linear.displacement_z[0, 1])(found.r)  # under a point the meshes differ
+    difference = found.displacement_z.values[0, 1] - below
     assert np.abs(difference).max() < rounded * depth
 
 
