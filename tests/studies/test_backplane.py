@@ -15,9 +15,9 @@ PEAK = "peak_delta[coil1]"
 def test_the_distance_of_a_backplane_acts_on_the_response():
     sigma = 20e-6
     with coarse_maps():
-        peaks = [evaluate(over_backplane(1, 1.0 + step), [PEAK])[PEAK] for step in (-0.1, 0.1)]
+        peaks = [evaluate(over_backplane(2, 1.0 + step), [PEAK])[PEAK] for step in (-0.1, 0.1)]
         result = analyse(
-            over_backplane(1), Tolerances({"plate_distance": Spread(layer=sigma)}), samples=0, quantities=[PEAK]
+            over_backplane(2), Tolerances({"plate_distance": Spread(layer=sigma)}), samples=0, quantities=[PEAK]
         )
     assert peaks[1] > peaks[0] > 0
     effect = float(result.effect.sel(output=PEAK, contributor="plate_distance, layer backplane").squeeze())
