@@ -14,7 +14,7 @@ from support.lattices import hexagonal
 
 import coilarray.circuit.field_volume as volumes
 import coilarray.electromagnetics.large_matrix as large_matrix
-from coilarray import couple_design, inductance_matrix, load_design
+from coilarray import couple_design, inductance_matrix, load_design, vary
 from coilarray.circuit.field_volume import write_field_volume
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.large_file import parts_folder
@@ -130,8 +130,8 @@ def test_what_cannot_be_is_refused_before_anything_is_made(coupling, tmp_path, m
 
 @pytest.fixture(scope="module")
 def coils():
-    lattice = hexagonal(4, 3, turns=4).array.conductors()
-    shifts = [np.array([0.08 + 3e-4 * k**1.5, 0, 0]) for k in range(len(lattice))]
+    lattice = vary(hexagonal(4, 3, turns=4), {"array.pitch_mm": 32}).array.conductors()  # side by side
+    shifts = [np.array([0.2 + 3e-4 * k**1.5, 0, 0]) for k in range(len(lattice))]
     moved = [Conductor(c.vertices + by, c.widths, c.thicknesses) for c, by in zip(lattice, shifts, strict=True)]
     return [*lattice, *moved]
 

@@ -185,7 +185,7 @@ def test_an_unfinished_campaign_is_compared_as_far_as_it_is(capsys, both):
         (("a1.nc", "published", "--replicates", "-1"), "--replicates must be 0 to 1000; got -1"),
         (("a1.nc", "published", "--out", "none/page.html"), "there is no folder none"),
         (("a1.nc", "published", "--out", "a1.nc"), "a file has that name"),
-        (("a1.nc", "published", "--calibration", "board.toml"), "a1.nc is none"),
+        (("a1.nc", "published", "--calibration", "board.toml"), "a1.nc is not one"),
         (("a1.nc",), "SIMULATED"),
         ((), "MEASURED"),
         (("stream.sqlite", "quick.nc"), "holds no campaign"),

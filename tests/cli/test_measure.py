@@ -339,7 +339,7 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--emulate", "press=1,2"], "--emulate press must be 3 finite numbers"),
         (["--emulate", "press=1,2,-3"], "--emulate press must not have a negative depth"),
         (["--emulate", "press=0,0,1", "--emulate", "path=x.csv"], "cannot read x.csv"),
-        (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must say press once"),
+        (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must give press once"),
         (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite: there is no folder no/folder"),
         (["--single", "--out", "no/run.sqlite"], "cannot write no/run.sqlite: there is no folder no"),
         *((["--out", folder], f"cannot write {folder}: it is a folder") for folder in (".", "/proc/self")),

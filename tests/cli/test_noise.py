@@ -68,7 +68,9 @@ def test_a_recording_is_of_its_own_design_and_board(capsys, tmp_path):
     path = stream_file(tmp_path / "run.sqlite", 20, noise=1e-7)
     line = refused(capsys, "--noise", path, "--port", "i2c:1", "--drive", "7")
     assert line.endswith("cannot be given with --port, --drive.")
-    assert "has the state 'coil2', which the design gast_fem has not" in refused(capsys, "gast_fem", "--noise", path)
+    assert "has the state 'coil2', which the design gast_fem does not have" in refused(
+        capsys, "gast_fem", "--noise", path
+    )
 
 
 def test_drift_of_clock_and_board_is_the_budgets_and_goes_with_a_reference_coil(capsys):

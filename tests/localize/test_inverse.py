@@ -284,7 +284,7 @@ def test_bad_readings_are_refused(field):
     good = dict(zip(field.states, field.delta([2e-3, 1e-3, 1e-3]).tolist(), strict=True))
     bad = {
         r"no state 'coil9'": {**good, "coil9": 1e-4},
-        r"that of coil2 is missing": {name: value for name, value in good.items() if name != "coil2"},
+        r"every state; coil2 is missing": {name: value for name, value in good.items() if name != "coil2"},
         r"that of coil3 is nan": {**good, "coil3": np.nan},
         r"that of coil3 is inf": {**good, "coil3": np.inf},
         r"between -1 and 1; that of coil1 is 12": {**good, "coil1": 12.0},

@@ -182,7 +182,10 @@ def test_boards_that_fail_are_counted_with_the_reason():
     result = analyse(loops(), hard, samples=64, quantities=[K])
     failed = result.failure.values != ""
     assert failed.sum() == pytest.approx(0.0478 * 64, abs=1)  # Sobol points in one dimension
-    assert all("leave no board: trace_width must be positive" in reason for reason in result.failure.values[failed])
+    assert all(
+        "no board can be made with these errors: trace_width must be positive" in reason
+        for reason in result.failure.values[failed]
+    )
     np.testing.assert_array_equal(np.isnan(result.value.values[:, 0]), failed)
     np.testing.assert_array_equal(result.error.values[failed, 0] <= -20e-6, True)
     assert float(result.sample_yield[-1]) == 1 - failed.mean()
@@ -261,7 +264,7 @@ AT = Positions((0.0,), (0.0,), 1e-3)
      r"etch\.L1 .*one standard deviation or less, cannot be made: .*trace_width"),
     # both boards next to the nominal one are possible, but some of the eight drawn ones are not
     (Tolerances({"dielectric": Spread(board=0.99)}), {"samples": 8, "quantities": [K]},
-     r"fewer than 8 of 8 boards have k\[upper,lower\]: these errors leave no board"),
+     r"fewer than 8 of 8 boards have k\[upper,lower\]: no board can be made with these errors"),
 ])  # fmt: skip
 def test_bad_arguments_are_refused(wanted, arguments, message):
     with pytest.raises(GoalError, match=message):
