@@ -104,8 +104,6 @@ class ScenePanel(Panel):
     def _show_saved(self, found: tuple[str, Scene]) -> None:
         with self._page.state as state:
             state.saved_name, self._saved = found
-            if self._view is not None:
-                self._view.compare(self._saved)
             self._draw_saved()
 
     def _draw_saved(self) -> None:
@@ -116,8 +114,6 @@ class ScenePanel(Panel):
     def _toggle_saved(self) -> None:
         self._page.state.scene_saved = not self._page.state.scene_saved
         self._saved = None
-        if self._view is not None:
-            self._view.compare(None)
         self._page.state.saved_picture = ""
         self._page.redraw()
 

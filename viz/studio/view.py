@@ -46,7 +46,6 @@ class SceneView:
         self._beside: Any = None  # renders `picture`
         self._server, self._at_rest = server, at_rest
         self._scene: Scene | None = None
-        self._other: Scene | None = None
         self._sent: Callable[[], None] | None = None
         self._hidden: set[str] = set()
         self._aimed: tuple[float, ...] = ()
@@ -78,13 +77,6 @@ class SceneView:
         """Turn the camera to a side, and aim it at the whole scene."""
         self._side = side
         if self._scene is not None:
-            self._aim()
-            self._push()
-
-    def compare(self, other: Scene | None) -> None:
-        """Let the camera see all of another scene too, which `picture` draws for a place beside; None for no other."""
-        aimed, self._other = self._is_aimed(), other
-        if aimed:
             self._aim()
             self._push()
 
@@ -150,8 +142,7 @@ class SceneView:
 
     def _aim(self) -> None:
         if self._scene is not None:
-            seen = self._scene if self._other is None else self._scene + self._other
-            set_camera(self._plotter, aim(seen.bounds, self._size, direction(self._side)))
+            set_camera(self._plotter, aim(self._scene.bounds, self._size, direction(self._side)))
             self._aimed = self._camera()
 
     def _push(self) -> None:
