@@ -103,10 +103,12 @@ def ball_inductance(
     MemoryLimitError
         More values than fit into memory.
 
-    Notes ----- Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and
-    infinite plates. Plates with an outline reflect the field of the coils and, unless they are magnetic, once that of
-    the ball's dipole. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball
-    of 5 mm at 1 mm over a bare board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
+    Notes
+    -----
+    Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and infinite
+    plates. Plates with an outline reflect the field of the coils and, unless they are magnetic, once that of the
+    ball's dipole. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball of
+    5 mm at 1 mm over a bare board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
     Multipoles are counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the
     magnetic sheet of gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
 
