@@ -130,7 +130,7 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
         best,
         worst if everywhere else "",
         "m",
-        f"at {_place(sigma, best)}; {'at' if everywhere else 'x cannot be told at'} {_place(sigma, worst)}",
+        f"at {_place(sigma, best)}; {'at' if everywhere else 'x cannot be determined at'} {_place(sigma, worst)}",
     )
     if median < float(np.ptp(bounds.x.values)):
         yield ("the same, median of the map", median, "", "m", "")

@@ -45,7 +45,7 @@ def interrupted(*command, after):
         (1.2, "check large.toml"),
         (1.5, "matrix large.toml --out m.nc"),
         (2.0, "report gast2020 --out folder"),
-        (2.5, "response gast2020 --out r.nc"),
+        (2.0, "response gast2020 --x-mm=-40:40:400 --depth-mm 0.1:1:20 --out r.nc"),
         (2.0, "sweep gast2020 --vary array.pitch_mm=14:16:40 -q worst_k --out s.csv --workers 1"),
     ],
 )

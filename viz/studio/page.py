@@ -138,7 +138,7 @@ class Page:
         strict = checked(name, function)
 
         async def call(*arguments: Any) -> None:
-            with self._telling():
+            with self._showing_errors():
                 await strict(*arguments)
 
         self.server.controller.trigger(name)(call)
@@ -286,11 +286,11 @@ class Page:
     def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> asyncio.Task[None]:
         """Let a coroutine begin on the page, and show its errors."""
 
-        async def told() -> None:
-            with self._telling():
+        async def shown() -> None:
+            with self._showing_errors():
                 await work(*arguments)
 
-        return self._loop.create_task(told())
+        return self._loop.create_task(shown())
 
     def tell_job(self, name: str, order: str) -> None:
         """Send an order to a job."""
@@ -318,18 +318,18 @@ class Page:
         self.endpoint = server["ws"]
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
-        def told(value: Any) -> None:
-            with self._telling():
+        def shown(value: Any) -> None:
+            with self._showing_errors():
                 function(value)
 
         def call(value: Any) -> None:
             if not self._loop.is_closed():
-                self._loop.call_soon_threadsafe(told, value)
+                self._loop.call_soon_threadsafe(shown, value)
 
         return call
 
     @contextmanager
-    def _telling(self) -> Iterator[None]:
+    def _showing_errors(self) -> Iterator[None]:
         """Show an error of the block on the page, where no other code would see it."""
         try:
             yield

@@ -104,6 +104,8 @@ class ScenePanel(Panel):
     def _show_saved(self, found: tuple[str, Scene]) -> None:
         with self._page.state as state:
             state.saved_name, self._saved = found
+            if self._view is not None:
+                self._view.make_room_for(self._saved)
             self._draw_saved()
 
     def _draw_saved(self) -> None:
@@ -114,6 +116,8 @@ class ScenePanel(Panel):
     def _toggle_saved(self) -> None:
         self._page.state.scene_saved = not self._page.state.scene_saved
         self._saved = None
+        if self._view is not None:
+            self._view.make_room_for(None)
         self._page.state.saved_picture = ""
         self._page.redraw()
 

@@ -48,6 +48,7 @@ class SceneView:
         self._scene: Scene | None = None
         self._sent: Callable[[], None] | None = None
         self._hidden: set[str] = set()
+        self._beside_bounds: tuple[float, ...] = ()
         self._aimed: tuple[float, ...] = ()
         self._side: Side = "oblique"
         self._drawn_size = SIZE
@@ -77,6 +78,14 @@ class SceneView:
         """Turn the camera to a side, and aim it at the whole scene."""
         self._side = side
         if self._scene is not None:
+            self._aim()
+            self._push()
+
+    def make_room_for(self, scene: Scene | None) -> None:
+        """Aim the camera at all of another scene too, of which a `picture` is shown beside; None for no other scene."""
+        bounds = () if scene is None else scene.bounds
+        aimed, self._beside_bounds = self._beside_bounds != bounds and self._is_aimed(), bounds
+        if aimed:
             self._aim()
             self._push()
 
@@ -142,7 +151,9 @@ class SceneView:
 
     def _aim(self) -> None:
         if self._scene is not None:
-            set_camera(self._plotter, aim(self._scene.bounds, self._size, direction(self._side)))
+            lowest, highest = np.reshape([*self._scene.bounds, *self._beside_bounds], (-1, 3, 2)).T
+            bounds = cast("Any", tuple(np.column_stack([lowest.min(axis=1), highest.max(axis=1)]).ravel().tolist()))
+            set_camera(self._plotter, aim(bounds, self._size, direction(self._side)))
             self._aimed = self._camera()
 
     def _push(self) -> None:
