@@ -656,7 +656,7 @@ def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
     for layer in layers:
         if layer not in stackup.names:
             known = listed(stackup.names)
-            raise DesignError(f"{key} names no copper layer; the stack-up has {known}; got {shown(layer)}.")
+            raise DesignError(f"{key} names no copper layer; stackup.layers has {known}; got {shown(layer)}.")
 
 
 def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:

@@ -48,8 +48,8 @@ class Channel:
                 f"got {self.capacitance * 1e12:.4g} pF."
             )
         if not (math.isfinite(self.standard_error) and self.standard_error >= 0):
-            raise HardwareError(f"the standard error of {self.state} must be finite and not negative.")
-        require_positive(f"the inductance of {self.state}", self.inductance, " H", HardwareError)
+            raise HardwareError(f"standard_error_F of {self.state} must be finite and not negative.")
+        require_positive(f"inductance_H of {self.state}", self.inductance, " H", HardwareError)
 
 
 @dataclass(frozen=True)

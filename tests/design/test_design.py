@@ -169,7 +169,7 @@ BAD = {
     "odd fraction of a turn": (changed("turns_per_layer = 12", "turns_per_layer = 12.1"), "turns must be a multiple of 1/6"),
     "no room for the via": (changed("turns_per_layer = 12", "turns_per_layer = 26"), "coils.hexagon: there is no room for a pad of 0.5 mm"),
     "old schema": (changed("schema = 1", "schema = 7"), "schema must be at most 1; got 7"),
-    "layer not there": (changed('["L3", "L4"]]', '["L3", "L9"]]'), "array.layers names no copper layer; the stack-up has L1, L2, L3, L4; got 'L9'"),
+    "layer not there": (changed('["L3", "L4"]]', '["L3", "L9"]]'), "array.layers names no copper layer; stackup.layers has L1, L2, L3, L4; got 'L9'"),
     "layers do not match": (changed('["L3", "L4"]]', '["L3"]]'), "layers of coil2 must be 2, as its shape has winding_layers = 2; got 1: L3"),
     "coil not there": (changed('coil = "hexagon"', 'coil = "octagon"'), "array.coil names no coil shape; .*got 'octagon'"),
     "stack-up lengths": (changed("[4.5, 4.5, 4.5]", "[4.5]"), "stackup needs 3 values in dielectric_epsilon_r, one less than the layers; got 1"),

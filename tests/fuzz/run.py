@@ -271,7 +271,8 @@ def _entries_of(tree: Any, above: str = "") -> Iterator[tuple[str, str]]:
     """
     items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, value in items:
-        yield f"{above}{key}", str(len(value) if isinstance(value, dict | list) else value).lower()
+        many = isinstance(value, dict | list)
+        yield f"{above}{key}", f"{len(value)} entries" if many else str(value).lower()
         yield from _entries_of(value, f"{above}{key}.")
 
 
