@@ -149,7 +149,7 @@ def lattice(rows: int, spread: float = 0.0) -> list[Conductor]:
     for r in range(rows):
         for c in range(rows):
             x, y = (c + 0.5 * (r % 2)) * pitch + moves[r, c, 0], r * pitch * np.sqrt(0.75) + moves[r, c, 1]
-            z = -0.5e-3 * ((r + 2 * (c + r // 2)) % 3)  # three pairs of layers: neighbours never share copper
+            z = -0.5e-3 * ((c - r // 2) % 2 + 2 * (r % 2))  # four pairs of layers: coils on one are two pitches apart
             vertices = winding.vertices + np.array([x, y, z])
             coils.append(Conductor(vertices, winding.widths, winding.thicknesses, winding.areas))
     return coils

@@ -11,6 +11,7 @@ import json
 import os
 import platform
 import re
+import subprocess
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -29,6 +30,8 @@ import protocol
 import speed
 import studio
 import sweep
+
+from coilarray.errors import CoilarrayError
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "validation.md"
@@ -88,9 +91,17 @@ def _renewed(
     chosen: list[str],
     kept: list[_Figure],
     key: Callable[[_Figure], object],
+    failed: list[str],
 ) -> list[_Figure]:
-    """All figures: those of the chosen benchmarks measured now, the others, and None for one, as kept."""
-    measured = [figure for name, measure in measures.items() if name in chosen for figure in measure()]
+    """All figures: those of the chosen benchmarks measured now; the others, those that failed, and None, as kept."""
+    measured: list[_Figure | None] = []
+    for name, measure in measures.items():
+        if name in chosen:
+            try:
+                measured += measure()
+            except (subprocess.CalledProcessError, CoilarrayError) as error:  # the figures of the others are not lost
+                failed.append(f"{name}: {error}")
+                measured.append(None)
     now = [figure for figure in measured if figure is not None]
     if set(measures) <= set(chosen) and now == measured:
         return now
@@ -110,10 +121,9 @@ def main() -> None:
     arguments = parser.parse_args()
     kept_file = HERE / "results.json"
     kept = json.loads(kept_file.read_text(encoding="utf-8"))
-    accuracies = _renewed(
-        ACCURACIES, arguments.only, [accuracy.Accuracy(**r) for r in kept["accuracy"]], lambda r: (r.quantity, r.table)
-    )
-    speeds = _renewed(SPEEDS, arguments.only, [speed.Speed(**r) for r in kept["speed"]], lambda r: r.what)
+    only, failed, old = arguments.only, list[str](), [accuracy.Accuracy(**r) for r in kept["accuracy"]]
+    accuracies = _renewed(ACCURACIES, only, old, lambda r: (r.quantity, r.table), failed)
+    speeds = _renewed(SPEEDS, only, [speed.Speed(**r) for r in kept["speed"]], lambda r: r.what, failed)
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")
@@ -132,8 +142,8 @@ def main() -> None:
             text = _renew(text, name, table)
         PAGE.write_text(text, encoding="utf-8")
     missed = [getattr(one, "what", "") or one.quantity for one in (*accuracies, *speeds) if not one.kept]
-    if missed:
-        raise SystemExit(f"goals missed: {'; '.join(missed)}")
+    if missed or failed:
+        raise SystemExit("\n".join([f"goals missed: {'; '.join(missed)}"] * bool(missed) + failed))
 
 
 if __name__ == "__main__":
