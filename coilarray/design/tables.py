@@ -563,7 +563,7 @@ class IndentationTable(PlacesTable):
     sample_radius_mm: Millimetres | None = None
     """Radius of a round sample with a free edge; without it and the next two the sheets are infinite."""
     sample_x_mm: Range | None = None
-    """Range of a rectangular sample with free sides along x, on the board."""
+    """Range of a rectangular sample with free sides along x, from the same origin as the positions."""
     sample_y_mm: Range | None = None
     """The same along y."""
 

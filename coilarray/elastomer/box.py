@@ -31,6 +31,9 @@ BoolArray = npt.NDArray[np.bool_]
 
 _COPIES = 3  # of a slab's matrix at a time, beside those of all widths
 
+_MIRRORED = np.array([1.0, -1.0, 1.0])[:, None, None, None]  # sign of u_x, u_y and u_z of a mirror image in y
+_EVEN_HELD = np.array([False, True, False])  # u_y is zero in the middle of what is its own mirror image
+
 SOFTEST = 1e-5
 """Least 1/K in units of the stack: an incompressible sheet counts as one of ν = 0.499998."""
 
@@ -171,17 +174,49 @@ def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatA
 
 
 @dataclass(frozen=True, eq=False)
+class _Factors:
+    """Cholesky factors of a box, slab after slab, or of its half below the middle of y.
+
+    `kept` are the numbers of the displacements in a plane across x, of shape (3, ny, nz), that are not held.
+    """
+
+    kept: IndexArray
+    slabs: tuple[tuple[FloatArray, FloatArray], ...]
+    last: FloatArray
+
+    def solve(self, loads: FloatArray, degree: int) -> FloatArray:
+        """Displacements under loads, both of shape (nx, 3, ny, nz, cases)."""
+        nx, cases, p = len(loads), loads.shape[-1], degree
+        right = loads.reshape(nx, -1, cases)[:, self.kept]
+        parts = []
+        for k, (lower, coupling) in enumerate(self.slabs):
+            part = solve_triangular(
+                lower, right[k * p : (k + 1) * p].reshape(-1, cases), lower=True, check_finite=False
+            )
+            right[(k + 1) * p] -= coupling.T @ part
+            parts.append(part)
+        found = solve_triangular(self.last, right[-1], lower=True, check_finite=False)
+        found = solve_triangular(self.last, found, lower=True, trans=1, check_finite=False)
+        solution = np.zeros((nx, int(np.prod(loads.shape[1:-1])), cases))
+        solution[-1, self.kept] = found
+        for k in reversed(range(len(self.slabs))):
+            lower, coupling = self.slabs[k]
+            part = parts[k] - coupling @ solution[(k + 1) * p, self.kept]
+            part = solve_triangular(lower, part, lower=True, trans=1, check_finite=False)
+            solution[k * p : (k + 1) * p, self.kept] = part.reshape(p, -1, cases)
+        return solution.reshape(loads.shape)
+
+
+@dataclass(frozen=True, eq=False)
 class Box:
-    """A layered box, factorised.
+    """A layered box, factorised; one that is its own mirror image in y as two halves, of even and of odd displacements.
 
     `axes` are those of x, y and z, the elements of z from the board up with the shear moduli and compressibilities of
     their sheets. Displacements and loads have the shape (nx, 3, ny, nz, cases).
     """
 
     axes: tuple[Axis, Axis, Axis]
-    _kept: IndexArray
-    _slabs: tuple[tuple[FloatArray, FloatArray], ...]
-    _last: FloatArray
+    _parts: tuple[_Factors, ...]
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -191,25 +226,15 @@ class Box:
 
     def displacements(self, loads: FloatArray) -> FloatArray:
         """Displacements under nodal loads, both of shape (nx, 3, ny, nz, cases); zero where the box is held."""
-        nx, cases, p = self.shape[0], loads.shape[-1], self.axes[0].degree
-        right = loads.reshape(nx, -1, cases)[:, self._kept]
-        parts = []
-        for k, (lower, coupling) in enumerate(self._slabs):
-            part = solve_triangular(
-                lower, right[k * p : (k + 1) * p].reshape(-1, cases), lower=True, check_finite=False
-            )
-            right[(k + 1) * p] -= coupling.T @ part
-            parts.append(part)
-        found = solve_triangular(self._last, right[-1], lower=True, check_finite=False)
-        found = solve_triangular(self._last, found, lower=True, trans=1, check_finite=False)
-        solution = np.zeros((nx, int(np.prod(self.shape[1:])), cases))
-        solution[-1, self._kept] = found
-        for k in reversed(range(len(self._slabs))):
-            lower, coupling = self._slabs[k]
-            part = parts[k] - coupling @ solution[(k + 1) * p, self._kept]
-            part = solve_triangular(lower, part, lower=True, trans=1, check_finite=False)
-            solution[k * p : (k + 1) * p, self._kept] = part.reshape(p, -1, cases)
-        return solution.reshape(loads.shape)
+        degree = self.axes[0].degree
+        if len(self._parts) == 1:
+            return self._parts[0].solve(loads, degree)
+        middle = loads.shape[2] // 2
+        below, above = loads[:, :, : middle + 1] / 2, _MIRRORED * loads[:, :, : middle - 1 : -1] / 2
+        below[:, :, -1] /= 2  # of the plane in the middle each half has a half
+        above[:, :, -1] /= 2
+        even, odd = (part.solve(below + sign * above, degree) for part, sign in zip(self._parts, (1, -1), strict=True))
+        return np.concatenate((even + odd, _MIRRORED * (even - odd)[:, :, -2::-1]), axis=2)
 
 
 def require_box_memory(axes: tuple[Axis, Axis, Axis]) -> None:
@@ -240,43 +265,59 @@ def factorised(
     require_box_memory(axes)
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
-    plane = np.zeros((3, ny, nz), dtype=bool)
-    plane[held, :, 0] = True
-    kept = np.flatnonzero(~plane)
-    number = np.arange(3 * ny * nz).reshape(3, ny, nz)
-    size = number.size
+    rows = np.diff(y.edges)
+    mirrored = len(rows) % 2 == 0 and np.allclose(rows, rows[::-1]) and np.allclose(springs, springs[..., ::-1])
+    if mirrored:
+        rows, ny = rows[: len(rows) // 2], ny // 2 + 1
+        springs = springs[..., :ny].copy()
+        springs[..., -1] /= 2
+    size = 3 * ny * nz
+    number = np.arange(size).reshape(3, ny, nz)
     bottom = np.zeros((len(x.nodes), 3, ny, nz))
     bottom[..., 0] = springs.transpose(1, 0, 2)
-    diagonal = bottom.reshape(len(x.nodes), size)[:, kept]
-    known: dict[float, FloatArray] = {}
+    bottom = bottom.reshape(len(x.nodes), size)
 
     def slab(width: float) -> FloatArray:
-        """Stiffness of a slab of elements between two planes across x, without the rows that are held."""
+        """Stiffness of a slab of elements between two planes across x."""
         total = np.zeros((p + 1, size, p + 1, size)).reshape((p + 1) * size, -1)
         along = element_matrices(x, width)
-        for (row, depth), (level, height) in itertools.product(
-            enumerate(np.diff(y.edges)), enumerate(np.diff(z.edges))
-        ):
+        for (row, depth), (level, height) in itertools.product(enumerate(rows), enumerate(np.diff(z.edges))):
             matrices = (along, element_matrices(y, depth), element_matrices(z, height))
             matrix = element_stiffness(matrices, float(shear[level]), float(squash[level]))
             own = number[:, y.of(row), z.of(level)]
             where = (own[:, None] + size * np.arange(p + 1)[None, :, None, None]).ravel()
             total[np.ix_(where, where)] += matrix
-        planes = (kept + size * np.arange(p + 1)[:, None]).ravel()
-        return np.asarray(total[np.ix_(planes, planes)])
+        return total
 
-    slabs, n = [], p * len(kept)
+    widths = np.diff(x.edges)
+    slabs = {same: slab(same) for same in np.unique(widths.round(9)).tolist()}
+    plane = np.zeros((3, ny, nz), dtype=bool)
+    plane[held, :, 0] = True
+    in_the_middle = (_EVEN_HELD, ~_EVEN_HELD) if mirrored else (np.zeros(3, dtype=bool),)
+    parts = []
+    for zero in in_the_middle:
+        plane_held = plane.copy()
+        plane_held[zero, -1] = True
+        kept = np.flatnonzero(~plane_held)
+        planes = (kept + size * np.arange(p + 1)[:, None]).ravel()
+        free = {same: matrix[np.ix_(planes, planes)] for same, matrix in slabs.items()}
+        parts.append(_factors(free, widths, kept, bottom[:, kept], p))
+    return Box(axes, tuple(parts))
+
+
+def _factors(
+    slabs: dict[float, FloatArray], widths: FloatArray, kept: IndexArray, diagonal: FloatArray, p: int
+) -> _Factors:
+    """Factorise one slab after the other: their stiffness by width, without what is held, and springs by plane."""
+    found, n = [], p * len(kept)
     carried = np.zeros((len(kept), len(kept)))
-    for k, width in enumerate(np.diff(x.edges)):
-        same = round(float(width), 9)
-        if same not in known:
-            known[same] = slab(float(width))
-        matrix = known[same].copy(order="F")
+    for k, width in enumerate(widths.round(9).tolist()):
+        matrix = slabs[width].copy(order="F")
         matrix[: len(kept), : len(kept)] += carried
         matrix[range(n), range(n)] += diagonal[k * p : (k + 1) * p].ravel()
         lower = cholesky(matrix[:n, :n], lower=True, overwrite_a=True, check_finite=False)
         coupling = solve_triangular(lower, matrix[:n, n:], lower=True, check_finite=False)
         carried = matrix[n:, n:] - coupling.T @ coupling
-        slabs.append((lower, coupling))
+        found.append((lower, coupling))
     last = cholesky(carried + np.diag(diagonal[-1]), lower=True, check_finite=False)
-    return Box(axes, kept, tuple(slabs), last)
+    return _Factors(kept, tuple(found), last)

@@ -18,7 +18,7 @@ dent is lifted and turned with the sample under it, which `coilarray.response.se
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +26,7 @@ from scipy.interpolate import PPoly
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact_grid import Stack, stack_of
 from coilarray.elastomer.contact_mesh import graded
@@ -35,11 +36,10 @@ from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.sheet import Base
 
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
-_POINTS = 0.1  # thicknesses between the points of integrals over a side
+_POINTS = 0.1, 0.2  # between the points of integrals over a side: thicknesses, or of the distance to a contact if more
 _PLACES = 400  # at a time, which bounds the memory
 _RANK = 1e-5  # of the strongest pattern of the loads of all places: weaker ones are left out
 _NEWTON_STEPS = 60
-_STEADY = 1e-9  # of a thickness: the last change of the depth
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,7 @@ class SampleCorrection:
         return self.length * np.asarray(wide(radii / self.length))
 
 
+@serial_algebra()
 def sample_correction(
     sheets: Sequence[Sheet],
     base: Base,
@@ -196,13 +197,18 @@ def sample_correction(
 
 
 def _shift(mean: FloatArray, slope: float) -> FloatArray:
-    """S = w̄ (1 + s F'/F) in thicknesses; ElastomerError where the correction is larger than the contact."""
+    """S = w̄ (1 + s F'/F) in thicknesses."""
+    _require_small(mean, slope)
+    return np.asarray(mean / (1 - mean * slope))
+
+
+def _require_small(mean: FloatArray, slope: float) -> None:
+    """Raise ElastomerError where a correction is larger than the contact."""
     if not (mean * slope < 1).all():  # also NaN
         raise ElastomerError(
             f"the seat and sides must change a contact by less than its own depth; one is lifted {mean.max():.3g} "
             "thicknesses."
         )
-    return np.asarray(mean / (1 - mean * slope))
 
 
 class _Problem:
@@ -234,11 +240,12 @@ class _Problem:
         sheet = np.repeat(np.arange(len(sheets)), mesh.rows)
         self.box: Box = factorised((x, y, z), stack.shear[sheet], stack.squash[sheet], springs, held)
         self.levels_at = np.arange(len(stack.levels)) * mesh.rows * mesh.degree
-        z_points, z_rule = z.rule(_POINTS)
+        at, corners = places / stack.length, np.array([[x_min, y_min], [x_max, y_max]])
+        self._points = max(_POINTS[0], _POINTS[1] * float(np.abs(at[:, None] - corners).min()))
+        z_points, z_rule = z.rule(self._points)
         self._z = (z_rule[:, None] * z.basis(z_points)).T
         heights, inside = np.concatenate((z_points, stack.levels)), len(z_points)
-        corners = np.array([[x_min, y_min], [x_max, y_max]])
-        extent = np.hypot(*np.abs(places[:, None] / stack.length - corners).max(axis=(0, 1)))
+        extent = np.hypot(*np.abs(at[:, None] - corners).max(axis=(0, 1)))
         radii, scaled = r / stack.length, pressure / stack.stress
         wide = wide_field(stack, base, radii, scaled, heights, float(extent) * 1.01 + 1)
         self.upwards = _part(wide.moved, np.s_[1, :, inside:])
@@ -298,11 +305,11 @@ class _Problem:
         x, y, _ = self.box.axes
         loads = np.zeros((*self.box.shape, len(places)))
         for plane in (0, -1):
-            at, rule = y.rule(_POINTS)
+            at, rule = y.rule(self._points)
             traction = self._traction(x.nodes[plane] - places[:, 0], at - places[:, 1, None], case, across=0)
             force = np.einsum("cpqz,qn,zm->cnmp", traction, rule[:, None] * y.basis(at), self._z.T, optimize=True)
             loads[plane] += force if plane == 0 else -force
-            at, rule = x.rule(_POINTS)
+            at, rule = x.rule(self._points)
             traction = self._traction(at - places[:, 0, None], y.nodes[plane] - places[:, 1], case, across=1)
             force = np.einsum("cpqz,qn,zm->ncmp", traction, rule[:, None] * x.basis(at), self._z.T, optimize=True)
             loads[:, :, plane] += force if plane == 0 else -force
@@ -373,7 +380,8 @@ class _Lift:
         loads[:, 2, :, -1, 0] = -weight * problem.area
         loads[:, 2, :, 0, 0] = -(self._push * self._gap).reshape(nx, ny)
         self._start = problem.faces(problem.box.displacements(loads))[0, ..., 0].ravel()
-        self._rest = self._pull(self._start, self._start)
+        nothing = self._rest = np.zeros(nx * ny)
+        _, self._rest, self._height = self._settled(nothing, nothing, 0.0, 0.0, self._start + self._gap)
 
     def _bottom_forces(self, start: int, stop: int) -> FloatArray:
         """Return unit forces upwards on some nodes of the bottom."""
@@ -384,24 +392,31 @@ class _Lift:
         loads[:, 2, :, 0] = forces.reshape(nx, ny, -1)
         return loads
 
-    def _steps(self, linear: FloatArray, guess: FloatArray) -> Iterator[tuple[bool, FloatArray]]:
-        """Newton's steps from a guess of the bottom's u_z: whether the lifted nodes stay, and the traction t."""
-        lifted = guess + self._gap > 0
-        compliance = self._answers[0]
+    def _settled(
+        self, own: FloatArray, under: FloatArray, mean: float, slope: float, guess: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """Shift of the depth, the traction t that takes the pull of a two-sided seat back, and u_z plus gap.
+
+        On a two-sided seat the bottom would be at `own` times the load beside what is at rest, and the contact lifted
+        by `mean` times the load; `under` is its lift by the tractions at the nodes. As long as the same nodes are
+        lifted, t is linear in the load 1 + s F'/F, and s = a + b (1 + s F'/F): Newton's steps go from one set of nodes
+        to another, at first those where a `guess` of u_z plus gap is positive.
+        """
+        linear, lifted = np.column_stack((self._start + self._gap, own)), guess > 0
         for _ in range(_NEWTON_STEPS):
             at = np.flatnonzero(lifted)
-            inner = compliance[np.ix_(at, at)] * self._push[at]
-            traction = np.zeros(len(linear))
-            traction[at] = self._push[at] * np.linalg.solve(np.eye(len(at)) - inner, linear[at] + self._gap[at])
-            now = linear + compliance[:, at] @ traction[at] + self._gap > 0
-            yield bool((now == lifted).all()), traction
-            lifted = now
-
-    def _pull(self, linear: FloatArray, guess: FloatArray) -> FloatArray:
-        """Traction t at every node that takes the pull of a two-sided seat back."""
-        for steady, traction in self._steps(linear, guess):
-            if steady:
-                return traction
+            inner = self._answers[0][np.ix_(at, at)] * self._push[at]
+            pulls = self._push[at, None] * np.linalg.solve(np.eye(len(at)) - inner, linear[at])
+            at_rest, per_load = under[at] @ pulls + (-under @ self._rest, mean)
+            shift = float((at_rest + per_load) / (1 - per_load * slope))
+            load = np.array([1.0, 1 + shift * slope])
+            traction = np.zeros(len(own))
+            traction[at] = pulls @ load
+            height = linear @ load + self._answers[0][:, at] @ traction[at]
+            before, lifted = lifted, height > 0
+            if (lifted == before).all():
+                _require_small(np.array(per_load), slope)
+                return shift, traction, height
         raise ElastomerError("a sample on a seat that can lift must find its rest; it needs more weight on the seat.")
 
     def solve(
@@ -411,21 +426,13 @@ class _Lift:
         problem = self._problem
         wide = problem.bottom(places / problem.stack.length, case)[:, 2].reshape(-1, len(places))
         along_x, along_y = problem.ring(places, case)
-        shifts, moved, lifts = np.empty(len(places)), np.empty((len(places), *faces.shape[:-1])), []
+        shifts, tractions, lifts, height = np.empty(len(places)), [], [], self._height
         for p in range(len(places)):
-            under = np.einsum("x,y->xy", along_x[p], along_y[p]).ravel() @ self._answers[-1]
-            own, shift, guess = wide[:, p] + faces[0, ..., p].ravel(), 0.0, self._start
-            for _ in range(_NEWTON_STEPS):
-                load = 1 + shift * slope
-                traction = self._pull(self._start + load * own, guess)
-                guess = self._start + load * own + self._answers[0] @ traction
-                before, shift = shift, float(load * mean[p] + under @ (traction - self._rest))
-                if abs(shift - before) <= _STEADY:
-                    break
-            else:
-                raise ElastomerError("the contact on a seat that can lift does not converge; it needs more weight.")
-            shifts[p] = shift
-            more = (self._answers @ (traction - self._rest)).reshape(faces.shape[:-1])
-            moved[p] = load * faces[..., p] + more
-            lifts.append(np.maximum(guess + self._gap, 0.0).reshape(problem.plan))
-        return shifts, moved, np.array(lifts)
+            under = np.outer(along_x[p], along_y[p]).ravel() @ self._answers[-1]
+            own = wide[:, p] + faces[0, ..., p].ravel()
+            shifts[p], traction, height = self._settled(own, under, float(mean[p]), slope, height)
+            tractions.append(traction - self._rest)
+            lifts.append(np.maximum(height, 0.0).reshape(problem.plan))
+        more = self._answers @ np.transpose(tractions)
+        moved = faces * (1 + shifts * slope) + more.reshape(faces.shape)
+        return shifts, np.moveaxis(moved, -1, 0), np.array(lifts)

@@ -162,13 +162,13 @@ def gradients_on_grid(
         alpha = 2 * np.pi * np.arange(n // 2) / n
         kx, ky = k * np.cos(alpha), k * np.sin(alpha)
         own = [_on_angles(series[index], n)[half] for series in spectra.series]
-        along_x, along_y = np.exp(1j * np.outer(x, kx)), np.exp(1j * np.outer(y, ky)).T
-        waves = np.empty((len(spectra.centres), 3, len(x), len(y)))
-        for coil, (shape, centre) in enumerate(zip(spectra.shape_of, spectra.centres, strict=True)):
-            wave = own[shape] * np.exp(-1j * (kx * centre[0] + ky * centre[1])) * (k / np.pi / n)
-            for part, factor in enumerate((1j * kx, 1j * ky, 1.0)):
-                waves[coil, part] = ((along_x * (wave * factor)) @ along_y).real
-        return waves
+        along_x, along_y = np.exp(1j * np.outer(x, kx)), np.exp(-1j * np.outer(y, ky))
+        wave = np.array([own[shape] for shape in spectra.shape_of]) * (k / np.pi / n)
+        wave = wave * np.exp(-1j * spectra.centres @ np.array([kx, ky]))
+        parts = wave[:, None] * np.array([1j * kx, 1j * ky, np.ones_like(kx)])
+        # Re(u v) of complex numbers is the product of (Re u, Im u) with (Re v, −Im v)
+        left = (parts[:, :, None] * along_x).reshape(-1, len(kx)).view(np.float64)
+        return np.asarray((left @ along_y.view(np.float64).T).reshape(*parts.shape[:2], len(x), len(y)))
 
     total = np.zeros((len(spectra.centres), 3, len(profiles), len(x), len(y)))
     for some in ranges(len(spectra.wavenumbers), _AT_ONCE):
