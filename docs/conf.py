@@ -43,6 +43,8 @@ myst_heading_anchors = 3
 
 smartquotes_action = "qe"  # quotes and ellipses: two hyphens begin an option
 
+default_role = "py:obj"  # a name in backticks is code, and a link where it has a page
+
 html_theme = "pydata_sphinx_theme"
 html_title = "coilarray"
 html_static_path = ["static"]

@@ -1,6 +1,7 @@
 """Pages made from the code: keys, commands and results have meanings and units, and links lead somewhere."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -79,6 +80,29 @@ def test_speed_is_shown_against_every_other_program():
     others = ("magpylib", "cfsem", "simsopt", "FastHenry")
     assert [other for other in others if other not in " ".join(ratios)] == []
     assert all(ratio > 0 for ratio in ratios.values())
+
+
+PAIRS = "B, exact segments"  # in million pairs a second
+
+
+@pytest.mark.parametrize(
+    ("page", "said", "figure"),
+    [
+        ("theory/index", r"([\d.]+) s for 10⁹ pairs", PAIRS),
+        ("theory/index", r"([\d.]+) s for six coils of 2202", "L matrix of six coils, warm"),
+        ("theory/index", r"([\d.]+) s for 1024 coils", "L matrix of 1024 coils on a lattice"),
+        ("theory/index", r"([\d.]+) s for 189 positions", "response map, 27 × 7 positions, six coils, one depth, warm"),
+        ("guide/large_arrays", r"would take ([\d.]+) times", "response of 256 coils against all coils"),
+        ("guide/position", r"below ([\d.]+) mm and", "95 % of the x errors where allowed, noise 3e-07"),
+        ("guide/position", r"mm and ([\d.]+) %\.", "95 % of the depth error there, noise 3e-07"),
+    ],
+)
+def test_a_figure_in_prose_is_that_of_the_table(page, said, figure):
+    """To a third: it is rounded to a digit or two, and times on a shared machine scatter."""
+    results = json.loads((DOCS.parent / "benchmarks" / "results.json").read_text(encoding="utf-8"))
+    (value,) = (row["value"] for row in results["speed"] if row["what"] == figure)
+    (stated,) = re.findall(said, (DOCS / f"{page}.md").read_text(encoding="utf-8"))
+    assert float(stated) == pytest.approx(1000 / value if figure == PAIRS else value, rel=1 / 3)
 
 
 def test_every_reference_says_how_it_was_made():

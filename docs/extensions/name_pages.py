@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from command_pages import write_page
 
 import coilarray
+from coilarray.geometry import MATERIAL_SOURCES, MATERIALS
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -58,10 +59,30 @@ def _value(full: str) -> object:
     return getattr(importlib.import_module(module), name)
 
 
+_MATERIALS = "Mapping of materials by their names in files, at 20 °C where nothing else is said."
+
+
+def _materials() -> list[str]:
+    lines = [
+        ".. py:data:: coilarray.MATERIALS",
+        "",
+        f"   {_MATERIALS}",
+        "",
+        ".. list-table::",
+        "   :header-rows: 1",
+        "",
+    ]
+    rows = [("name", "conductivity (MS/m)", "µr", "grade, source and what is assumed")]
+    for name, one in MATERIALS.items():
+        conductivity, mu = f"{one.conductivity / 1e6:.4g}", f"{one.relative_permeability:g}"
+        rows.append((f"``{name}``", conductivity, mu, MATERIAL_SOURCES[name]))
+    return lines + [f"   {'  -' if column else '* -'} {cell}" for row in rows for column, cell in enumerate(row)]
+
+
 def _page(full: str) -> str:
     value = _value(full)
-    kind = "autoclass" if inspect.isclass(value) else "autofunction" if callable(value) else "autodata"
-    lines = [full, "=" * len(full), "", f".. {kind}:: {full}"]
+    kind = "autoclass" if inspect.isclass(value) else "autofunction"
+    lines = [full, "=" * len(full), "", *([f".. {kind}:: {full}"] if callable(value) else _materials())]
     if inspect.isclass(value) and not issubclass(value, BaseException):
         lines.append("   :members:")
     return "\n".join([*lines, ""])
@@ -69,8 +90,8 @@ def _page(full: str) -> str:
 
 def _first_line(full: str) -> str:
     value = _value(full)
-    text = inspect.getdoc(value) if callable(value) else None
-    return (text or "Table of values.").split("\n\n")[0].replace("\n", " ")
+    text = inspect.getdoc(value) if callable(value) else _MATERIALS
+    return (text or "").split("\n\n")[0].replace("\n", " ")
 
 
 def _write(app: Sphinx) -> None:

@@ -10,5 +10,6 @@ from coilarray.viz import check_figure
 
 design = ca.load_design("starter")
 margins = ca.check_rules(design.array, design.rules)
-print(margins[0])
+worst = min((one for one in margins if one.unit == "m"), key=lambda one: one.margin)
+print(f"{worst.rule}: {worst.value * 1e3:.3f} mm, the limit is {worst.limit * 1e3:.3f} mm")
 check_figure(design.array, margins)
