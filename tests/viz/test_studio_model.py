@@ -16,6 +16,7 @@ from support.browser import bells, quick_run
 from coilarray import couple_design, load_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
+from coilarray.compute.display_units import value_text
 from coilarray.design import bundled
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design
 from coilarray.design.vary import vary
@@ -35,6 +36,7 @@ from coilarray.viz.studio.new_panel import NewPanel, choices_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
+from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
@@ -166,6 +168,35 @@ def test_a_design_is_built_piece_by_piece(starter):
     ):
         with pytest.raises(DesignError, match=line):
             then(wrong, *arguments)
+
+
+def test_what_is_turned_off_and_on_again_has_its_values_and_reasons_back(starter):
+    """Leads, connector and seat, each from the newest document that had it."""
+    leads = {"coils.hexagon.leads.length_mm": "a guess"}
+    seat = {"indentation.seat_stiffness_kPa_per_mm": "from a paper"}
+    had = {
+        **OPENED.document, "assumed": {**OPENED.document.get("assumed", {}), **leads, **seat},
+        "coils": {"hexagon": {**OPENED.document["coils"]["hexagon"], "leads": {"length_mm": 3.5, "pad_mm": 1.2}}},
+        "connector": {"side": "left", "pitch_mm": 2.0},
+        "indentation": {**OPENED.document["indentation"], "base": "seat", "seat_stiffness_kPa_per_mm": 70.0},
+    }  # fmt: skip
+    off = structure.set_leads(had, starter, there=False)
+    off = structure.set_base(structure.set_connector(off, starter, "none"), starter, "bonded")
+    assert not (set(leads) | set(seat)) & set(off["assumed"])
+    assert "leads" not in off["coils"]["hexagon"]
+    before = [off, had, OPENED.document]
+    on = structure.set_leads(off, starter, there=True, before=before)
+    on = structure.set_connector(on, starter, "top", before=before)
+    on = structure.set_base(on, starter, "seat", before=before)
+    assert on["coils"] == had["coils"]
+    assert on["connector"] == {"side": "top", "pitch_mm": 2.0}
+    assert on["indentation"] == had["indentation"]
+    assert on["assumed"].items() >= (leads | seat).items()
+    again = structure.set_leads(on, starter, there=True, before=[OPENED.document])  # they are there already
+    assert again["coils"] == had["coils"]
+    work = work_on(OPENED, "starter")
+    assert structure.set_leads(off, starter, there=True)["coils"]["hexagon"]["leads"] == {}  # never seen: as usual
+    assert work.with_document(on).design.array.led_out.connector.side == "top"
 
 
 def test_what_names_a_coil_stays_possible_without_it():
@@ -557,6 +588,20 @@ def test_a_front_shows_the_first_point_unless_it_is_the_start():
         assert Run("mine", (False,), points, 2).front == (() if start else (0,))
 
 
+def test_a_run_is_said_to_be_of_another_design_or_of_the_one_before_it_was_changed():
+    page = SimpleNamespace(state=State(), trigger=lambda *_: None)
+    panel = RunsPanel(page)
+    panel.show(OPENED.design)
+    assert page.state.run_of == ""
+    page.state.run_name, panel._name, panel._started = "starter-0123", "found", {"found": OPENED.design.digest}
+    panel.show(OPENED.design)
+    assert page.state.run_of == ""
+    panel.show(vary(OPENED, {"array.pitch_mm": 12.0}))
+    assert page.state.run_of == " – of the design before it was changed"
+    panel.show(load_design("gast2020"))
+    assert page.state.run_of == " – of another design"
+
+
 @pytest.mark.slow
 def test_runs_are_read_as_they_were_written(tmp_path):
     pytest.importorskip("optuna")
@@ -574,7 +619,8 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     np.testing.assert_array_equal(run.values("span_mm"), [point.quantities["span_mm"] for point in run.points])
     assert set(run.numbers) == {"array.pitch_mm", "array.columns"}
     assert run.values("array.pitch_mm") == [point.entries["array.pitch_mm"] for point in run.points]
-    assert front_rows(run)[0]["name"] == best.name
+    first = front_rows(run)[0]
+    assert (first["name"], first["scores"]) == (best.name, [value_text(score) for score in best.scores])
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
     assert run_folders(tmp_path) == ["found"]
     assert run_folders(tmp_path / "found") == ["."]

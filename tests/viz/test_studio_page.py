@@ -361,8 +361,57 @@ def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
             assert scene[2] <= side[0] or scene[3] <= side[1]  # neither lies over the other,
             assert side[2] <= width  # and all of it is in the window
             browser.picture(page, f"16_coils_{width}")
+        box = "#matrix", "one => [one.scrollWidth, one.parentElement.clientWidth]"
+        whole, part = page.eval_on_selector(*box)
+        assert whole <= part  # the matrix as colours, all of it,
+        assert page.inner_text("#matrix tbody tr >> nth=0 >> td >> nth=1") == ""
+        page.click("#digits")  # and in numbers where they are asked for
+        page.wait_for_function(
+            "document.querySelector('#matrix td + td').innerText"
+            " === Number(document.querySelector('#matrix td + td').title.split(' = ')[1]).toFixed(4).replace('-', '−')"
+        )
+        whole, part = page.eval_on_selector(*box)
+        assert whole > part
+        page.click("#digits")
     finally:
         page.set_viewport_size(browser.SIZE)
+
+
+def test_dialogs_are_worked_by_keys_alone(page, folder):
+    """Each begins in its field, does its work by Enter, and gives the focus back to its button."""
+    focus = "name => document.activeElement.id === name"
+    for name, first in (("save", "save-name"), ("new", "new-name"), ("open", None)):
+        page.focus(f"#{name}")
+        page.keyboard.press("Enter")
+        page.wait_for_selector(".v-overlay--active .v-card")
+        if first is not None:
+            page.wait_for_function(focus, arg=first)
+        page.keyboard.press("Escape")
+        page.wait_for_function(focus, arg=name)
+        page.wait_for_selector(".v-overlay--active .v-card", state="detached")
+    change(page, "array.pitch_mm", "12")
+    page.keyboard.press("Control+s")
+    page.wait_for_function(focus, arg="save-name")
+    page.keyboard.press("Control+a")
+    page.keyboard.type("keys.toml")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#file:has-text('keys.toml')")
+    assert load_design_file(folder / "keys.toml").values["array.pitch_mm"] == 12
+    browser.enter(page, "array.pitch_mm", "wide")
+    page.keyboard.press("Control+s")
+    page.wait_for_selector("#save-wrong")
+    page.keyboard.press("Escape")
+
+
+def test_leads_that_were_turned_off_come_back_as_they_were(page):
+    length = "coils.hexagon.leads.length_mm"
+    change(page, length, "3.25")
+    page.click("#tab-build")
+    page.click("#leads")
+    page.wait_for_function("!trame.state.get('build').leads")
+    page.click("#leads")
+    page.wait_for_function("trame.state.get('build').leads")
+    assert browser.field(page, length).input_value() == "3.25"
 
 
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
@@ -394,6 +443,10 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     shown = [page.evaluate(f"trame.state.get('{name}')") for name in ("run_x", "run_y")]
     assert shown == ["board_area_mm2", "span_mm"]  # two that differ from point to point
     browser.picture(page, "runs")
+    page.click("button:has(#pareto)")
+    page.wait_for_selector("#large")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#large", state="detached")
     name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")
     (trial,) = (one for one in result.front if one.name == name)
     page.click("#front button >> nth=0")

@@ -14,7 +14,8 @@ Side = Literal["oblique", "top", "front", "right"]
 """Side of the view: obliquely from the front, straight from above, from the front along y, or from the right."""
 
 _ANGLES = {"oblique": (48.0, -97.0), "top": (90.0, -90.0), "front": (0.0, -90.0), "right": (0.0, 0.0)}
-_FILLED = 0.88  # share of the picture's height or width that the scene fills
+FILLED = 0.88
+"""Share of the picture's height or width that a scene fills."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def aim(
     middle, extent = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0)
     width, height = size
     free = 1.0 - left - right
-    scale = max(float(extent[1]) / (1.0 - bottom), float(extent[0]) * height / (width * free)) / 2 / _FILLED
+    scale = max(float(extent[1]) / (1.0 - bottom), float(extent[0]) * height / (width * free)) / 2 / FILLED
     shift = (right - left) * scale * width / height  # of the middle towards the free side
     focus = (middle[0] + shift) * along + (middle[1] - bottom * scale) * up
     distance = 2.0 * float(np.linalg.norm(np.ptp(corners, axis=0)))

@@ -58,7 +58,9 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
         parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
         arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
         parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
-    return Scene(tuple(parts), notes=("Arrows: length as the root of the magnitude.",) if parts else ())
+    left_out = f"B below {100 / 10**_DECADES:g} % of its largest is left out."
+    notes = (f"{left_out} Arrows: length as the root of the magnitude.",) if parts else ()
+    return Scene(tuple(parts), notes=notes)
 
 
 def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: Scale) -> Scene:

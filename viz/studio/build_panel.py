@@ -19,13 +19,17 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 
+_BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
+
+
 class BuildPanel(Panel):
     """Panel with what a design is made of."""
 
     def __init__(self, page: Page) -> None:
         values = {
             "build": {"coils": [], "sheets": []}, "build_problem": "", "build_lattices": list(structure.LATTICES),
-            "build_bases": list(structure.BASES), "build_edges": ["none", *SIDES],
+            "build_bases": [{"value": base, "title": _BASES[base]} for base in structure.BASES],
+            "build_edges": ["none", *SIDES],
         }  # fmt: skip
         super().__init__(
             page, values, add_coil=lambda: self._change(structure.add_coil), remove_coil=self._remove_coil,
@@ -67,16 +71,16 @@ class BuildPanel(Panel):
         self._change(_with_layers, count)
 
     def _set_leads(self, there: bool) -> None:
-        self._change(structure.set_leads, there=there)
+        self._change(structure.set_leads, there=there, before=self._page.earlier)
 
     def _set_connector(self, edge: str) -> None:
-        self._change(structure.set_connector, edge)
+        self._change(structure.set_connector, edge, before=self._page.earlier)
 
     def _remove_sheet(self, index: int) -> None:
         self._change(structure.remove_sheet, index)
 
     def _set_base(self, base: str) -> None:
-        self._change(structure.set_base, base)
+        self._change(structure.set_base, base, before=self._page.earlier)
 
     def _place(self, name: str, x: str, y: str, turn: str) -> None:
         try:

@@ -52,10 +52,12 @@ class _Changes(TypedDict, total=False):
     choice: dict[str, str | bool | None]
     file_note: str
     file_problem: str
+    large: str
     live_log: str | None
     live_port: str | None
     live_recording: str | None
     live_reference: list[str] | None
+    matrix_digits: bool
     matrix_of: str
     new_dialog: bool
     new_over: bool

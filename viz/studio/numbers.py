@@ -91,11 +91,15 @@ def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
     return _cells(numbers.inductance, numbers.names, texts)
 
 
+def largest_of_two(matrix: FloatArray) -> float:
+    """Return the largest magnitude off the diagonal, where the colours end; 0 for one coil."""
+    return float(np.abs(matrix[~np.eye(len(matrix), dtype=bool)]).max(initial=0.0))
+
+
 def _cells(
     matrix: FloatArray, names: Sequence[str], texts: Callable[[str, str, float], tuple[str, str]]
 ) -> tuple[tuple[Cell, ...], ...]:
-    largest = float(np.abs(matrix[~np.eye(len(matrix), dtype=bool)]).max(initial=0.0)) or 1.0
-    colours = _colours(matrix / largest)
+    colours = _colours(matrix / (largest_of_two(matrix) or 1.0))
     rows = zip(names, matrix.tolist(), colours, strict=True)
     return tuple(
         tuple(

@@ -15,6 +15,7 @@ from coilarray.viz.studio.numbers import (
     coil_rows,
     coupling_cells,
     inductance_cells,
+    largest_of_two,
     margin_rows,
     margins_of,
     numbers_of,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.work import Work
 
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
+_MOST_IN_DIGITS = 8  # coils whose matrix has numbers in its cells from the start
 _PATIENCE = 2.0  # s; longest delay of the margins, which take the time of some pictures, while a slider moves
 
 
@@ -36,7 +38,8 @@ class NumbersPanel(Panel):
         self._numbers: tuple[Design, Numbers] | None = None
         self._circuit: tuple[Design, Circuit] | None = None
         values = {
-            "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
+            "matrix_of": "k", "matrix": {"names": [], "k": [], "L": [], "most": {}, "dense": False},
+            "matrix_digits": False, "accuracy": "", "coil_rows": [],
             "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "", "saved_rows": [],
             "saved_line": "", "can_compare": True,
         }  # fmt: skip
@@ -114,12 +117,14 @@ class NumbersPanel(Panel):
         if numbers.accuracy == "screen" and present is not None and present.accuracy == "full":
             return
         self._numbers = found
-        state = self._page.state
+        state, mutual = self._page.state, largest_of_two(numbers.inductance)
         with state:
             state.matrix = {
                 "names": list(numbers.names),
                 "k": _plain(coupling_cells(numbers)),
                 "L": _plain(inductance_cells(numbers)),
+                "most": {"k": f"{largest_of_two(numbers.k):.4f}", "L": f"{mutual * 1e6:.3f} µH"},
+                "dense": len(numbers.names) > _MOST_IN_DIGITS,
             }
             state.accuracy = numbers.accuracy if self._page.is_current(design) else "screen"
             state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]

@@ -29,7 +29,7 @@ from coilarray.viz.studio.panel import template
 from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
-from coilarray.viz.studio.services import Services
+from coilarray.viz.studio.services import Document, Services
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.studies_panel import StudiesPanel
 from coilarray.viz.studio.summary_panel import SummaryPanel
@@ -159,6 +159,11 @@ class Page:
         self._changed_at = time.monotonic() if typed else -math.inf
         self._show(work, typed=typed)
 
+    @property
+    def earlier(self) -> list[Document]:
+        """Documents of the design before its changes, the last first."""
+        return [*(work.opened.document for work in reversed(self._trail.before)), self.work.kept]
+
     def _follow_trail(self, *, back: bool) -> None:
         """Show the design before the last change, or the one that was undone last."""
         if self._trail.before if back else self._trail.after:
@@ -179,6 +184,7 @@ class Page:
             self.touch.show(work.design, anew=other)
             self.metal.show(work.design, anew=other)
             self.live.show(work.design)
+            self.runs.show(work.design)
             self.studies.show(work, anew=other)
             self.numbers.wait()
             self.state.scene_rests = False

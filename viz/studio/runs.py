@@ -113,9 +113,15 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
 
 
 def front_rows(run: Run) -> list[dict[str, Any]]:
-    """Return a row for each point of the front: its name, entries and quantities as texts."""
+    """Return a row for each point of the front: its name, scores, entries and all quantities as texts."""
     points = [run.points[k] for k in run.front[:_MOST_SHOWN]]
-    return [{"name": p.name, "entries": _list(p.entries), "quantities": _list(p.quantities)} for p in points]
+    return [
+        {
+            "name": p.name, "scores": [value_text(score) for score in p.scores], "entries": _list(p.entries),
+            "quantities": _list(p.quantities),
+        }
+        for p in points
+    ]  # fmt: skip
 
 
 def _address(path: Path) -> str:

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.studies.optimize.goals import NAMES
 from coilarray.studies.optimize.study_file import FILE
@@ -32,17 +33,26 @@ class RunsPanel(Panel):
         self._runs: tuple[Run, ...] = ()
         self._name = ""  # of the folder that is read; the state of the page may contain any text
         self._stamp: tuple[int, ...] = ()
+        self._started: dict[str, str] = {}  # digests of the designs of this page's searches, by folder
         self._watching: asyncio.Task[None] | None = None
         self._starting: asyncio.Task[None] | None = None
         values = {
             "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
-            "run_y": "", "run_picture": "", "run_summary": "", "run_front": [], "runs_problem": "",
+            "run_y": "", "run_picture": "", "run_summary": "", "run_of": "", "run_front": [], "run_scores": [],
+            "runs_problem": "",
             "run_goals": list(NAMES), "run_goal": NAMES[0], "run_trials": "40",
         }  # fmt: skip
         super().__init__(
             page, values, look_for_runs=self._look, read_runs=self._read, show_run=self._show, take_point=self._take,
             start_run=self._start,
         )  # fmt: skip
+
+    def show(self, design: Design) -> None:
+        """Say of what is shown where it is not of this design."""
+        state = self._page.state
+        of, digest = str(state.run_name).rpartition("-")[0], self._started.get(self._name, design.digest)
+        changed = " – of the design before it was changed" if digest != design.digest else ""
+        state.run_of = changed if of in ("", design.name) else " – of another design"
 
     def _look(self) -> None:
         state = self._page.state
@@ -74,6 +84,7 @@ class RunsPanel(Panel):
         failed = partial(setattr, state, "runs_problem")
         if page.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, failed, stopped):
             state.runs_problem = ""
+            self._started[folder.name] = design.digest
             self._starting = page.begin(self._read_first, folder)
 
     async def _read_first(self, folder: Path) -> None:
@@ -133,11 +144,14 @@ class RunsPanel(Panel):
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
         state = self._page.state
         kept = sum(point.feasible for point in run.points)
+        front = len(run.front)
+        found = f"{front} on the front" if len(run.objectives) > 1 else "the best below" if front else "none is better"
         with state:
             state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
             state.run_picture = picture
-            state.run_summary = f"{run.tried} points tried, {kept} keep all bounds, {len(run.front)} on the front"
-            state.run_front = front_rows(run)
+            state.run_summary = f"{run.tried} points tried, {kept} keep all bounds, {found}"
+            state.run_front, state.run_scores = front_rows(run), list(run.objectives)
+            self.show(self._page.work.design)
 
     def _take(self, name: str) -> None:
         """Set the entries of the design to those of a point."""

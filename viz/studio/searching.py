@@ -28,7 +28,8 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
     with workers() as pool:
         found = optimize_design(file, wanted, folder, pool, progress=lambda done, total, _: progress(done, total))
     write_optimization(found, folder)
-    return f"{goal}: {len(found.front)} better designs" if found.front else f"{goal}: no design is better than this one"
+    better = len(found.front)
+    return f"{goal}: {better or 'no'} better design{'' if better == 1 else 's'} than this one"
 
 
 def write_board(document: Document, name: str, path: Path, to: Format, _: Progress) -> str:

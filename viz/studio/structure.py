@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+from operator import getitem
 from typing import Any, get_args
 
 from coilarray.design.model import Design
@@ -123,23 +125,31 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
     return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in changed))
 
 
-def set_leads(document: Document, _: Design, *, there: bool) -> Document:
-    """Give every wound coil leads and terminals, or none."""
-    coils = dict(document["coils"])
+def set_leads(document: Document, _: Design, *, there: bool, before: Sequence[Document] = ()) -> Document:
+    """Give every wound coil leads and terminals, as in the first of the documents `before` that had them, or none."""
+    coils, reasons = dict(document["coils"]), dict[str, str]()
     for shape, table in coils.items():
-        if table.get("shape") != "path":
-            rest = {key: value for key, value in table.items() if key != "leads"}
-            coils[shape] = rest | ({"leads": table.get("leads", {})} if there else {})
+        if table.get("shape") == "path" or (there and "leads" in table):
+            continue
+        leads, why = _as_before(before, "coils", shape, "leads")
+        coils[shape] = {key: value for key, value in table.items() if key != "leads"} | (
+            {"leads": leads} if there else {}
+        )
+        reasons |= why
     changed = {**document, "coils": coils}
-    return changed if there else _renamed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
+    if there:
+        return _assumed(changed, reasons)
+    return _renamed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
 
 
-def set_connector(document: Document, _: Design, edge: str) -> Document:
-    """Lead all coils to a connector at an edge; ``"none"`` for none."""
-    if edge != "none":
-        return {**document, "connector": {**document.get("connector", {}), "side": edge}}
-    rest = {key: table for key, table in document.items() if key != "connector"}
-    return no_longer_assumed(rest, ["connector"])
+def set_connector(document: Document, _: Design, edge: str, *, before: Sequence[Document] = ()) -> Document:
+    """Lead all coils to a connector at an edge, else as in the first of `before` that had one; ``"none"`` for none."""
+    if edge == "none":
+        rest = {key: table for key, table in document.items() if key != "connector"}
+        return no_longer_assumed(rest, ["connector"])
+    table, reasons = _as_before((document, *before), "connector")
+    rest = {key: why for key, why in reasons.items() if key != "connector.side"}
+    return _assumed({**document, "connector": {**table, "side": edge}}, rest)
 
 
 def add_sheet(document: Document, _: Design) -> Document:
@@ -180,17 +190,34 @@ def without_entry(document: Document, table: str, index: int) -> Document:
     return _renamed({**document, table: entries} if entries else rest, renamed)
 
 
-def set_base(document: Document, _: Design, base: str) -> Document:
-    """Let the lowest sheet lie bonded or without friction on the board, or on a soft seat."""
+def set_base(document: Document, _: Design, base: str, *, before: Sequence[Document] = ()) -> Document:
+    """Let the lowest sheet lie bonded or without friction on the board, or on a seat as in the first of `before`."""
     if base not in BASES:
         raise DesignError(f"indentation.base must be one of {', '.join(BASES)}; got {base!r}.")
     if "indentation" not in document:
         raise DesignError("indentation is missing: a base is of sheets that are pressed.")
     table = {key: value for key, value in document["indentation"].items() if not key.startswith("seat_")}
-    seat = {"seat_stiffness_kPa_per_mm": _SEAT} if base == "seat" else {}
-    changed = {**document, "indentation": {**table, "base": base, **seat}}
+    seat, reasons = _as_before((document, *before), "indentation", start="seat_") if base == "seat" else ({}, {})
     chosen = [f"indentation.{key}" for key in ("base", *(key for key in document["indentation"] if key[:5] == "seat_"))]
-    return _made_up(no_longer_assumed(changed, chosen), *(f"indentation.{key}" for key in seat))
+    changed = no_longer_assumed({**document, "indentation": {**table, "base": base, **seat}}, chosen)
+    if base != "seat" or seat:
+        return _assumed(changed, reasons)
+    key = "seat_stiffness_kPa_per_mm"
+    return _made_up({**changed, "indentation": {**changed["indentation"], key: _SEAT}}, f"indentation.{key}")
+
+
+def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the entries of a table that begin with `start`, and their reasons, of the first document with any."""
+    for document in before:
+        try:
+            table = reduce(getitem, path, document)
+        except KeyError:
+            continue
+        found = {key: value for key, value in table.items() if key.startswith(start)}
+        if found or not start:
+            begin = ".".join((*path, start))
+            return found, {key: why for key, why in document.get("assumed", {}).items() if key.startswith(begin)}
+    return {}, {}
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
@@ -253,8 +280,13 @@ def _width(design: Design) -> float:
 
 def _made_up(document: Document, *keys: str) -> dict[str, Any]:
     """Say of values by their keys that the studio has set them."""
-    reasons = {**document.get("assumed", {}), **dict.fromkeys(keys, _MADE_UP)}
-    return {**document, **({"assumed": reasons} if reasons else {})}
+    return _assumed(document, dict.fromkeys(keys, _MADE_UP))
+
+
+def _assumed(document: Document, reasons: Mapping[str, str]) -> dict[str, Any]:
+    """Say of values by their keys why they are assumed."""
+    every = {**document.get("assumed", {}), **reasons}
+    return {**document, **({"assumed": every} if every else {})}
 
 
 def _renamed(document: Document, renamed: Callable[[str], str | None]) -> dict[str, Any]:

@@ -52,6 +52,7 @@ class StudiesPanel(Panel):
             "run_kinds": list(_KINDS), "run_kind": _KINDS[0], "sweep_keys": [], "sweep_axes": [],
             "tolerance_files": [_TYPICAL], "tolerance_file": _TYPICAL, "tolerance_boards": "64",
             "study_known": list(PLAIN), "study_quantities": [], "study_problem": "", "study": _NONE, "study_old": False,
+            "large": "",
             "study_default": {
                 "sweep": "quantities; the worst k or L if none", "tolerance": "quantities; L and k of all if none",
             },
@@ -128,7 +129,8 @@ class StudiesPanel(Panel):
             line = f"{design.name}: {len(rows)} of {len(found.points)} points"
         else:
             head, rows = tolerance_rows(found)
-            line = f"{design.name}: {found.attrs['boards']} boards"
+            drawn = found.sizes.get("sample", 0)
+            line = f"{design.name}: {drawn} boards drawn, {found.attrs['boards'] - drawn} for the linear part"
         with self._page.state as state:
             state.study = {
                 "kind": kind, "line": line, "picture": picture, "head": list(head), "ended": ended,

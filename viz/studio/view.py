@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from PIL import Image
 
-from coilarray.viz.scenes.camera import Camera, Side, aim, direction
+from coilarray.viz.scenes.camera import FILLED, Camera, Side, aim, direction
 from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
 from coilarray.viz.scenes.scene import Scene, Text
 
@@ -27,6 +27,7 @@ _LARGEST = (5120, 5120)  # largest width and height in pixels
 _RESIZED = 0.03  # relative change of a side above which texts are drawn again
 _NARROW = 1.2  # width over height below which letters and lines become smaller
 _LEAST_LETTER = 9.0  # least legible height of letters in pixels
+_RULER = 26.0  # pixels that a text of a ruler may reach beyond the scene to either side
 _HEIGHT = 900.0  # height in pixels of the picture for which letters are given
 
 
@@ -153,7 +154,8 @@ class SceneView:
         if self._scene is not None:
             lowest, highest = np.reshape([*self._scene.bounds, *self._beside_bounds], (-1, 3, 2)).T
             bounds = cast("Any", tuple(np.column_stack([lowest.min(axis=1), highest.max(axis=1)]).ravel().tolist()))
-            set_camera(self._plotter, aim(bounds, self._size, direction(self._side)))
+            room = max(0.0, _RULER / self._size[0] - (1.0 - FILLED) / 2)
+            set_camera(self._plotter, aim(bounds, self._size, direction(self._side), left=room, right=room))
             self._aimed = self._camera()
 
     def _push(self) -> None:

@@ -1,0 +1,64 @@
+"""The view of the studio without a page: at what its camera is aimed."""
+
+import asyncio
+import itertools
+
+import numpy as np
+import pytest
+
+from coilarray import load_design
+from coilarray.design.vary import vary
+from coilarray.viz.scenes.board import scene_of_lifted_board
+from coilarray.viz.scenes.camera import Camera, seen_from
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "studio_libraries")]
+
+
+def board(columns):
+    return scene_of_lifted_board(vary(load_design("starter"), {"array.columns": columns}).array, ())
+
+
+def all_in(view, scene):
+    """Whether the whole box of a scene is in the picture."""
+    numbers = view._camera()
+    camera = Camera(numbers[:3], numbers[3:6], numbers[6:9], numbers[9])
+    seen = seen_from(camera, list(itertools.product(*np.reshape(scene.bounds, (3, 2)))), view._size)
+    return bool(((seen > 0) & (seen < 1)).all())
+
+
+@pytest.mark.parametrize("side", ["oblique", "top"])
+@pytest.mark.parametrize(("shown", "beside"), [(2, 6), (6, 2)])
+def test_the_camera_makes_room_for_another_design_unless_the_user_has_turned_it(side, shown, beside):
+    from trame.app import get_server
+
+    from coilarray.viz.studio.view import SceneView
+
+    async def look():
+        server = get_server(f"{side}{shown}", client_type="vue3")
+        view = SceneView(server, lambda rests: None)
+        server.start(backend="generic", exec_mode="task", port=0, timeout=0, show_connection_info=False)
+        one, other = board(shown), board(beside)
+        try:
+            view.show(one, lambda: None)
+            view.look_from(side)
+            alone = view._camera()
+            assert all_in(view, one)
+            assert all_in(view, other) == (beside < shown)
+            view.make_room_for(other)
+            assert all_in(view, one)
+            assert all_in(view, other)
+            view.show(one, lambda: None)  # as after every change of the design
+            assert all_in(view, other)
+            view._plotter.camera.azimuth += 20.0  # as the mouse turns it
+            turned = view._camera()
+            for scene in (None, other):
+                view.make_room_for(scene)
+                assert view._camera() == turned
+            view.make_room_for(None)
+            view.look_from(side)
+            np.testing.assert_allclose(view._camera(), alone, rtol=1e-9, atol=1e-9)  # rounding alone
+        finally:
+            view.close()
+            await server.stop()
+
+    asyncio.run(look())
