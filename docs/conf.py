@@ -79,7 +79,7 @@ warnings.filterwarnings("ignore", message=".*is non-interactive")
 matplotlib.use("agg")
 pyvista.OFF_SCREEN = True
 pyvista.BUILDING_GALLERY = True
-# of each program that draws nothing, or is not run: scaled once
+# of each program that is not run: scaled once
 THUMBNAIL = HERE / "made" / "thumbnail.png"
 THUMBNAIL.parent.mkdir(exist_ok=True)
 with Image.open(HERE / "board.png") as board:

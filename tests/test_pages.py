@@ -158,7 +158,7 @@ def test_the_examples_that_are_left_to_the_build_of_the_pages_exist():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [path for path in GALLERY if example(path) not in DEAR], ids=example)
-def test_an_example_of_the_gallery_runs_and_shows_something(path, tmp_path, monkeypatch, capsys, request):
+def test_an_example_of_the_gallery_runs_and_draws_its_picture(path, tmp_path, monkeypatch, request):
     """The checks build the pages without the gallery, which takes minutes with all its pages."""
     scenes = []
     if path.parent.name.endswith("pictures"):
@@ -173,7 +173,7 @@ def test_an_example_of_the_gallery_runs_and_shows_something(path, tmp_path, monk
             figure.draw_without_rendering()
     finally:
         pyplot.close("all")
-    assert drawn or capsys.readouterr().out or any(scene.std() > 0 for scene in scenes)
+    assert drawn or any(scene.std() > 0 for scene in scenes)
 
 
 def test_a_block_without_a_picture_does_not_show_the_one_before_again(tmp_path):

@@ -87,13 +87,13 @@ def table(dataset: xr.Dataset) -> list[str]:
         for key in ("long_name", "units") if one.dtype.kind == "f" else ("long_name",):
             if not one.attrs.get(key):
                 raise ExtensionError(f"a file of results has the variable {name} without {key}.")
-    lines = ["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |"]
+    lines = [":::{div} stacked", "| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |"]
     for name in (*dataset.data_vars, *dataset.coords):
         one = dataset[name]
         role = "coordinate" if name in dataset.coords else ""
         meaning = str(one.attrs.get("long_name", role)).replace("|", "\\|")
         lines.append(f"| `{name}` | {', '.join(map(str, one.dims))} | {one.attrs.get('units', '')} | {meaning} |")
-    lines += ["", "| attribute | here |", "| --- | --- |"]
+    lines += [":::", "", "| attribute | here |", "| --- | --- |"]
     lines += [f"| `{name}` | {_short(value)} |" for name, value in dataset.attrs.items()]
     return lines
 
