@@ -41,13 +41,14 @@ main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite"
 #
 # The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by
 # scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
-# (``--no-locate``) because it needs a table, which takes some 15 s to compute. With ``--plot`` it opens a window.
+# (``--no-locate``) because it needs a table, which takes some 15 s to compute. With ``--plot`` it shows all of this on a
+# page in the browser.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate", "--log", str(folder / "touches.csv")])
 
 # %%
 # ``--log`` keeps the readings in a table, a line for each scan. After the first ten, the baseline, the finger presses
-# over coil 2, and then over coil 1:
+# over coil 2, and then near coil 1:
 
 touches = pd.read_csv(folder / "touches.csv", index_col="time_s").filter(regex=r"^coil\d$") * 1e6
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
