@@ -288,9 +288,11 @@ def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
         coil = placement.coil
         for layer in dict.fromkeys(placement.layers):
             line = min(placement.lines_on(layer), key=lambda k: float(coil.widths[k].min()))
-            narrowest = int(np.argmin(coil.widths[line]))
-            place = placement.to_board(coil.lines[line][narrowest : narrowest + 1])[0]
-            yield _margin("trace width", layer, placement.name, coil.widths[line][narrowest], rules.min_trace, place)
+            narrowest = coil.widths[line].min()
+            steps = np.diff(coil.lines[line], axis=0)
+            longest = int(np.argmax(np.where(coil.widths[line] == narrowest, np.hypot(*steps.T), -1.0)))
+            place = placement.to_board(coil.lines[line][longest : longest + 2]).mean(axis=0)
+            yield _margin("trace width", layer, placement.name, narrowest, rules.min_trace, place)
 
 
 def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:

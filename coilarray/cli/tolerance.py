@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _LARGEST_STEP_CHANGE = 0.05  # of a standard deviation
 _ERRORS_OFF = 3.0  # standard errors
+_NAMED = 6  # outputs in a line
 
 
 def tolerance(
@@ -35,7 +36,7 @@ def tolerance(
             "--quantity",
             "-q",
             help='Quantity to compute, such as worst_k or "k[coil1,coil2]"; may be repeated. L and k of all coils by '
-            "default.",
+            "default, of more than 7 coils k of neighbours only.",
         ),
     ] = None,
     x_mm: Annotated[
@@ -162,10 +163,17 @@ def _numbers(result: xr.Dataset) -> dict[str, Any]:
 
 def _remarks(result: xr.Dataset) -> list[str]:
     """Sentences below the tables."""
-    lines = [f"{result.attrs['boards']} boards computed; the shares of board and layer add up"]
+    boards, drawn = int(result.attrs["boards"]), int(result.sizes.get("sample", 0))
+    lines = [
+        f"{boards} boards computed: the nominal one, {boards - drawn - 1} with one error each, {drawn} drawn; "
+        "the shares of board and layer add up"
+    ]
     bent = _not_linear(result)
     if bent:
-        lines.append(f"not linear over these errors, so that only the drawn boards are valid: {', '.join(bent)}")
+        more = f" and {len(bent) - _NAMED} more" if len(bent) > _NAMED else ""
+        lines.append(
+            f"not linear over these errors, so that only the drawn boards are valid: {', '.join(bent[:_NAMED])}{more}"
+        )
     if "failure" in result:
         failures = [reason for reason in result.failure.values.tolist() if reason]
         if failures:

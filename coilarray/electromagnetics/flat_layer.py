@@ -28,6 +28,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import (
+    DIGITS,
     Board,
     board_below,
     reflected_inductance,
@@ -132,7 +133,8 @@ def layer_inductance(
     change ΔM of a coil with itself by −0.10 % and with its neighbour by −0.33 %: so much depends on leads not drawn.
 
     A sheet much thinner than its distance from the copper costs nothing extra; one that lies on the copper costs one
-    `inductance_matrix` for each image within some 1/16 of the board's extent, fewer where that makes many.
+    `inductance_matrix` for each image within some 1/16 of the board's extent (1/50 for ``screen``), fewer where that
+    makes many.
 
     Examples
     --------
@@ -196,8 +198,9 @@ def require_below(path: Conductor, face: float) -> None:
 
 def _near_images(board: Board, slab: Slab) -> int:
     """Count the images that are taken one by one."""
-    cheapest = float(np.cbrt(_BALANCE * slab.thickness * board.extent**2))
-    least = max(min(_NEAR * board.extent, cheapest), _WIDTHS * board.size)
+    spectrum = board.digits / DIGITS["full"] * board.extent  # fewer digits take fewer waves
+    cheapest = float(np.cbrt(_BALANCE * slab.thickness * spectrum**2))
+    least = max(min(_NEAR * spectrum, cheapest), _WIDTHS * board.size)
     return max(math.ceil((least - board.gap) / (2 * slab.thickness)), 0)
 
 

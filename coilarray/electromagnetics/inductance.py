@@ -213,6 +213,19 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     return _matrix(a + b, rows.ravel(), len(a) + columns.ravel(), accuracy)[: len(a), len(a) :]
 
 
+def pair_inductance(source: Source, first: IntArray, second: IntArray, *, accuracy: Accuracy = "full") -> FloatArray:
+    """Mutual inductance in H of some pairs of paths of one source, given by their numbers; errors as of the matrix.
+
+    Examples
+    --------
+    >>> squares = [[[0, y, 0], [1e-2, y, 0], [1e-2, y + 1e-2, 0], [0, y + 1e-2, 0], [0, y, 0]] for y in (0, 0.02, 0.04)]
+    >>> (pair_inductance(squares, np.array([0, 0]), np.array([1, 2])) * 1e9).round(3).tolist()
+    [-0.153, -0.016]
+    """
+    M = _matrix(tuple(as_conductors(source)), first, second, accuracy)[first, second]
+    return np.asarray(M)
+
+
 def inductance_matrix(
     source: Source, *, accuracy: Accuracy = "full", allow_overlaps: bool = False, progress: Progress | None = None
 ) -> FloatArray:

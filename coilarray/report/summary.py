@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import KILOHM, PER_MILLION, display_unit
+from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
+from coilarray.geometry.rules import KEPT_WITHIN
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.report.tables import Column, Table, Value, cell
@@ -102,6 +103,8 @@ def _rows(
     worst = next((one for one in margins if one.unit and one.feature != "board"), None)  # they are sorted
     if worst is not None:
         where = f"{worst.rule} of {worst.feature}"
+        if abs(worst.margin) <= KEPT_WITHIN:
+            where += f", which is exactly at its limit of {MM.text(worst.limit, '.4')}"
         yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))

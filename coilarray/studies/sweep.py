@@ -257,7 +257,7 @@ def plan_sweep(
         raise GoalError(f"a sweep must vary each entry once; got {', '.join(keys)}.")
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
-        raise GoalError("a sweep must have at least one quantity.")
+        raise GoalError("a sweep must have at least one quantity or goal.")
     requests.setdefault(RULES, request(RULES))
     file = as_file(design)
     if samples is None:

@@ -118,7 +118,7 @@ def test_every_segment_has_its_own_width():
     assert (x_min, y_min) == pytest.approx((-2e-3 - NARROW / 2, -2e-3 - NARROW / 2), rel=ROUNDING)
     assert (x_max, y_max) == pytest.approx((11e-3 + WIDE / 2, 5e-3 + WIDE / 2), rel=ROUNDING)
     worst = margins(one_line([[WIDE, 0.08e-3, NARROW]]), "trace width")[("L1", "A")]
-    assert (worst.value, worst.x, worst.y) == pytest.approx((0.08e-3, 4e-3, 0.0), rel=ROUNDING)
+    assert (worst.value, worst.x, worst.y) == pytest.approx((0.08e-3, 4e-3, 1.5e-3), rel=ROUNDING)
 
 
 def test_gaps_count_from_the_wide_part():

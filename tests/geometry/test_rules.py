@@ -241,6 +241,14 @@ def test_holes_widths_and_edge():
     assert worst.margin == pytest.approx(0.05e-3 - 0.25e-3, abs=ROUNDING)
 
 
+def test_the_place_of_a_narrow_trace_lies_on_its_copper_and_not_in_the_hole_at_its_end():
+    array = board(straight(0), terminal=PlatedHole(0.3e-3, 0.6e-3))
+    narrow = margins(array, "trace width")[("L1", "A")]
+    line = array.placements[0].coil.lines[0]
+    assert (narrow.x, narrow.y) == pytest.approx(line[:2].mean(axis=0))
+    assert all(math.hypot(narrow.x - x, narrow.y - y) > 0.3e-3 for x, y in line)
+
+
 def test_limits_must_be_finite_and_not_negative():
     for name in ("min_trace", "min_gap", "min_drill", "min_annular_ring", "min_edge_clearance"):
         for value in (-1e-4, math.nan, math.inf):

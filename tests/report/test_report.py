@@ -15,16 +15,26 @@ from support import browser
 from support.contacts import coarse_maps, few_turns
 from support.plot_results import distortion
 
-from coilarray import coupling_matrix, indent, magnetic_field, parse_design, write_report
+from coilarray import (
+    couple_design,
+    coupling_matrix,
+    indent,
+    load_design,
+    magnetic_field,
+    parse_design,
+    write_report,
+)
 from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design_file
 from coilarray.errors import LocalizeError
+from coilarray.geometry import Margin
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x
 from coilarray.localize.published import published_map
 from coilarray.report import figures
 from coilarray.report.position import map_positions
+from coilarray.report.summary import summary_table
 from coilarray.report.tables import Column
 from coilarray.report.write import _curve
 
@@ -179,6 +189,14 @@ def test_the_page_begins_with_a_summary_and_its_contents(made):
     assert re.findall(r'href="#(section-\d+)"', page) == re.findall(r'<h2 id="(.*?)"', page)
     kept = all(row["kept"] for row in made.data["rules"])
     assert kept != any("board house" in line for line in made.verdicts)
+
+
+@pytest.mark.parametrize(("beyond", "said"), [(0.0, ", which is exactly at its limit of 0.12 mm"), (0.05e-3, "")])
+def test_a_least_margin_of_nothing_is_said_to_be_at_the_limit(beyond, said):
+    design = load_design("gast2020")
+    margin = Margin("trace width", "L1", "coil1", beyond, 0.12e-3, 0.12e-3 + beyond, 0.0, 0.0, "m")
+    *_, row = summary_table(couple_design(design), None, [margin], None).records()
+    assert row["where"] == "trace width of coil1" + said
 
 
 def test_every_number_of_the_page_stands_in_the_files(page, made):

@@ -190,7 +190,7 @@ NO_COIL = "no design of the sweep has a coil"
 
 @pytest.mark.parametrize(("axes", "quantity", "options", "message"), [
     ([], "span_mm", {}, "a sweep must have at least one entry to vary."),
-    ([GOOD], None, {}, "a sweep must have at least one quantity."),
+    ([GOOD], None, {}, "a sweep must have at least one quantity or goal."),
     ([GOOD, GOOD], "span_mm", {}, "a sweep must vary each entry once; got array.pitch_mm, array.pitch_mm."),
     ([GOOD], "span", {}, "there is no quantity 'span'; did you mean span_mm?"),
     ([GOOD], "k", {}, "k needs the option coils"),

@@ -16,7 +16,7 @@ from support.tolerance_boards import (
     loops,
 )
 
-from coilarray import load_design
+from coilarray import load_design, new_design
 from coilarray.compute.store import open_store
 from coilarray.compute.workers import workers
 from coilarray.constants import MU_0
@@ -31,6 +31,7 @@ from coilarray.studies.tolerance import (
     analyse,
     check_analysis,
     contributors,
+    default_quantities,
     draw,
     errors_of,
     load_tolerances,
@@ -210,6 +211,15 @@ def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
     assert kept
     xr.testing.assert_identical(run(1, cache=cache), one)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")} == kept
+
+
+def test_of_many_coils_the_neighbours_couplings_are_asked_for():
+    """All 120 pairs of a pad of 16 make a table, and a picture, that nobody reads."""
+    design = new_design("pad", "4x2", shape="square", size=8e-3, elastomer=False).design
+    pairs = [name for name in default_quantities(design) if name.startswith("k[")]
+    assert len(pairs) == 3 * 2 + 4
+    assert "k[coil1,coil5]" in pairs
+    assert "k[coil1,coil3]" not in pairs
 
 
 def test_progress_counts_the_boards():

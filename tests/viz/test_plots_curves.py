@@ -58,6 +58,22 @@ def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
     assert {"0.1", "1", "10"} <= set(ticks)
 
 
+def test_of_many_states_three_curves_stand_out_and_the_range_of_all_is_shown():
+    """Sixteen curves of a pad's equal coils lie on each other: those of the least, middle and most inductance tell."""
+    one = results.frequency_sweep().isel(state=0, drop=True)
+    share = xr.DataArray(1 + np.random.default_rng(0).permutation(16) / 100, dims="state")
+    many = (one * share).assign_coords(state=[f"coil{k + 1}" for k in range(16)])
+    many.apparent_inductance.attrs = one.apparent_inductance.attrs
+    ax = sweeps.plot_frequency_sweep(many)
+    order = share.values.argsort()
+    assert set(curves(ax)) == {f"coil{order[k] + 1}" for k in (0, 8, 15)}
+    (band,) = ax.collections
+    assert band.get_label() == "all 16 states"
+    drawn = band.get_paths()[0].vertices[:, 1]
+    inductance = many.apparent_inductance * 1e6
+    assert (drawn.min(), drawn.max()) == pytest.approx((float(inductance.min()), float(inductance.max())))
+
+
 def test_resonances_are_marked_on_every_curve():
     sweep, states = results.frequency_sweep(), ("state", ["a", "b"])
     scan = xr.Dataset(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,7 @@ _TRANSLUCENT = 0.6
 _TOGETHER = 0.025  # of the board's diagonal: places nearer than that get one circle
 _VIEW = 10.0  # limits and values, whichever is larger, in the width of an enlarged place
 _LEAST_VIEW = 1e-3  # m
+_MOST_ROWS = 4  # of layers in a picture
 _BROKEN = "#B00020"
 _LETTERS, _LEAST_LETTERS = 9.0, 3.5  # heights of names in points
 _LETTER_OF_PITCH = 0.2  # height over the distance of neighbours, with which names of six letters do not overlap
@@ -171,20 +173,25 @@ def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
     Returns
     -------
     Figure
-        One row per layer: all its copper, and beside it the place of its mark with the lowest number enlarged.
+        For each layer all its copper, and beside it the place of its mark with the lowest number enlarged; more than
+        four layers stand beside each other, and smaller.
     """
     layers = array.stackup.names
     marks = {layer: _marks(array, layer, margins) for layer in layers}
     x_min, y_min, x_max, y_max = array.bounds
     width, height = figure_size(x_max - x_min, y_max - y_min)
-    figure = Figure(figsize=(width + height, height * len(layers)))
-    grid = figure.add_gridspec(len(layers), 2, width_ratios=(width, height))
-    for row, layer in enumerate(layers):
-        ax = plot_copper(array, layer, figure.add_subplot(grid[row, 0]))
+    columns = math.ceil(len(layers) / _MOST_ROWS)
+    rows, scale = math.ceil(len(layers) / columns), columns**-0.5
+    figure = Figure(figsize=(scale * columns * (width + height), scale * rows * height))
+    grid = figure.add_gridspec(rows, 2 * columns, width_ratios=(width, height) * columns)
+    for k, layer in enumerate(layers):
+        row, column = divmod(k, columns)
+        ax = plot_copper(array, layer, figure.add_subplot(grid[row, 2 * column]))
         for mark in marks[layer]:
             _circle(ax, mark)
         if marks[layer]:
-            _enlarge(plot_copper(array, layer, figure.add_subplot(grid[row, 1])), marks[layer][0])
+            detail = figure.add_subplot(grid[row, 2 * column + 1])
+            _enlarge(plot_copper(array, layer, detail), marks[layer][0])
     return figure
 
 

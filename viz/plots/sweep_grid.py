@@ -51,13 +51,15 @@ _MANY = 10.0  # of the largest over the least
 _FAR_APART = 3.0  # of the largest over the least
 _CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
 _HEADROOM = 1.08
+_MOST_CURVES = 9  # that can be told apart where coils are alike
+_RANGE = 0.35  # opacity of the range of all curves
 
 
 @styled
 def plot_frequency_sweep(
     sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None, *, scan: xr.Dataset | None = None
 ) -> Axes:
-    """Draw a quantity over frequency, one curve per state.
+    """Draw a quantity over frequency, one curve per state, of many states three and the range of all.
 
     Parameters
     ----------
@@ -97,8 +99,14 @@ def plot_frequency_sweep(
     of_frequency = axis_unit(sweep.frequency)
     f = of_frequency.of(sweep.frequency)
     ax = ax or new_axes(6.5, 3.6)
-    for k, name in enumerate(sweep.state.values.tolist()):
-        curve = shown.of(values[:, k])
+    names = sweep.state.values.tolist()
+    chosen = _chosen(sweep)
+    if len(chosen) < len(names):
+        within = (values > 0).all(axis=1)  # beyond a pole of some there is no range
+        low, high = (shown.of(edge) for edge in (values.min(axis=1), values.max(axis=1)))
+        ax.fill_between(f, low, high, where=within, color=GREY, alpha=_RANGE, lw=0, label=f"all {len(names)} states")
+    for k in chosen:
+        name, curve = names[k], shown.of(values[:, k])
         falls = (np.diff(np.sign(values[:, k])) < 0) & (quantity == "apparent_inductance")
         pole = np.flatnonzero(falls) + 1
         drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
@@ -120,6 +128,16 @@ def plot_frequency_sweep(
     ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
     legend_beside(ax)
     return ax
+
+
+def _chosen(sweep: xr.Dataset) -> list[int]:
+    """Numbers of the states that are drawn: all, or of many those of the least, the middle and the most inductance."""
+    count = sweep.sizes["state"]
+    if count <= _MOST_CURVES:
+        return list(range(count))
+    first = sweep["apparent_inductance"].transpose("frequency", "state").values[0]
+    order = first.argsort(kind="stable")
+    return sorted(int(order[k]) for k in (0, count // 2, count - 1))
 
 
 @styled

@@ -10,10 +10,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from coilarray.circuit.coupling import design_inductance
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.design.model import Design
-from coilarray.electromagnetics.inductance import coupling_matrix
+from coilarray.electromagnetics.inductance import coupling_matrix, pair_inductance
 from coilarray.errors import DesignError
+from coilarray.geometry import CoilArray
 
 # parts of the width of a coil, between which the sign of its neighbours' coupling is looked for
 _SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
@@ -51,14 +52,18 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
 
     @functools.cache
     def rough(pitch: float) -> float:
-        return float(neighbour_coupling(rough_at(pitch)).mean())
+        array = rough_at(pitch).array
+        return float(pair_inductance(array, *_neighbours(array), accuracy="screen").mean())
 
     for outer, inner in pairwise(part * width for part in _SAMPLES):
-        if rough(outer) * rough(inner) <= 0:
+        if rough(inner) >= 0:  # side by side they couple negatively
+            if rough(outer) > 0:
+                continue
             found = float(brentq(rough, inner, outer, xtol=_ROUGHLY * width))
             slope = (rough(found + _SLOPE * width) - rough(found)) / (_SLOPE * width)
             for _ in range(_CORRECTIONS):  # by what the rough model leaves out
-                found -= float(neighbour_coupling(design_at(found)).mean()) / slope
+                L = design_inductance(design_at(found), accuracy="screen")[0]
+                found -= float(neighbour_coupling(design_at(found)).mean() * L.diagonal().mean()) / slope
             if inner - _SLOPE * width <= found <= outer + _SLOPE * width:
                 return round(found / _PITCH_STEP) * _PITCH_STEP
     raise DesignError(
@@ -69,6 +74,11 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
 
 def neighbour_coupling(design: Design) -> FloatArray:
     """Coupling coefficients of all coils that lie nearest to each other, under the flat sheets."""
-    i, j = np.array(design.array.neighbours, dtype=np.intp).reshape(-1, 2).T
-    k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[i, j]
+    k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[_neighbours(design.array)]
     return k
+
+
+def _neighbours(array: CoilArray) -> tuple[IntArray, IntArray]:
+    """Numbers of both coils of every pair that lies nearest to each other."""
+    i, j = np.array(array.neighbours, dtype=np.intp).reshape(-1, 2).T
+    return i, j

@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations, product
 
 import shapely
@@ -31,15 +32,20 @@ _USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding for which n
 _HOLES = (0.45, 0.6, 0.75, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
 _WINDING_LAYERS = (2, 4)
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
+_KEPT = 512  # results of single coils
 _PASSES, _CLOSE = 3, 1e-3  # corrections of what is left out of the search for a winding, and when they end
 
 
 def lay_out(plan: Plan, choices: Choices) -> Plan:
     """Find layers, winding, pitch and terminals; DesignError, one line, where no layout does what is chosen."""
     problem = None
+    tried = set[Plan]()
     for board in _boards(plan, choices):
         try:
-            return _completed(replace(board, winding=_winding(board, choices)), choices)
+            wound = _wound(board, _winding(board, choices))
+            if wound not in tried:  # another hole may have the same winding
+                tried.add(wound)
+                return _completed(wound, choices)
         except DesignError as error:
             problem = error  # of the most layers: what is out of reach of all
     assert problem is not None  # there is at least one board, or a reason why not
@@ -52,14 +58,23 @@ def most_on_fewer_layers(plan: Plan, choices: Choices, layers: int) -> Plan | No
     for board in _boards(plan, choices):
         for room in _rooms(board):
             with contextlib.suppress(DesignError):  # no room for a turn, or for a pad
-                full = replace(board, winding=room.fullest)
-                reached = _rough_inductance(full) if board.layers < layers and room.most_turns else math.inf
+                full = _wound(board, room.fullest)
+                reached = (
+                    _rough_inductance(_rough(full, full.winding))
+                    if board.layers < layers and room.most_turns
+                    else math.inf
+                )
                 if reached < (choices.inductance or 0.0):  # others have been tried
                     short.append((-reached, board.layers, full))
     for _, _, board in sorted(short, key=lambda one: one[:2]):
         with contextlib.suppress(DesignError):
             return _completed(board, choices)
     return None
+
+
+def _wound(plan: Plan, winding: Winding) -> Plan:
+    """Decide a winding: from now on the hole is its own."""
+    return replace(plan, winding=winding, hole=0.0)
 
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
@@ -184,34 +199,47 @@ def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
     inductance = choices.inductance or 0.0  # refused with the reason
     frequency = choices.frequency or expected_frequency(inductance or 1.0)
 
-    def left_out(winding: Winding) -> float:
-        wound = replace(plan, winding=winding)
-        return float(design_inductance(wound.one.design)[0][0, 0]) / _rough_inductance(wound)
-
     def resistance(winding: Winding) -> float:
-        array = replace(_rough(plan), winding=winding).design.array
-        return float(resistance_matrix(array, [frequency]).resistance[0, 0, 0])
+        return _rough_resistance(_rough(plan, winding), frequency)
 
-    share, turns = left_out(room.fullest) if room.most_turns else 1.0, None
+    share, turns = _left_out(_alone(plan, room.fullest)) if room.most_turns else 1.0, None
     for _ in range(_PASSES):
 
         def corrected(winding: Winding, share: float = share) -> float:
-            return share * _rough_inductance(replace(plan, winding=winding))
+            return share * _rough_inductance(_rough(plan, winding))
 
         found = wind(inductance, room, corrected, resistance, turns)
-        before, share, turns = share, left_out(found), found.turns
+        before, share, turns = share, _left_out(_alone(plan, found)), found.turns
         if abs(share / before - 1) < _CLOSE:
             break
     return found
 
 
-def _rough(plan: Plan) -> Plan:
-    """Return a quick model of one coil."""
-    return replace(plan.one, elastomer=False, rough=True)
+def _alone(plan: Plan, winding: Winding) -> Plan:
+    """Return one coil with a winding, equal for all plans whose coil is."""
+    return replace(_wound(plan.one, winding), pitch=0.0)
 
 
-def _rough_inductance(plan: Plan) -> float:
-    return float(inductance_matrix(_rough(plan).design.array, accuracy="screen")[0, 0])
+def _rough(plan: Plan, winding: Winding) -> Plan:
+    """Return a quick model of it."""
+    return replace(_alone(plan, winding), elastomer=False, rough=True)
+
+
+@lru_cache(_KEPT)  # passes, and boards with other holes, ask for the same windings
+def _left_out(alone: Plan) -> float:
+    """Inductance of a coil over that of its quick model."""
+    inductance = float(design_inductance(alone.design, accuracy="screen")[0][0, 0])
+    return inductance / _rough_inductance(_rough(alone, alone.winding))
+
+
+@lru_cache(_KEPT)
+def _rough_inductance(rough: Plan) -> float:
+    return float(inductance_matrix(rough.design.array, accuracy="screen", allow_overlaps=True)[0, 0])
+
+
+@lru_cache(_KEPT)
+def _rough_resistance(rough: Plan, frequency: float) -> float:
+    return float(resistance_matrix(rough.design.array, [frequency]).resistance[0, 0, 0])
 
 
 def _are_apart(plan: Plan) -> bool:

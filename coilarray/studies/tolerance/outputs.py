@@ -16,9 +16,11 @@ from coilarray.studies.quantities import Evaluation, request
 from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.tolerances import Positions
 
+_MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a table that can be read
+
 
 def default_quantities(design: Design) -> tuple[str, ...]:
-    """Names of the self-inductances and the coupling of all pairs: what costs little.
+    """Names of the self-inductances and the coupling of all pairs, of many coils of neighbours: what costs little.
 
     Examples
     --------
@@ -27,7 +29,9 @@ def default_quantities(design: Design) -> tuple[str, ...]:
     ('inductance_uH[coil1]',)
     """
     coils = design.array.names
-    pairs = tuple(f"k[{a},{b}]" for a, b in combinations(coils, 2))
+    few = len(coils) <= _MOST_OF_ALL_PAIRS
+    of = combinations(range(len(coils)), 2) if few else sorted(design.array.neighbours)
+    pairs = tuple(f"k[{coils[i]},{coils[j]}]" for i, j in of)
     return (*(("worst_k", "rms_k") if pairs else ()), *(f"inductance_uH[{coil}]" for coil in coils), *pairs)
 
 

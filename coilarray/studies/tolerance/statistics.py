@@ -16,6 +16,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 LEAST_SAMPLES = 8
 """Smallest number of boards for a sampled spread."""
+_ENOUGH = 32  # values whose fourth moment is known to better than its own size, in a normal distribution
 CENTRAL = (2.5, 97.5)
 """Percentiles between which 95 % of the boards lie."""
 
@@ -24,15 +25,16 @@ def deviation_error(values: FloatArray) -> FloatArray:
     """Estimate the standard error of the standard deviation of drawn values, shape (n, …), in their unit, shape (…,).
 
     var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s; a normal
-    one has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). For Sobol points it is
-    too large rather than too small.
+    one has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10), which is taken at the
+    least where so few values do not tell μ₄. For Sobol points it is too large rather than too small.
     """
     n = len(values)
     variance = values.var(axis=0, ddof=1)
     fourth = ((values - values.mean(axis=0)) ** 4).mean(axis=0)
     of_variance = np.sqrt(np.maximum(fourth - variance**2 * (n - 3) / (n - 1), 0.0) / n)
     deviation = np.sqrt(variance)
-    return np.asarray(np.divide(of_variance, 2 * deviation, out=np.zeros_like(deviation), where=deviation > 0))
+    error = np.divide(of_variance, 2 * deviation, out=np.zeros_like(deviation), where=deviation > 0)
+    return np.asarray(error if n >= _ENOUGH else np.maximum(error, deviation / np.sqrt(2 * (n - 1))))
 
 
 def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
