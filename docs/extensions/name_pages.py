@@ -101,10 +101,11 @@ def _write(app: Sphinx) -> None:
     lines = ["Python", "======", "", words, ""]
     for group, names in _names().items():
         lines += [group, "-" * len(group), "", ".. list-table::", "   :widths: 30 70", ""]
-        for full in sorted(names):
+        links = {full: f"{full.removeprefix('coilarray.')} <{full}>" for full in sorted(names)}
+        for full, link in links.items():
             write_page(folder / f"{full}.rst", _page(full))
-            lines += [f"   * - :doc:`{full.removeprefix('coilarray.')} <{full}>`", f"     - {_first_line(full)}"]
-        lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {full}" for full in sorted(names)), ""]
+            lines += [f"   * - :doc:`{link}`", f"     - {_first_line(full)}"]
+        lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {link}" for link in links.values()), ""]
     write_page(folder / "index.rst", "\n".join(lines))
 
 

@@ -41,8 +41,8 @@ main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite"
 #
 # The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by
 # scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
-# (``--no-locate``) because it needs a table, which takes some 15 s to compute. With ``--plot`` it shows all of this on a
-# page in the browser.
+# (``--no-locate``) because it needs a table, which takes some 15 s to compute. With ``--plot`` all of this is shown on
+# a page in the browser.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate", "--log", str(folder / "touches.csv")])
 
