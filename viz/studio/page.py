@@ -172,7 +172,8 @@ class Page:
             self._show(work, typed=False)
 
     def _show(self, work: Work, *, typed: bool) -> None:
-        other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
+        opened = work.file != self.work.file
+        other = opened or set(work.design.array.names) != set(self.work.design.array.names)
         if work.kept is not self.work.kept:
             self.numbers.forget_saved(work)
         self.work = work
@@ -180,7 +181,7 @@ class Page:
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
             self.build.show(work)
             self.design.show(work, typed=typed)
-            self.switches.show(work.design)
+            self.switches.show(work.design, anew=opened)
             self.touch.show(work.design, anew=other)
             self.metal.show(work.design, anew=other)
             self.live.show(work.design)
@@ -205,8 +206,13 @@ class Page:
         self.redraw(after=_NUMBERS_FIRST)
         self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
 
-    def redraw(self, *, after: float = 0.0) -> None:
-        """Compute the scene of the current tab again, `after` so many seconds."""
+    def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
+        """Compute the scene of the current tab again, `after` so many seconds.
+
+        The one on show is marked as stale until then, unless the scene is `moving` and so always a little late.
+        """
+        if not moving:
+            self.scene.expect()
         self.scenes.ask([replace(step, rest=after, patience=after) for step in self.scene.steps()])
 
     def is_current(self, design: Design) -> bool:
