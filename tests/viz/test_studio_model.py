@@ -625,6 +625,26 @@ def test_a_new_design_has_no_saved_one_to_compare_with():
     assert (state.can_compare, state.saved_line) == (True, "")
 
 
+def test_the_circuit_is_solved_beside_the_numbers_once_they_are_accurate(starter):
+    """For it takes minutes of 64 coils, and numbers of a later design must not wait for it."""
+    asked, current = [], [starter]
+    page = SimpleNamespace(
+        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, calculator=None,
+        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend),
+    )  # fmt: skip
+    panel = NumbersPanel(page)
+    panel._show((starter, numbers_of(starter, "screen")))
+    assert asked == []
+    full = numbers_of(starter)
+    panel._show((starter, full))
+    assert [step.name for step in asked] == ["circuit"]
+    current[0] = vary(OPENED, {"array.pitch_mm": 12.0})
+    panel._show((starter, full))  # late: there is another design
+    assert len(asked) == 1
+    panel._fail(current[0], "no numbers")  # the circuit says why there is none
+    assert len(asked) == 2
+
+
 def test_a_front_shows_the_first_point_unless_it_is_the_start():
     for start in (False, True):
         points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))

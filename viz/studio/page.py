@@ -74,10 +74,8 @@ class Page:
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        self.calculator, self.scenes = (
-            Calculator(setup.threads),
-            Calculator(setup.threads),
-        )  # neither waits for the other
+        # numbers and scenes wait neither for each other nor for what takes long: circuit, summary, target
+        self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
@@ -120,6 +118,7 @@ class Page:
 
         self.calculator.close()
         self.scenes.close()
+        self.slow.close()
         self.runs.close()
         jobs = list(self._jobs.values())
         for job in jobs:
@@ -202,9 +201,9 @@ class Page:
         if self.setup.services.alone:
             return
         design, numbers = self.work.design, self.numbers
-        accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
         self.redraw(after=_NUMBERS_FIRST)
-        self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
+        self.calculator.ask([numbers.rough(design), numbers.rules(design), numbers.full(design)])
+        self.slow.ask(self.metal.steps(design))
 
     def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
         """Compute the scene of the current tab again, `after` so many seconds.
