@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit
+from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit, true_minus
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN
@@ -143,7 +143,7 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
 
 def _place(sigma: xr.DataArray, value: float) -> str:
     place = sigma.where(sigma == value).stack(place=("y", "x")).dropna("place")[0]
-    return f"x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
+    return true_minus(f"x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm")
 
 
 def _metal_rows(

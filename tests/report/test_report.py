@@ -180,7 +180,8 @@ def test_the_page_begins_with_a_summary_and_its_contents(made):
         sigma, columns, lines = (values.values for values in (bounds.sigma_x, bounds.x, bounds.y))
     assert (sigma.min(), sigma.max(), sigma.shape) == (resolution["least"], resolution["most"], (len(y), len(x)))
     row, column = np.unravel_index(sigma.argmax(), sigma.shape)
-    assert resolution["where"].endswith(f"; at x {columns[column] * 1e3:.1f}, y {lines[row] * 1e3:.1f} mm")
+    worst = f"; at x {columns[column] * 1e3:.1f}, y {lines[row] * 1e3:.1f} mm"
+    assert resolution["where"].endswith(worst.replace("-", "−"))
     assert rows["the same, median of the map"]["least"] == np.median(sigma)
     lengths = [row["margin"] for row in made.data["rules"] if row["unit"] == "m" and row["feature"] != "board"]
     assert rows["least margin of traces, gaps and holes"]["least"] == min(lengths)

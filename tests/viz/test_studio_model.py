@@ -37,8 +37,9 @@ from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
 from coilarray.viz.studio.runs_panel import RunsPanel
-from coilarray.viz.studio.scene_panel import _legend
+from coilarray.viz.studio.scene_panel import ScenePanel, _legend
 from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.switches_panel import SwitchesPanel
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
 from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touched
@@ -331,6 +332,39 @@ def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(start
         state_of({"coil1": "ground"})
 
 
+def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
+    """One that was being computed when another touch, tab or switch came does not count."""
+    state, arrived = State(stale=["rules"], tab="touch"), []
+    page = SimpleNamespace(
+        state=state, trigger=lambda *_: None, work=work_on(OPENED, "starter"), server=None,
+        setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
+        arrived=lambda name, design: arrived.append((name, design)),
+    )  # fmt: skip
+    panel = ScenePanel(page)
+    panel.expect()
+    assert state.stale == ["rules"]  # nothing is drawn, and so nothing is stale
+    panel._view, panel._scene = SimpleNamespace(show=lambda scene, sent: sent()), lambda *_: Scene()
+    panel.expect()
+    (before,) = panel.steps()
+    panel.expect()
+    (last,) = panel.steps()
+    assert state.stale == ["rules", "scene"]
+    before.show(before.compute())
+    assert arrived == []
+    last.show(last.compute())
+    assert arrived == [("scene", OPENED.design)]
+
+
+def test_another_file_begins_with_its_middle_coil_measured(starter):
+    state = State(settings={"coil1": "measure", "coil2": "ground", "coil3": "open"})
+    panel = SwitchesPanel(SimpleNamespace(state=State(), trigger=lambda *_: None))
+    panel._page.state = state
+    panel.show(starter, anew=False)
+    assert state.settings == {"coil1": "measure", "coil2": "ground", "coil3": "open"}
+    panel.show(starter, anew=True)
+    assert state.settings == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
+
+
 def test_the_plane_is_the_field_of_all_currents(starter):
     fields = unit_fields(starter, 3e-3)
     currents = np.array([1e-3, -2e-3, 0.5e-3])
@@ -474,7 +508,10 @@ def test_colours_bars_and_legend_tell_units_and_ends(starter):
     assert len(set(fills.values())) == 3
     bars = delta_bars([("a", 2e-4), ("b", -1e-4), ("c", None)])
     assert [(bar["text"], bar["part"]) for bar in bars] == [("+200.0", 50.0), ("−100.0", -25.0), ("–", 0.0)]
-    assert delta_bars([("a", 1e-6)])[0]["part"] == 0.5  # small readings stay small
+    assert delta_bars([("a", 1e-6)], 1e-4)[0]["part"] == 0.5  # small readings stay small,
+    assert [bar["part"] for bar in delta_bars([("a", 1e-6), ("b", 0.0)])] == [50.0, 0.0]  # and computed ones need not
+    assert delta_bars([("a", 0.0), ("b", -1e-9)])[0]["part"] == 0.0
+    assert delta_bars([("a", -1e-9)])[0]["text"] == "+0.0"  # and not −0.0
     scale = Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True)
     parts = (Part("plane", None, "B", scale=scale), Part("edge", None, "board", "#123456"))
     legend = _legend(Scene(parts, notes=("a note",)))
@@ -540,6 +577,12 @@ class State(SimpleNamespace):
     def update(self, values):
         vars(self).update(values)
 
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
 
 @pytest.mark.parametrize(
     ("meanwhile", "document", "problem"),
@@ -580,6 +623,26 @@ def test_a_new_design_has_no_saved_one_to_compare_with():
     assert (state.can_compare, state.saved_line) == (False, "mine.toml is not saved yet")
     panel.forget_saved(mine.saved_as("mine.toml"))
     assert (state.can_compare, state.saved_line) == (True, "")
+
+
+def test_the_circuit_is_solved_beside_the_numbers_once_they_are_accurate(starter):
+    """For it takes minutes of 64 coils, and numbers of a later design must not wait for it."""
+    asked, current = [], [starter]
+    page = SimpleNamespace(
+        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, calculator=None,
+        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend),
+    )  # fmt: skip
+    panel = NumbersPanel(page)
+    panel._show((starter, numbers_of(starter, "screen")))
+    assert asked == []
+    full = numbers_of(starter)
+    panel._show((starter, full))
+    assert [step.name for step in asked] == ["circuit"]
+    current[0] = vary(OPENED, {"array.pitch_mm": 12.0})
+    panel._show((starter, full))  # late: there is another design
+    assert len(asked) == 1
+    panel._fail(current[0], "no numbers")  # the circuit says why there is none
+    assert len(asked) == 2
 
 
 def test_a_front_shows_the_first_point_unless_it_is_the_start():

@@ -640,8 +640,9 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     page.wait_for_selector("#saved-picture")
     shown = browser.drawn(page)
     saved = page.locator("#saved-picture").screenshot()
-    a, b = (np.asarray(Image.open(io.BytesIO(png)).convert("L"), dtype=float) for png in (shown, saved))
-    # the same design, turned as far and with as little copper; one of both is a JPEG, with smooth edges
+    # squares of 4 pixels, as one of both is a JPEG with smoother lines, below the words at the top
+    a, b = (np.asarray(Image.open(io.BytesIO(png)).convert("L").reduce(4), dtype=float)[8:] for png in (shown, saved))
+    # the same design, turned as far and with as little copper
     assert np.abs(a - b).mean() < 0.1 * np.abs(a - 255).mean()
     page.click("#scene button:has-text('oblique')")
     browser.redrawn(page, shown)

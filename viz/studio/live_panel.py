@@ -98,7 +98,7 @@ class LivePanel(Panel):
         frame = self._frame
         if frame is None or not _has_delta(frame) or self._design is not design:
             return None
-        return coloured_by_delta(board, frame.delta)
+        return coloured_by_delta(board, frame.delta, LEAST)
 
     def start(self) -> None:
         """Begin to read the board or the recording that the page names."""
@@ -209,7 +209,7 @@ class LivePanel(Panel):
         state.live_trail = trail_lines(self._view, list(self._trail))
         state.live_bars = [
             {**bar, "why": frame.reasons.get(bar["name"], ""), "colour": self._colours.get(bar["name"], "")}
-            for bar in delta_bars(frame.delta.items())
+            for bar in delta_bars(frame.delta.items(), LEAST)
         ]
         state.live_fills = delta_fills(self._design, frame.delta, LEAST)
         if frame.location is not None or frame.waiting:
@@ -218,7 +218,7 @@ class LivePanel(Panel):
         if frame.temperature is not None:
             state.live_temperature = true_minus(f"{frame.temperature:.2f} °C")
         if state.tab == "live" and not state.alone and _has_delta(frame):
-            self._page.redraw()
+            self._page.redraw(moving=True)
 
     def _ended(self, outcome: Outcome) -> None:
         state = self._page.state

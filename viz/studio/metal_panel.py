@@ -118,7 +118,7 @@ class MetalPanel(Panel):
             return
         with page.state as state:
             state.stale = sorted({*state.stale, "target"})
-        page.calculator.ask(self.steps(page.work.design))
+        page.slow.ask(self.steps(page.work.design))
 
     def _toggle_eddies(self) -> None:
         self._page.state.show_eddies = not self._page.state.show_eddies

@@ -78,7 +78,7 @@ class NumbersPanel(Panel):
             with self._page.state as state:
                 state.saved_line, state.saved_rows = problem, []
 
-        self._page.calculator.ask([Step("saved", compute, show, fail)])
+        self._page.slow.ask([Step("saved", compute, show, fail)])
 
     def forget_saved(self, work: Work) -> None:
         """Remove the numbers of the design as saved, where another one is; of a new design say that there are none."""
@@ -99,10 +99,11 @@ class NumbersPanel(Panel):
         """Return the accurate step after the last change."""
         return Step("full", lambda: (design, numbers_of(design)), self._show, partial(self._fail, design), rest=_REST)
 
-    def solve(self, design: Design) -> Step:
-        """Return the step that solves the circuit, which takes seconds, when changes have come to rest."""
-        fail = partial(self._fail_circuit, design)
-        return Step("circuit", lambda: (design, circuit_of(design)), self._show_circuit, fail, rest=_REST)
+    def _solve(self, design: Design) -> None:
+        """Solve the circuit, which takes from seconds to minutes; the numbers of a later design do not wait for it."""
+        if self._page.is_current(design):
+            fail = partial(self._fail_circuit, design)
+            self._page.slow.ask([Step("circuit", lambda: (design, circuit_of(design)), self._show_circuit, fail)])
 
     def rules(self, design: Design) -> Step:
         """Return the step that computes the margins."""
@@ -130,6 +131,8 @@ class NumbersPanel(Panel):
             state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]
             state.numbers_problem = ""
             self._page.arrived("numbers", design)
+        if numbers.accuracy == "full":
+            self._solve(design)
 
     def _show_circuit(self, found: tuple[Design, Circuit]) -> None:
         self._circuit = found
@@ -140,7 +143,7 @@ class NumbersPanel(Panel):
         with self._page.state:
             self._page.arrived("circuit", found[0])
         if self._page.is_current(found[0]):
-            self._page.calculator.ask(self._page.summary.steps(found[0], found[1].coupling))
+            self._page.slow.ask(self._page.summary.steps(found[0], found[1].coupling))
         if self._page.state.tab == "switches" or self._page.state.show_eddies:
             self._page.redraw()
 
@@ -155,6 +158,7 @@ class NumbersPanel(Panel):
         with self._page.state as state:
             state.numbers_problem, state.accuracy = problem, ""
             self._page.arrived("numbers", design)
+        self._solve(design)
 
     def _show_margins(self, found: tuple[Design, tuple[Margin, ...]]) -> None:
         design, margins = found

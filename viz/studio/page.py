@@ -74,10 +74,8 @@ class Page:
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        self.calculator, self.scenes = (
-            Calculator(setup.threads),
-            Calculator(setup.threads),
-        )  # neither waits for the other
+        # numbers and scenes wait neither for each other nor for what takes long: circuit, summary, target
+        self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
@@ -120,6 +118,7 @@ class Page:
 
         self.calculator.close()
         self.scenes.close()
+        self.slow.close()
         self.runs.close()
         jobs = list(self._jobs.values())
         for job in jobs:
@@ -172,7 +171,8 @@ class Page:
             self._show(work, typed=False)
 
     def _show(self, work: Work, *, typed: bool) -> None:
-        other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
+        opened = work.file != self.work.file
+        other = opened or set(work.design.array.names) != set(self.work.design.array.names)
         if work.kept is not self.work.kept:
             self.numbers.forget_saved(work)
         self.work = work
@@ -180,7 +180,7 @@ class Page:
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
             self.build.show(work)
             self.design.show(work, typed=typed)
-            self.switches.show(work.design)
+            self.switches.show(work.design, anew=opened)
             self.touch.show(work.design, anew=other)
             self.metal.show(work.design, anew=other)
             self.live.show(work.design)
@@ -201,12 +201,17 @@ class Page:
         if self.setup.services.alone:
             return
         design, numbers = self.work.design, self.numbers
-        accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
         self.redraw(after=_NUMBERS_FIRST)
-        self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
+        self.calculator.ask([numbers.rough(design), numbers.rules(design), numbers.full(design)])
+        self.slow.ask(self.metal.steps(design))
 
-    def redraw(self, *, after: float = 0.0) -> None:
-        """Compute the scene of the current tab again, `after` so many seconds."""
+    def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
+        """Compute the scene of the current tab again, `after` so many seconds.
+
+        The one on show is marked as stale until then, unless the scene is `moving` and so always a little late.
+        """
+        if not moving:
+            self.scene.expect()
         self.scenes.ask([replace(step, rest=after, patience=after) for step in self.scene.steps()])
 
     def is_current(self, design: Design) -> bool:

@@ -28,7 +28,7 @@ from coilarray.viz.scenes.metal import (
 from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.studio.metal import Moved
 from coilarray.viz.studio.switching import UnitFields
-from coilarray.viz.studio.top_view import LEAST, delta_by_coil
+from coilarray.viz.studio.top_view import delta_by_coil
 from coilarray.viz.studio.touch import Touched
 
 
@@ -103,6 +103,6 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
     return scene + overlays.scene_of_location(touch.location, bounds=design.array.bounds, top=top, truth=touch.at)
 
 
-def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None]) -> Scene:
-    """Return the board with δ of every coil as the colour of its copper."""
-    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta), LEAST))
+def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
+    """Return the board with δ of every coil as the colour of its copper, `least` as of `overlays.colours_of_delta`."""
+    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta), least))

@@ -27,6 +27,7 @@ class ScenePanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._parts: BoardParts | None = None
+        self._expected = 0  # number of the last scene that makes the one on show stale
         self._saved: Scene | None = None  # of the given design read or last saved
         problem = page.setup.rendering_problem or ("not shown" if page.setup.services.alone else None)
         self._view = None if problem else SceneView(page.server, self._at_rest)
@@ -45,14 +46,22 @@ class ScenePanel(Panel):
         """HTML of the view; empty where nothing can be rendered."""
         return "" if self._view is None else str(self._view.widget.html)
 
+    def expect(self) -> None:
+        """Mark the picture as stale until a scene is drawn whose step is made later than now."""
+        self._expected += 1
+        if self._view is not None and "scene" not in self._page.state.stale:
+            with self._page.state as state:
+                state.stale = [*state.stale, "scene"]
+
     def steps(self) -> list[Step]:
         """Return the step that computes the scene of the current tab; none where nothing can be rendered."""
         if self._view is None:
             return []
         design, tab, sheets = self._page.work.design, str(self._page.state.tab), bool(self._page.state.scene_sheets)
+        number = self._expected
 
-        def compute() -> tuple[Design, Scene]:
-            return design, self._scene(design, tab, sheets)
+        def compute() -> tuple[Design, int, Scene]:
+            return design, number, self._scene(design, tab, sheets)
 
         steps = [Step("scene", compute, self._show, self._fail)]
         if self._page.state.scene_saved:
@@ -89,15 +98,16 @@ class ScenePanel(Panel):
             self._parts = BoardParts(design, *board_in_pieces(design.array))
         return self._parts
 
-    def _show(self, found: tuple[Design, Scene]) -> None:
+    def _show(self, found: tuple[Design, int, Scene]) -> None:
         if self._view is None:
             return
-        design, scene = found
+        design, number, scene = found
 
         def sent() -> None:
             with self._page.state as state:
                 state.legend, state.scene_problem = _legend(scene), ""
-                self._page.arrived("scene", design)
+                if number == self._expected:
+                    self._page.arrived("scene", design)
 
         self._view.show(scene, sent)
 

@@ -64,7 +64,7 @@ class SummaryPanel(Panel):
             self._response = design.digest, response
             circuit = page.numbers.circuit
             if circuit is not None:
-                page.calculator.ask(self.steps(page.work.design, circuit.coupling))
+                page.slow.ask(self.steps(page.work.design, circuit.coupling))
 
         failed = partial(setattr, page.state, "summary_problem")
         item = (map_of, page.work.opened.document, design.name)

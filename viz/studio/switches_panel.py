@@ -28,9 +28,9 @@ class SwitchesPanel(Panel):
         values = {"settings": {}, "switched": [], "currents": [], "switch_problem": ""}
         super().__init__(page, values, switch=self._switch)
 
-    def show(self, design: Design) -> None:
-        """Show another design, with the same settings for coils that still exist."""
-        self._page.state.settings = kept_settings(design.array, self._page.state.settings)
+    def show(self, design: Design, *, anew: bool) -> None:
+        """Show another design, with the same settings for coils that still exist; `anew` where it is another file."""
+        self._page.state.settings = kept_settings(design.array, {} if anew else self._page.state.settings)
         self._result = None
 
     def solve(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.display_units import true_minus
+from coilarray.compute.display_units import number_text
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.viz.datasets.overlays import semi_axis_factor
@@ -138,13 +138,16 @@ LEAST = 1e-4
 """Smallest δ at which bars and colours of a measurement are full."""
 
 
-def delta_bars(delta: Iterable[tuple[str, float | None]]) -> list[dict[str, Any]]:
-    """Return a bar for each δ: its text in 10⁻⁶ and its signed length in per cent of half the width."""
+def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) -> list[dict[str, Any]]:
+    """Return a bar for each δ: its text in 10⁻⁶ and its signed length in per cent of half the width.
+
+    A bar is full at the largest δ, or at `least` where that is more.
+    """
     pairs = list(delta)
-    largest = max([LEAST, *(abs(value) for _, value in pairs if value is not None)])
+    largest = max([least, *(abs(value) for _, value in pairs if value is not None)]) or 1.0
     bars = []
     for name, value in pairs:
-        text = "–" if value is None else true_minus(f"{value * 1e6:+.1f}")
+        text = "–" if value is None else number_text(value * 1e6, 1, "+")
         bars.append({"name": name, "text": text, "part": 0.0 if value is None else round(50 * value / largest, 2)})
     return bars
 
