@@ -115,7 +115,7 @@ def _plan(plan: str | None, unknown: list[str] | None, data: str) -> Plan:
     if plan is not None and unknown:
         raise GoalError("--plan and --unknown cannot be given together.")
     if unknown:
-        axes = [parse_axis(text) for text in unknown]
+        axes = [parse_axis(text, "--unknown") for text in unknown]
         for axis in axes:
             if not axis.interval:
                 raise GoalError(f"--unknown must be KEY=LOW:HIGH; got the values {', '.join(axis.labels)}.")

@@ -40,7 +40,7 @@ def indent(
     """Compute the dent and the force of the indenter.
 
     The indenter has no friction. The table has the displacement of each sheet's upper face on the axis, and the height
-    of the ring, the highest rise of the free surface.
+    of the ring, the highest rise of the free surface. A rectangular sample counts as wide, and its seat as even.
 
     Example: coilarray indent gast2020 --depth-mm 0.1:1:10 --plot dent.png --out dent.csv
     """
@@ -75,6 +75,11 @@ def indent(
     ]
     lines = [": ".join(filter(None, (f"{row['origin']}", f"{row['key']} = {row['value']}", f"{row['reason']}")))
              for row in not_given]  # fmt: skip
+    if setup.sample_bounds is not None:
+        lines.insert(
+            0,
+            "The sample counts as wide here, on an even seat that holds it; responses include its sides and its seat.",
+        )
     data = {
         **shared.design_record(opened),
         "indenter": setup.indenter.name,

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.circuit_table import PASSIVE
@@ -175,6 +176,16 @@ class Indentation:
                 f"depths of an indentation must rise from above zero; "
                 f"got {', '.join(f'{depth * 1e3:g}' for depth in self.depths)} mm."
             )
+
+    def reachable(self, depth: float) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest x and y, (2,) each, where the contact stays on the sample; infinite for a wide one.
+
+        All in m from the origin. The contact is taken to be as wide as the indenter at a height of `depth`.
+        """
+        if self.sample_bounds is None:
+            return np.full(2, -np.inf), np.full(2, np.inf)
+        rim = self.indenter.radius_at(depth)
+        return np.array(self.sample_bounds[:2]) + rim, np.array(self.sample_bounds[2:]) - rim
 
     @property
     def ball(self) -> Ball | None:
@@ -370,9 +381,8 @@ def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
     """Edges in m from the origin between which the contact stays on the sample; None for a wide one."""
     if setup.sample_bounds is None:
         return None
-    x_min, y_min, x_max, y_max = setup.sample_bounds
-    rim = setup.indenter.radius_at(setup.depths[-1])
-    return x_min + rim, y_min + rim, x_max - rim, y_max - rim
+    (x_min, y_min), (x_max, y_max) = (edges.tolist() for edges in setup.reachable(setup.depths[-1]))
+    return x_min, y_min, x_max, y_max
 
 
 @dataclass(frozen=True, eq=False)

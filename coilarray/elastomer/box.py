@@ -275,7 +275,7 @@ def factorised(
     number = np.arange(size).reshape(3, ny, nz)
     bottom = np.zeros((len(x.nodes), 3, ny, nz))
     bottom[..., 0] = springs.transpose(1, 0, 2)
-    bottom = bottom.reshape(len(x.nodes), size)
+    diagonal = bottom.reshape(len(x.nodes), size)
 
     def slab(width: float) -> FloatArray:
         """Stiffness of a slab of elements between two planes across x."""
@@ -301,7 +301,7 @@ def factorised(
         kept = np.flatnonzero(~plane_held)
         planes = (kept + size * np.arange(p + 1)[:, None]).ravel()
         free = {same: matrix[np.ix_(planes, planes)] for same, matrix in slabs.items()}
-        parts.append(_factors(free, widths, kept, bottom[:, kept], p))
+        parts.append(_factors(free, widths, kept, diagonal[:, kept], p))
     return Box(axes, tuple(parts))
 
 

@@ -231,10 +231,18 @@ class _Maps:
                 self._progress(self._done, self._total)
 
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
-        """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step."""
+        """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step.
+
+        No wider than the sample is.
+        """
         setup = indentation_of(self._design)
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
         depths, given = setup.depths[:1], self._imperfections
+        if any(widen):
+            x, y = (
+                axis[(axis >= low) & (axis <= high)]
+                for axis, low, high in zip((x, y), *setup.reachable(depths[0]), strict=True)
+            )
         return response_map(self._design, depths=depths, x=x, y=y, imperfections=given, progress=self.count)
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:

@@ -270,21 +270,28 @@ def table_grid(
     Returns
     -------
     depths, x, y : ndarray, shape (n,)
-        Coordinates in m; x and y over the outlines of all coils, from the map's origin.
+        Coordinates in m; x and y over the outlines of all coils, from the map's origin, as far as the contact at the
+        greatest depth stays on the sample.
 
     Raises
     ------
     ElastomerError
         A design without an indentation.
     LocalizeError
-        A spacing or depth that is not positive.
+        A spacing or depth that is not positive, or a sample that leaves no room over the coils.
     """
     setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
     end = _DEEPEST * max(setup.depths) if deepest is None else deepest
     for name, value in (("spacing", step), ("deepest", end)):
         require_positive(f"{name} of a table", value, " m", LocalizeError)
-    (x_min, y_min), (x_max, y_max) = coil_extent(design).tolist()
+    (first, last), (least, greatest) = coil_extent(design), setup.reachable(end)
+    low, high = np.maximum(first, least), np.minimum(last, greatest)
+    if not (low < high).all():
+        raise LocalizeError(
+            f"the sample of {design.name} leaves no room over the coils for a depth of {end * 1e3:.3g} mm."
+        )
+    (x_min, y_min), (x_max, y_max) = low.tolist(), high.tolist()
     return end * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step)
 
 
@@ -293,8 +300,7 @@ def table_for(design: Design, *, network: Network | None = None, progress: Progr
 
     The network of coils, switches and strays is that of `response_map` by default. Of a design with a target and no
     indentation it is the target's map at the places and distances of the design. ElastomerError for what
-    `response_map` refuses, for example positions at which the indenter leaves a small sample, and MetalError for what
-    `target_map` refuses.
+    `response_map` refuses, and MetalError for what `target_map` refuses.
     """
     if design.indentation is None and design.target is not None:
         return target_map(design, network=network, progress=progress)

@@ -50,7 +50,8 @@ def line_response(
     Raises
     ------
     ElastomerError
-        A design that says nothing of an indentation, a coil that is not there, or an indenter that is not round.
+        A design that says nothing of an indentation, a coil that is not there, an indenter that is not round, or a
+        rectangular sample.
     MetalError
         A design with plates.
 
@@ -70,6 +71,10 @@ def line_response(
     setup = indentation_of(design)
     if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")
+    if setup.sample_bounds is not None:
+        raise ElastomerError(
+            f"the two-dimensional model does not include the sides of a sample; {design.name} has sample_x_mm."
+        )
     if design.plates:
         raise MetalError(
             f"the two-dimensional model does not include plates; {design.name} has {design.plates[0].name!r}."

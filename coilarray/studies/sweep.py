@@ -105,8 +105,8 @@ class Axis:
         return Axis(self.key, _evenly(low, high, _STEPS))
 
 
-def parse_axis(text: str) -> Axis:
-    """Read an axis as the command line has it; GoalError for anything else.
+def parse_axis(text: str, option: str = "--vary") -> Axis:
+    """Read an axis as an option of the command line has it; GoalError for anything else.
 
     ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values, ``KEY=START:STOP``. Values are as
     in a design file; texts need no quotes.
@@ -122,7 +122,7 @@ def parse_axis(text: str) -> Axis:
     """
     key, equals, values = (part.strip() for part in text.partition("="))
     if not key or not equals:
-        raise GoalError(f"--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got {text!r}.")
+        raise GoalError(f"{option} must be KEY=START:STOP:COUNT or KEY=A,B,…; got {text!r}.")
     found = _RANGE.fullmatch(values)
     if found is None:
         return Axis(key, _listed(values))

@@ -89,6 +89,7 @@ def test_as_json(capsys, quick):
     (("gast2020", "map.nc"), "the unknown entries must be given: --plan FILE, or --unknown KEY=LOW:HIGH"),
     (("gast2020", "map.nc", "--plan", "a", "--unknown", "b=1:2"), "--plan and --unknown cannot be given together"),
     (("gast2020", "--unknown", f"{GAP}=0.05:0.1:3"), "--unknown must be KEY=LOW:HIGH; got the values"),
+    (("gast2020", "--unknown", "=0.05:0.1"), "--unknown must be KEY="),
     (("gast2020", "--unknown", f"{GAP}=0.1:0.05"), "must have an interval from low to high"),
     (("gast2020", "--plan", "no_plan"), "there is no calibration plan file no_plan"),
     (("gast2020", "--plan", "word.toml"), "word.toml: not valid TOML"),

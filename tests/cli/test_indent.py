@@ -123,3 +123,13 @@ def test_a_design_without_an_indenter(capsys):
     bare = text[: text.index("# What presses")] + text[text.index("[circuit]") :]
     Path("d.toml").write_text(bare, encoding="utf-8")
     assert "the design starter has no [indenter] and [indentation]" in refused(capsys, "d.toml")
+
+
+def test_a_sample_with_sides_counts_as_wide_and_a_line_says_so(capsys):
+    sides = "sample_x_mm = [-30, 30]\nsample_y_mm = [-30, 30]\n"
+    Path("sides.toml").write_text(
+        read("starter").replace("[indentation]\n", "[indentation]\n" + sides), encoding="utf-8"
+    )
+    assert "The sample counts as wide here" in good(capsys, "sides.toml", *LINEAR)
+    wide = answer(capsys, "starter", *LINEAR)["dents"]
+    assert answer(capsys, "sides.toml", *LINEAR)["dents"] == wide

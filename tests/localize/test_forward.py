@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.localize_boards import FIELD, bells, board, response
 
-from coilarray import load_design
+from coilarray import load_design, vary
 from coilarray.errors import ElastomerError, LocalizeError
 from coilarray.localize.forward import checked_noise, forward_model, table_for, table_grid
 
@@ -158,6 +158,18 @@ def test_table_covers_the_coils():
     depths, x, y = table_grid(design, spacing=3e-3, deepest=1.2e-3)
     assert max(np.diff(x).max(), np.diff(y).max()) <= 3e-3 + 1e-12
     assert depths[-1] == pytest.approx(1.2e-3, rel=1e-12)
+
+
+def test_table_ends_where_the_contact_would_leave_the_sample():
+    sides = {"indentation.sample_x_mm": [-60, 60], "indentation.sample_y_mm": [-11.5, 11.5]}
+    design = vary(load_design("gast2020"), sides)
+    _, x, y = table_grid(design)
+    # of the ball of 2.5 mm 1.7 mm deep, where the table ends; along x the coils end first on the left, the sample right
+    rim = np.sqrt(1.7 * (5 - 1.7)) * 1e-3
+    assert [y[0], y[-1]] == pytest.approx([rim - 11.5e-3, 11.5e-3 - rim], abs=1e-9)
+    assert [x[0], x[-1]] == pytest.approx([-24.78e-3, 60e-3 - rim], abs=1e-9)
+    with pytest.raises(LocalizeError, match="the sample of gast2020 leaves no room over the coils"):
+        table_grid(vary(design, {"indentation.sample_y_mm": [30, 40]}))
 
 
 def test_table_is_the_response_on_its_grid(monkeypatch):

@@ -48,6 +48,12 @@ def solved(tmp_path, monkeypatch):
     pressing._kept_contact.cache_clear()
 
 
+def test_the_line_model_refuses_the_sides_of_a_sample():
+    setup = replace(FEM.indentation, sample_bounds=(-20e-3, -20e-3, 20e-3, 20e-3))
+    with pytest.raises(ElastomerError, match="does not include the sides of a sample; gast_fem has sample_x_mm"):
+        line_response(replace(FEM, indentation=setup))
+
+
 def test_a_contact_of_finite_strain_is_solved_once_on_a_machine(solved):
     setup = on("bonded", "finite").indentation
     first = contact_at(setup, FEM.sheets, [0.2e-3])

@@ -339,6 +339,7 @@ TWICE = {"name": "b", "set": {MU: 2}}
     ({"unknown": [{**UNKNOWN, "low": 5.0}]}, "unknown.0 needs low below high; got 5 and 4"),
     ({"unknown": [{**UNKNOWN, "start": 5.0}]}, "needs start from low to high; got 5"),
     ({"unknown": [{**UNKNOWN, "prior_std": 1.0}]}, "both prior_mean and prior_std"),
+    ({"unknown": [{**UNKNOWN, "prior_mean": 5.0, "prior_std": 1.0}]}, "needs prior_mean from low to high; got 5"),
     ({"unknown": [{**UNKNOWN, "entry": "imperfections.dirt"}]}, "needs an imperfection of .* got imper"),
     ({"unknown": [{**UNKNOWN, "entry": []}]}, "unknown.0.entry must have at least 1 entry"),
     ({"unknown": [UNKNOWN, UNKNOWN]}, "names elastomer.1.relative_permeability in more than one "),

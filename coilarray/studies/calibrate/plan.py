@@ -101,6 +101,8 @@ class Unknown(Table):
             raise ValueError(f"needs start from low to high; got {self.start:g}")
         if (self.prior_mean is None) != (self.prior_std is None):
             raise ValueError("needs both prior_mean and prior_std, or neither")
+        if self.prior_mean is not None and not self.low <= self.prior_mean <= self.high:
+            raise ValueError(f"needs prior_mean from low to high; got {self.prior_mean:g}")
         known = [f"{IMPERFECTION}{name}" for name in IMPERFECTIONS]
         for entry in self.entry:
             if entry.startswith(IMPERFECTION) and entry not in known:

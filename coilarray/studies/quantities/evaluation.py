@@ -139,11 +139,8 @@ class Evaluation:
         """
         setup, points = self.indentation, outlines(self.design)
         low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point
-        low, high = low - beyond, high + beyond
-        if setup.sample_bounds is not None:
-            margin = setup.indenter.radius_at(_CONTACT_ENDS * depth)
-            low = np.maximum(low, np.array(setup.sample_bounds[:2]) + margin)
-            high = np.minimum(high, np.array(setup.sample_bounds[2:]) - margin)
+        least, greatest = setup.reachable(_CONTACT_ENDS * depth)
+        low, high = np.maximum(low - beyond, least), np.minimum(high + beyond, greatest)
         if not (low < high).all():
             raise GoalError(f"the sample of {self.design.name} leaves no room for the indenter over the coils.")
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
