@@ -237,17 +237,17 @@ class Box:
         return np.concatenate((even + odd, _MIRRORED * (even - odd)[:, :, -2::-1]), axis=2)
 
 
-def require_box_memory(axes: tuple[Axis, Axis, Axis]) -> None:
-    """Refuse a box whose factors need more memory than is allowed, with MemoryLimitError."""
+def require_box_memory(axes: tuple[Axis, Axis, Axis], parts: int) -> None:
+    """Refuse a box whose factors, in one part or two halves, need too much memory, with MemoryLimitError."""
     x, y, z = axes
-    plane = 3 * len(y.nodes) * len(z.nodes)
+    plane = 3 * (len(y.nodes) // parts + 1) * len(z.nodes)
     inner = x.degree * plane
     widths = np.diff(x.edges)
     shapes = len(np.unique(widths.round(9)))
     kept = len(widths) * inner * (inner + plane) + plane**2
     across, along = (float(np.ptp(axis.edges)) for axis in (y, x))
     require_memory(
-        8.0 * (kept + (shapes + _COPIES) * (inner + plane) ** 2),
+        8.0 * (parts * kept + (shapes + _COPIES) * (inner + plane) ** 2),
         f"a sample of {along:.3g} by {across:.3g} of its thicknesses",
         "take smaller sample_x_mm and sample_y_mm, or leave them out for a wide sample",
     )
@@ -262,11 +262,12 @@ def factorised(
     `shear` and `squash`, shape (elements along z,), are μ and 1/K; `springs`, shape (3, nx, ny), are those at the nodes
     of the bottom, and `held` (3,) the components of the displacement that are zero there.
     """
-    require_box_memory(axes)
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
     rows = np.diff(y.edges)
-    mirrored = len(rows) % 2 == 0 and np.allclose(rows, rows[::-1]) and np.allclose(springs, springs[..., ::-1])
+    alike = np.allclose(rows, rows[::-1]) and np.allclose(springs, springs[..., ::-1])
+    mirrored = alike and len(rows) % 2 == 0
+    require_box_memory(axes, 1 + mirrored)
     if mirrored:
         rows, ny = rows[: len(rows) // 2], ny // 2 + 1
         springs = springs[..., :ny].copy()
