@@ -276,9 +276,8 @@ class _Grid:
         for coil, ways in found.items():
             for end in (0, 1):
                 layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
-                ways[end] = self._with_fewer_corners(
-                    ways[end], np.array([piece.shape for piece in self._foreign(coil, end)])
-                )
+                foreign = np.array([piece.shape for piece in self._foreign(coil, end)])
+                ways[end] = self._with_fewer_corners(ways[end], foreign, self._ahead(coil, end))
                 self.copper[layer] = [piece for piece in self.copper[layer] if piece.owner != owner]
                 self._take([layer], trace_outline(ways[end], self.width), owner)
         return found
@@ -312,9 +311,8 @@ class _Grid:
         free = np.ones(len(self.length), dtype=np.bool_)
         for piece in taken:
             free[piece.edges] = False
-        line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
         first, last = len(self.nodes), len(self.nodes) + 1
-        hops = [self._hops(begin, foreign, line[-1] - line[-2]), self._hops(pad, foreign, np.zeros(2))]
+        hops = [self._hops(begin, foreign, self._ahead(coil, end)), self._hops(pad, foreign, np.zeros(2))]
         start = np.concatenate((self.start[free], np.full(len(hops[0]), first), np.full(len(hops[1]), last)))
         stop, places = np.concatenate((self.stop[free], *hops)), np.vstack((self.nodes, begin, pad))
         length = np.round(
@@ -341,8 +339,18 @@ class _Grid:
             "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side.",
         )
 
-    def _with_fewer_corners(self, way: FloatArray, others: npt.NDArray[np.object_]) -> FloatArray:
-        """Replace corners of a way, shape (n, 2), by one wherever a straight and a slanting piece are as free."""
+    def _ahead(self, coil: int, end: int) -> FloatArray:
+        """Direction in which the own lead of a coil arrives, from where its way may not turn back on it."""
+        place = self.array.placements[coil]
+        line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
+        direction: FloatArray = line[-1] - line[-2]
+        return direction
+
+    def _with_fewer_corners(self, way: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> FloatArray:
+        """Replace corners of a way, shape (n, 2), by one wherever a straight and a slanting piece are as free.
+
+        It begins in the direction `ahead`, or aside of it.
+        """
         short, k = [way[0]], 0
         while k < len(way) - 1:
             best, corner = k + 1, None
@@ -351,6 +359,9 @@ class _Grid:
                 apart = way[j] - way[k]
                 slanting = np.sign(apart) * np.abs(apart).min()
                 for knee in (way[k] + slanting, way[j] - slanting):
+                    first = way[j] if np.array_equal(knee, way[k]) else knee
+                    if k == 0 and (first - way[0]) @ ahead < 0:
+                        continue
                     line = shapely.LineString((way[k], knee, way[j]))
                     if not np.any(shapely.intersects(others, line)) and across >= shapely.intersects(
                         self.windings, line

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
+_MET = 5e-3  # of the wanted inductance: as near as is not worth a word
 _FEW = 2  # layers of a winding: no board has fewer
 _HELPS = {
     ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
@@ -168,28 +169,32 @@ def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     """Say what has been found."""
     import numpy as np
 
+    from coilarray.circuit.coupling import design_inductance
+    from coilarray.circuit.impedance import scan_design
     from coilarray.studies.create import broken_limits, is_standard, neighbour_coupling
-    from coilarray.studies.quantities import Evaluation
 
     design, values = file.design, file.values
-    evaluation = Evaluation(design, "screen")
+    scan = scan_design(design, elastomer=False, accuracy="screen")
     coil = f"coils.{next(iter(file.document['coils']))}"
     turns, trace, gap, on = (
         values[f"{coil}.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm", "winding_layers")
     )
-    L = np.diag(evaluation.inductance) * 1e6
+    L = np.diag(design_inductance(design, accuracy="screen")[0]) * 1e6
     span = f"{L.min():.4g}" if L.max() - L.min() < 5e-4 * L.max() else f"{L.min():.4g} to {L.max():.4g}"
-    asked = f" ({chosen['inductance_uH']:g} wanted)" if "inductance_uH" in chosen else ""
+    asked = ""
+    if "inductance_uH" in chosen:
+        wanted = chosen["inductance_uH"]
+        off = float(np.abs(L / wanted - 1).max()) > _MET
+        asked = f" ({wanted:g} wanted{_why_not_met(design) if off else ''})"
     lines = [
         f"coil: {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
         f"inductance: {span} µH{asked}",
-        _resistance(design, evaluation.scan),
+        _resistance(design, scan),
     ]
     if len(design.array.names) > 1:
         near = neighbour_coupling(design)
         worst = near[np.abs(near).argmax()]
         lines.append(f"pitch: {values['array.pitch_mm']:g} mm; coupling of neighbours at most {worst:+.4f}")
-    scan = evaluation.scan
     low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
     f = low if low == high else f"{low} to {high}"
     C = values["circuit.capacitance_pF"]
@@ -206,6 +211,15 @@ def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
         f"every limit of {values['fab.profile']} is kept"
     )
     return [*lines, _read_by_converter(broken_limits(scan), len(scan.state))]
+
+
+def _why_not_met(design: Design) -> str:
+    """Say why coils have another inductance than the wanted one, which a coil alone on the topmost layers has."""
+    if design.array.led_out is not None:
+        return " without the leads to the connector"
+    if len({place.layers for place in design.array.placements}) > 1:
+        return "; met on the topmost layers, and other distances on the others"
+    return "; the nearest that whole turns, and traces that can be made, give"
 
 
 def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int) -> str:

@@ -188,6 +188,14 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
 
 
 @pytest.mark.slow
+def test_init_says_why_coils_have_another_inductance_than_the_wanted_one(capsys):
+    """With a connector each has leads of its own, which add some percent; one alone meets it to a trace's step."""
+    led = good(capsys, "init", "led.toml", "--coils", "2", "--inductance-uH", "4", "--connector", "bottom")
+    assert "(4 wanted without the leads to the connector)" in led
+    alone = good(capsys, "init", "alone.toml", "--coils", "1", "--inductance-uH", "4")
+    assert "(4 wanted)" in alone
+
+
 def test_init_says_what_fewer_layers_reach_in_a_line_that_can_be_typed(capsys):
     choices = ("--coils", "1", "--shape", "square", "--size-mm", "10", "--no-elastomer")
     out = good(capsys, "init", "many", *choices, "--inductance-uH", "12")

@@ -1,5 +1,7 @@
 """Leads led to a connector: they reach their pads at the edge, keep every rule, and change nothing of the winding."""
 
+import math
+
 import numpy as np
 import pytest
 from support.boards import VIA, many_layers
@@ -16,6 +18,7 @@ from coilarray.geometry import (
     Leads,
     PlatedHole,
     RoundedSpiral,
+    Spiral,
     check_nets,
     check_rules,
     copper_by_layer,
@@ -63,6 +66,23 @@ def test_leads_reach_any_side_and_keep_the_rules(side):
     holes = [Barrel(hole.x, hole.y, hole.diameter, hole.layers) for hole in drills(led)]
     copper = {layer: list(nets.values()) for layer, nets in copper_by_layer(led).items()}
     assert check_nets(led, copper, holes).faults == ()
+
+
+def test_a_way_does_not_turn_back_on_the_lead_that_it_begins_at():
+    """At a pitch in ten, the corner by which two were replaced lay behind the lead's end: no board came of it."""
+    coil = spiral_coil(
+        Spiral(4, 6e-3, 10, 0.1524e-3, 0.17e-3, math.pi / 4),
+        2,
+        PlatedHole(0.254e-3, 0.55e-3),
+        Leads(2.5e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)),
+    )
+    array = lattice_array(many_layers(2), coil, Lattice("square", 17.77275e-3, 4, 4, (many_layers(2).names,)))
+    led = lead_out(array, Connector("bottom", distance=6e-3))
+    for place in led.placements:
+        for line in place.coil.lines:
+            steps = np.diff(line, axis=0)
+            along = steps / np.linalg.norm(steps, axis=1)[:, None]
+            assert (along[1:] * along[:-1]).sum(axis=1).min() > -0.99  # no turn by half a circle
 
 
 def test_a_design_keeps_its_connector():
