@@ -18,6 +18,7 @@ from coilarray.errors import DesignError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
     from coilarray.hardware.chips.ldc1614_limits import Limit
 
@@ -128,10 +129,9 @@ def init(
         chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {}
     with shared.progress_bar("layers, winding, pitch, terminals and tank"):
         made = _made(target.stem, chosen)
-        described = (
-            *_described(made, chosen),
-            *_fewer_layers(made, chosen),
-        )  # with what is refused before it is written
+        fewer = _fewer_layers(made, chosen)
+    with shared.progress_bar("states") as progress:
+        described = (*_described(made, chosen, progress), *fewer)  # with what is refused before it is written
     save_design(made, target)
     remember("init", [target])
     for line in (f"wrote {target}: {made.design.title}", *described):
@@ -165,7 +165,7 @@ def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     return [f"{wanted}; {reach.layers} reach {reached} µH, with --layers {reach.layers} --inductance-uH {reached}"]
 
 
-def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
+def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) -> list[str]:
     """Say what has been found."""
     import numpy as np
 
@@ -174,7 +174,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     from coilarray.studies.create import broken_limits, is_standard, neighbour_coupling
 
     design, values = file.design, file.values
-    scan = scan_design(design, elastomer=False, accuracy="screen")
+    scan = scan_design(design, elastomer=False, accuracy="screen", progress=progress)
     coil = f"coils.{next(iter(file.document['coils']))}"
     turns, trace, gap, on = (
         values[f"{coil}.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm", "winding_layers")
