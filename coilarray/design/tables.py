@@ -502,7 +502,7 @@ class PunchTable(MaterialTable):
     radius_mm: Millimetres
     """Radius of the punch."""
     edge_radius_mm: Millimetres | None = None
-    """Radius of its rounded edge; a tenth of its radius by default, with which a depth of 0.3 radii is reached."""
+    """Radius of its rounded edge, a tenth of its radius by default; then gast2020's sheets take 0.3 radii of depth."""
 
     def build(self) -> FlatPunch:
         """Return the indenter in SI."""

@@ -44,6 +44,8 @@ from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.signals import held_signals
 
 _DURABLE = 1.0  # s
+_WRITES_IN_LOG = 256  # before it is taken into the file: about a megabyte
+_PATIENCE = 5.0  # s to wait for another program that writes
 _T = TypeVar("_T")
 
 Thermometer = Callable[[], float | None]
@@ -62,6 +64,7 @@ class Recorder:
         self._session: RecordedSession | None = None
         self._number = 0
         self._durable = -math.inf
+        self._writes = 0
         self.thermometer: Thermometer | None = None
 
     @property
@@ -101,7 +104,7 @@ class Recorder:
             blank = is_blank(self._connection)
         if not blank:
             _require_same(Recording(self.path, self._connection), session, campaign)
-            _log_ahead(self.path, self._connection)
+        _log_ahead(self.path, self._connection)
         self._number = self._write(write, durable=True)
         self._session, self.thermometer = session, thermometer
 
@@ -189,6 +192,9 @@ class Recorder:
                 result = _transaction(self._connection, write)
             finally:
                 self._connection.execute("PRAGMA synchronous = NORMAL")
+            self._writes += 1
+            if self._writes % _WRITES_IN_LOG == 0:
+                _empty_log(self._connection)
         if durable:
             self._durable = time.monotonic()
         return result
@@ -298,6 +304,21 @@ def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
     """Write the log first, so that readers and a recorder do not wait for each other; makes a file where none is."""
     with writing(path, sqlite3.Error):
         connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA wal_autocheckpoint = 0")
+    _empty_log(connection)
+
+
+def _empty_log(connection: sqlite3.Connection) -> None:
+    """Take the log into the file and cut it to nothing, unless it is being read; it is whole in any case.
+
+    SQLite itself would write from the beginning of the old log again, and after a kill over what was broken off. A
+    write that is broken off there leaves the head of a new frame before an old page, which is what a flipped bit looks
+    like; at the end of a file it leaves a part of a frame.
+    """
+    with suppress(sqlite3.Error):
+        connection.execute("PRAGMA busy_timeout = 0")  # scans do not wait for readers
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    connection.execute(f"PRAGMA busy_timeout = {1000 * _PATIENCE:.0f}")
 
 
 def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bool) -> None:
@@ -368,7 +389,7 @@ def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connec
 
 def _connected(path: Path) -> sqlite3.Connection:
     with writing(path, sqlite3.Error, ValueError):
-        return sqlite3.connect(path, isolation_level=None, timeout=5.0)
+        return sqlite3.connect(path, isolation_level=None, timeout=_PATIENCE)
 
 
 @contextmanager

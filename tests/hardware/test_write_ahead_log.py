@@ -5,8 +5,10 @@ from __future__ import annotations
 import sqlite3
 from contextlib import closing
 
+import numpy as np
 import pytest
-from support.quick_recordings import killed_file
+from support.quick_recordings import DESIGN, killed_file
+from support.recorded_boards import configured, quick_board, session_of
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
@@ -68,6 +70,23 @@ def test_frames_of_an_earlier_log_are_no_damage(tmp_path):
         assert log_damage(copy) == ""
         flip(tmp_path / "copy.sqlite-wal", HEADER + 1000)  # in the first frame, which is of the new one
         assert log_damage(copy).startswith("frame 1 of copy.sqlite-wal")
+
+
+def test_a_recorder_that_goes_on_writes_at_the_end_of_its_log_alone(killed):
+    """Over what a killed one left there, or over an older log, a write that is broken off would look like damage."""
+    path, log = killed
+    left, sizes = log.stat().st_size, []
+    with open_recorder(path, resume=True) as recorder, quick_board(noise=1e-6) as board:
+        recorder.start(session_of(board, configured(board), DESIGN))
+        sizes.append(log.stat().st_size)
+        for _ in range(300):
+            recorder.add(board.reader.scan(), "stream")
+            sizes.append(log.stat().st_size)
+    assert sizes[0] < left / 2  # the session alone
+    grown = np.diff(sizes)
+    assert (grown != 0).all()
+    assert (grown < 0).sum() == 1  # it was taken into the file
+    assert count(path) == 312
 
 
 @pytest.mark.parametrize(
