@@ -107,13 +107,14 @@ def distortion(
 
     Notes
     -----
-    Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider), ``grid`` (half the step),
-    ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and fine map), ``winding and
-    leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
-    ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0, with that of δ by
-    the noise budget of the design: each coil's own, the attribute ``noise``, and what is common, once a map). So are
-    ``indenter of steel``, ``… aluminium`` and ``… ferrite``, where the design's indenter is a hemisphere without a
-    material: eddy currents and magnetisation of a ball, with L_0 read as it just touches the sheets.
+    Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider, as far as the sample reaches),
+    ``grid`` (half the step), ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and
+    fine map), ``winding and leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at
+    one height), ``tilt`` and ``noise`` (switched on, since the computed map has none; for noise the standard deviation
+    of x0, with that of δ by the noise budget of the design: each coil's own, the attribute ``noise``, and what is
+    common, once a map). So are ``indenter of steel``, ``… aluminium`` and ``… ferrite``, where the design's indenter is
+    a hemisphere without a material: eddy currents and magnetisation of a ball, with L_0 read as it just touches the
+    sheets.
     """
     names = design.array.names
     for state in states:
