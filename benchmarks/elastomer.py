@@ -122,7 +122,7 @@ _MEMORY = f"""
 import sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from speed import peak_memory
-from coilarray import load_design, response_map, vary
+from coilarray import load_design, response_map
 response_map(load_design("gast2020"))
 print(peak_memory())
 """

@@ -62,8 +62,9 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
             found = float(brentq(rough, inner, outer, xtol=_ROUGHLY * width))
             slope = (rough(found + _SLOPE * width) - rough(found)) / (_SLOPE * width)
             for _ in range(_CORRECTIONS):  # by what the rough model leaves out
-                L = design_inductance(design_at(found), accuracy="screen")[0]
-                found -= float(neighbour_coupling(design_at(found)).mean() * L.diagonal().mean()) / slope
+                design = design_at(found)
+                L = design_inductance(design, accuracy="screen")[0]
+                found -= float(neighbour_coupling(design).mean() * L.diagonal().mean()) / slope
             if inner - _SLOPE * width <= found <= outer + _SLOPE * width:
                 return round(found / _PITCH_STEP) * _PITCH_STEP
     raise DesignError(
