@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray
 
@@ -36,7 +37,8 @@ def array_window(
         x and y in m on the board from which positions count.
     step : float, optional
         Distance of the positions in m; by default a twelfth of the narrowest coil, of a single one a thirty-second.
-        Where there would be more than 2000 positions, of a target 500, it is up to a sixth and a twelfth.
+        Where there would be more than 2000 positions, of a target 500, it is up to a sixth and a twelfth; on a board
+        of thousands of coils it is wider, until 100000 positions suffice.
     within : tuple of float, optional
         Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
         where there is no other.
@@ -51,30 +53,48 @@ def array_window(
     Raises
     ------
     DesignError
-        A step that gives more than 100000 positions.
+        A given step that makes more than 100000 positions.
     """
-    low, high = np.reshape(array.outline_bounds, (2, 2)) - origin
-    if step is None:
-        sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
-        narrowest = float(min(sides))
-        finest, coarsest = (narrowest / part for part in (_PARTS if len(sides) > 1 else _PARTS_OF_ONE))
-        step = min(max(math.sqrt(float(np.prod(high - low)) / _POSITIONS[table]), finest), coarsest)
-        unit = _ROUND if step < 5 * _ROUND else 5 * _ROUND
-        step = max(round(step / unit), 1) * unit
-    first, last = np.floor(low / step + 1e-9), np.ceil(high / step - 1e-9)
+    bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
+    chosen = _default_step(array, np.ptp(bounds, axis=0), _POSITIONS[table]) if step is None else step
+    first, last = _multiples(bounds, chosen, within)
+    while math.prod((last - first + 1).tolist()) > MOST_POSITIONS:
+        if step is not None:
+            raise DesignError(
+                f"{table}.step_mm of {step * 1e3:g} gives more than {MOST_POSITIONS} positions over all coils."
+            )
+        chosen = _round(1.1 * chosen + 5 * _ROUND)  # which rounding cannot take back
+        first, last = _multiples(bounds, chosen, within)
+    x, y = (
+        # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m
+        tuple(round((a + k) * chosen * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
+        for a, b in zip(first.tolist(), last.tolist(), strict=True)
+    )
+    return x, y
+
+
+def _default_step(array: CoilArray, size: FloatArray, positions: float) -> float:
+    """Return the step in m that resolves the response of the narrowest coil on a map of a size in m."""
+    sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
+    narrowest = float(min(sides))
+    finest, coarsest = (narrowest / part for part in (_PARTS if len(sides) > 1 else _PARTS_OF_ONE))
+    return _round(min(max(math.sqrt(float(np.prod(size)) / positions), finest), coarsest))
+
+
+def _round(step: float) -> float:
+    unit = _ROUND if step < 5 * _ROUND else 5 * _ROUND
+    return max(round(step / unit), 1) * unit
+
+
+def _multiples(
+    bounds: FloatArray, step: float, within: tuple[float, float, float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the first and last multiple of the step along x and y that a map over the bounds has."""
+    first, last = np.floor(bounds[0] / step + 1e-9), np.ceil(bounds[1] / step - 1e-9)
     if within is not None:
         first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))
         last = np.minimum(last, np.floor(np.array(within[2:]) / step + 1e-9))
         empty = last < first
         middle = (np.array(within[:2]) + within[2:]) / 2 / step
         first, last = np.where(empty, middle, first), np.where(empty, middle, last)
-    if math.prod((last - first + 1).tolist()) > MOST_POSITIONS:
-        raise DesignError(
-            f"{table}.step_mm of {step * 1e3:g} gives more than {MOST_POSITIONS} positions over all coils."
-        )
-    x, y = (
-        # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m
-        tuple(round((a + k) * step * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
-        for a, b in zip(first.tolist(), last.tolist(), strict=True)
-    )
-    return x, y
+    return first, last

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.boards import LEADS, VIA, many_layers, round_spiral
 
-from coilarray.design.window import array_window
+from coilarray.design.window import MOST_POSITIONS, array_window
 from coilarray.geometry import Lattice, lattice_array, spiral_coil
 
 LARGE = spiral_coil(round_spiral(20e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
@@ -19,3 +19,9 @@ def test_a_coil_has_a_dozen_steps_and_one_alone_more(count, step):
         np.testing.assert_allclose(np.diff(places), step, rtol=1e-9)
         assert low - step < places[0] <= low + 1e-9
         assert high - 1e-9 <= places[-1] < high + step
+
+
+def test_a_wide_board_has_wider_steps_rather_than_too_many_positions():
+    array = lattice_array(many_layers(2), LARGE, Lattice("linear", 100.0, 2))  # m
+    x, y = array_window(array, (0.0, 0.0))
+    assert 0.5 * MOST_POSITIONS < len(x) * len(y) <= MOST_POSITIONS
