@@ -29,7 +29,7 @@ class _Tip:
 
     @property
     def largest_radius(self) -> float:
-        """Largest radius (of a plane body: |x|) in m at which the body can touch; inf where it has no end."""
+        """Largest radius (of a plane body: size of x) in m at which the body can touch; inf where it has no end."""
         return self.radius
 
     @property

@@ -1,6 +1,7 @@
 """Pages made from the code: keys, commands and results have meanings and units, and links lead somewhere."""
 
 import json
+import pkgutil
 import re
 import sys
 from pathlib import Path
@@ -22,6 +23,7 @@ import report_pages  # noqa: E402
 import result_pages  # noqa: E402
 import validation_pages  # noqa: E402
 import xarray as xr  # noqa: E402
+from annotated_types import Ge, Gt, Le  # noqa: E402
 from matplotlib import pyplot  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from sphinx.errors import ExtensionError  # noqa: E402
@@ -38,6 +40,38 @@ def test_every_key_has_a_meaning(kind):
     assert not without, f"{kind[0]}: no meaning of {', '.join(without)}"
 
 
+@pytest.mark.parametrize("kind", file_pages.FILES, ids=lambda kind: kind[0])
+def test_every_key_that_ends_with_a_unit_shows_it(kind):
+    rows = [line.split(" | ") for line in file_pages.page(*kind[1:]).splitlines() if line.startswith("| `")]
+    ends = (
+        "m",
+        "mm",
+        "um",
+        "s",
+        "us",
+        "Hz",
+        "kHz",
+        "MHz",
+        "F",
+        "pF",
+        "H",
+        "uH",
+        "nH",
+        "Pa",
+        "kPa",
+        "ohm",
+        "V",
+        "K",
+        "deg",
+    )
+    assert [key for key, unit, *_ in rows if key.strip("| `").rpartition("_")[2] in ends and not unit.strip()] == []
+
+
+def test_bounds_are_written_with_all_their_digits():
+    assert file_pages._bounds([Ge(-100_000), Le(4_294_967_295)]) == "−100\u202f000 to 4\u202f294\u202f967\u202f295"
+    assert file_pages._bounds([Gt(0), Le(0.5)]) == "above 0, at most 0.5"
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_a_page_with_an_example(name):
     page = command_pages.page(name)
@@ -52,8 +86,12 @@ def test_options_in_a_help_are_code_and_what_is_code_stays_as_it_is():
     assert command_pages._prose("``b --x`` well-known -- not --out.") == "``b --x`` well-known -- not `--out`."
 
 
+ROOMS = ("coilarray", "geometry", "viz", "hardware")
 RETURNING = {name: one for name, *one in name_pages.returning()}
-UNIT = re.compile(r"\bin (m|mm|m²|s|µs|Hz|F|H|Ω|Pa|A|T)\b|[Rr]elative|[Rr]atio|[Ww]ithout unit|Dimensionless|the unit")
+UNIT = re.compile(
+    r"\bin (m|mm|m²|1/m|s|µs|Hz|F|H|Ω|Pa|A|1/K|T)\b|per A|[Rr]elative|[Rr]atio|[Ww]ithout unit|Dimensionless|the unit"
+    r"|[Ss]tandard deviation of δ|[Cc]hanges?.* of δ|noise of δ"
+)
 
 
 @pytest.mark.parametrize("name", RETURNING)
@@ -68,6 +106,52 @@ def test_everything_public_says_what_it_returns_with_shape_and_unit(name):
         assert not is_property or "shape" in text
     if re.search("float|complex|Float|Complex", kind):
         assert UNIT.search(text), text
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("coilarray.load_design", "coilarray.load_design"),
+        ("ca.load_design()", "coilarray.load_design"),
+        ("load_design", "coilarray.load_design"),
+        ("coilarray.design.model.load_design", "coilarray.load_design"),
+        ("coilarray.elastomer.contact.indent", "coilarray.indent"),
+        ("CoilArray.bounds", "coilarray.CoilArray.bounds"),
+        ("deviance", "coilarray.localize.inverse.deviance"),
+        ("locate", None),  # a command too
+        ("coilarray.absent", None),
+        ("worst_k", None),
+    ],
+)
+def test_text_that_names_something_public_leads_to_its_page(text, name):
+    assert name_pages.public_name(text) == name
+
+
+def test_every_full_name_in_text_exists():
+    root = DOCS.parent
+    texts = [*(root / "docs").rglob("*.md"), *(path for room in ROOMS for path in (root / room).rglob("*.py"))]
+    absent = []
+    for path in texts:
+        for name in re.findall(r"(?<!`)`(coilarray(?:\.\w+)+)(?:\(\))?`(?!`)", path.read_text(encoding="utf-8")):
+            try:
+                pkgutil.resolve_name(name)
+            except (ImportError, AttributeError):
+                absent.append(f"{path.relative_to(root)}: {name}")
+    assert not absent
+
+
+def test_a_class_that_a_function_returns_has_a_page():
+    pages = {full for group in name_pages.names().values() for full in group}
+    assert {"coilarray.report.write.Report", "coilarray.localize.inverse.Mode"} < pages
+
+
+def test_every_picture_opens_by_a_click_but_thumbnails_and_those_that_lead_elsewhere():
+    plain, elsewhere = '<img alt="a" src="_images/a.png"/>', '<a href="x.html"><img src="_images/b.png"/></a>'
+    thumbnail = '<img alt="" src="_images/sphx_glr_c_thumb.png"/>'
+    shown = figures.opened_by_a_click(plain + elsewhere + thumbnail)
+    assert (
+        shown == f'<a class="picture" href="_images/a.png" title="Open the picture">{plain}</a>{elsewhere}{thumbnail}'
+    )
 
 
 _PAGE = '<html><body><h1 id="top">Page</h1>{}</body></html>'

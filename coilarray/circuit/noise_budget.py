@@ -155,7 +155,13 @@ class NoiseBudget:
         return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """Return `common` as variables of the dataset of a response: ``common_noise`` (drift_cause, state); or none."""
+        """Return `common` as variables of the dataset of a response: ``common_noise`` (drift_cause, state); or none.
+
+        Returns
+        -------
+        dict
+            Name, dimensions, values (ratios) and attributes of the variable; empty without common causes.
+        """
         common = self.common
         if not common:
             return {}
@@ -165,7 +171,13 @@ class NoiseBudget:
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def select(self, states: Sequence[str]) -> NoiseBudget:
-        """Return the budget of some of the states, in the given order; NetworkError for one that is not there."""
+        """Return the budget of some of the states, in the given order; NetworkError for one that is not there.
+
+        Returns
+        -------
+        NoiseBudget
+            The smaller budget.
+        """
         if unknown := [name for name in states if name not in self.states]:
             raise NetworkError(f"the budget has no state {unknown[0]!r}; there are {', '.join(self.states)}.")
         kept = [self.states.index(name) for name in states]
@@ -180,6 +192,11 @@ class NoiseBudget:
         What is common goes as far as it is equal at both, as in `coilarray.hardware.record.reference_coil`; of the rest
         that of the references is added in quadrature. NetworkError for a reference that is not there or named twice,
         none, or no other state.
+
+        Returns
+        -------
+        NoiseBudget
+            The budget of the other states.
         """
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -201,7 +218,13 @@ class NoiseBudget:
         return NoiseBudget(others, causes, self.readout, tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
-        """Return everything as plain values in SI, for JSON."""
+        """Return everything as plain values in SI, for JSON.
+
+        Returns
+        -------
+        dict
+            Numbers, texts and lists only.
+        """
         return {
             "states": list(self.states),
             "reference": list(self.reference),

@@ -77,9 +77,8 @@ class Readout:
         or assumed of the kind of clock.
     capacitor_per_kelvin, board_per_kelvin, copper_per_kelvin, switch_per_kelvin : float or None
         Relative change with temperature in 1/K of the tank's capacitance, the board's size, the resistance of the
-        copper and that of a closed switch.
-
-    None stands for a size that is not given, which `size` takes from `USUAL`.
+        copper and that of a closed switch; as for `resolution` and `clock_jitter` None stands for a size that is not
+        given, which `size` takes from `USUAL`.
 
     Raises
     ------

@@ -446,7 +446,7 @@ class ConnectorTable(Table):
 
 
 class BoardTable(Table):
-    """``[board]``."""
+    """``[board]``: the edge of the board, and the reach of its holes."""
 
     margin_mm: LimitMillimetres = 2.0
     """Distance from the outermost copper to the edge of the board."""

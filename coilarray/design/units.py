@@ -24,6 +24,7 @@ _ENTRY_UNITS = {
     "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
     "kPa_per_mm": "kPa/mm", "MS_per_m": "MS/m", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
     "ppm": "ppm", "ppm_per_K": "ppm/K", "ppm_per_V": "ppm/V", "ps": "ps", "mV": "mV", "V": "V", "K": "K",
+    "Hz": "Hz", "F": "F", "H": "H", "s": "s", "Pa": "Pa",
 }  # fmt: skip
 
 
@@ -82,7 +83,7 @@ class Bounds(Table):
     """Bounds of what a table names: at least one, and the lower one not above the upper one."""
 
     at_least: float | None = None
-    """Least value."""
+    """Least value, in the unit of the quantity, as the largest."""
     at_most: float | None = None
     """Largest value."""
 

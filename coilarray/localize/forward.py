@@ -73,6 +73,11 @@ class ForwardModel(ResponseSpline):
         """Return the model of some of the states, in the given order; for example without a broken coil.
 
         LocalizeError as `chosen_states`.
+
+        Returns
+        -------
+        ForwardModel
+            The smaller model.
         """
         kept = [self.states.index(name) for name in chosen_states(self.states, states)]
         coefficients = np.ascontiguousarray(self.spline.c[..., kept])
@@ -93,6 +98,11 @@ class ForwardModel(ResponseSpline):
         It is that of readings of `coilarray.hardware.record.reference_coil.less_reference`, also where the indenter
         reaches a reference. What is common goes as far as it is equal, and the references' own noise is common to all
         others. LocalizeError for a reference that is not there or named twice, none, or no other state.
+
+        Returns
+        -------
+        ForwardModel
+            The model of the other states.
         """
         others = referenced_names(self.states, reference, LocalizeError)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -108,15 +118,32 @@ class ForwardModel(ResponseSpline):
         """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
 
         LocalizeError for another shape, or a point that is not in the table.
+
+        Returns
+        -------
+        ndarray, shape (…, states)
+            δ, a ratio.
         """
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Slopes of `delta` by the unknowns among x, y and depth in 1/m, shape (…, states, unknowns)."""
+        """Slopes of `delta` by the unknowns among x, y and depth in 1/m, shape (…, states, unknowns).
+
+        Returns
+        -------
+        ndarray, shape (…, states, unknowns)
+            Slopes in 1/m.
+        """
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`delta` and `jacobian` at points in the table, unchecked: for solvers."""
+        """`delta` and `jacobian` at points in the table, unchecked: for solvers.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (…, states) and (…, states, unknowns)
+            δ, a ratio, and its slopes in 1/m.
+        """
         slopes = [self.values_at(points, axis) for axis in range(self.unknowns)]
         return self.values_at(points), np.stack(slopes, axis=-1)
 

@@ -112,6 +112,11 @@ class Mode:
         """Test which points (…, 3) in m are in the ellipsoid around the mode that holds the truth with a probability.
 
         True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
+
+        Returns
+        -------
+        ndarray of bool, shape (…,)
+            True for the points inside.
         """
         away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., self.unknowns]
         distance = np.einsum("...i,ij,...j->...", away, self.information, away)

@@ -204,12 +204,13 @@ def sweep(
     Returns
     -------
     xarray.Dataset
-        As `run_sweep` returns it.
+        One variable for each quantity, over the entries as dimensions, whose coordinates are their values in the units
+        of their keys; NaN where a point has none, and ``reason`` says why. Units and long names in the attributes.
 
     Raises
     ------
     GoalError
-        As `plan_sweep`.
+        An entry or a quantity that the design does not have, or values that are not allowed.
 
     Examples
     --------

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 _WIDE = 2000  # characters, so that the help of an option stands in one line
-_FOLDER = "reference/commands"
+FOLDER = "reference/commands"
 
 
 def _help_of(name: str) -> str:
@@ -80,7 +80,7 @@ def page(name: str) -> str:
 
 
 def _write(app: Sphinx) -> None:
-    folder = Path(app.srcdir) / _FOLDER
+    folder = Path(app.srcdir) / FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     lines = ["# Commands", "", "Every command has `--help`; lengths are in the units that their names say.", ""]
     for group, commands in GROUPS.items():

@@ -121,8 +121,29 @@ class _Picture(Directive):
         return [figure, summary, shown, nodes.raw("", "</details>", format="html"), *messages]
 
 
+_IMAGE = re.compile(r'(<a\b.*?</a>)|(<img\b[^>]*\bsrc="([^"]+)"[^>]*>)', re.DOTALL)
+
+
+def opened_by_a_click(body: str) -> str:
+    """Return a page's text in which every picture leads to its file; thumbnails lead elsewhere already."""
+
+    def link(found: re.Match[str]) -> str:
+        anchor, image, path = found.groups()
+        if anchor or "_thumb." in path:
+            return found[0]
+        return f'<a class="picture" href="{path}" title="Open the picture">{image}</a>'
+
+    return _IMAGE.sub(link, body)
+
+
+def _link(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object) -> None:
+    if "body" in context:
+        context["body"] = opened_by_a_click(context["body"])
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Add the directive, and make the pictures before Sphinx looks for them."""
     app.add_directive("picture", _Picture)
     app.connect("builder-inited", _make)
+    app.connect("html-page-context", _link)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -86,11 +86,17 @@ def _tables(annotation: Any) -> Iterator[type[Table]]:
         yield from _tables(part)
 
 
+def _number(bound: Any) -> str:
+    """Return a bound with all its digits, thousands apart, and a minus sign."""
+    whole = float(bound).is_integer()
+    return (f"{int(bound):,}".replace(",", "\u202f") if whole else f"{bound:g}").replace("-", "−")
+
+
 def _bounds(metadata: tuple[Any, ...] | list[Any]) -> str:
     ends = [rule for rule in metadata if isinstance(rule, Ge | Le)]
     match ends:
-        case [Ge(ge=low), Le(le=high)] if low == high:
-            return f"always {low}"
+        case [Ge(ge=low), Le(le=high)]:
+            return f"always {low}" if low == high else f"{_number(low)} to {_number(high)}"
     match [rule for rule in metadata if isinstance(rule, MinLen | MaxLen)]:
         case [MinLen(min_length=least), MaxLen(max_length=most)] if least == most:
             return f"{most} of them"
@@ -98,13 +104,13 @@ def _bounds(metadata: tuple[Any, ...] | list[Any]) -> str:
     for rule in metadata:
         match rule:
             case Ge(ge=bound):
-                words.append(f"at least {bound:g}")
+                words.append(f"at least {_number(bound)}")
             case Gt(gt=bound):
-                words.append(f"above {bound:g}")
+                words.append(f"above {_number(bound)}")
             case Le(le=bound):
-                words.append(f"at most {bound:g}")
+                words.append(f"at most {_number(bound)}")
             case Lt(lt=bound):
-                words.append(f"below {bound:g}")
+                words.append(f"below {_number(bound)}")
             case MinLen(min_length=count) if count > 1:
                 words.append(f"at least {count} of them")
             case MaxLen(max_length=count):
@@ -210,7 +216,8 @@ def _write(app: Sphinx) -> None:
     lines = [
         "# Files",
         "",
-        "All are TOML; a key's last part is its unit. A mistake is one line that names the key.",
+        "All are TOML; a key's last part is its unit, and numbers of a key without one are counts or ratios. A mistake "
+        "is one line that names the key.",
         "",
     ]
     lines += ["```{toctree}", *(name for name, *_ in FILES), "```", ""]

@@ -257,17 +257,17 @@ class StateTime:
 
     @property
     def until_ready(self) -> float:
-        """Time from leaving sleep to the first result."""
+        """Time in s from leaving sleep to the first result."""
         return self.wake + self.settle + self.conversion
 
     @property
     def measuring(self) -> float:
-        """Time until the result is read, without control."""
+        """Time in s until the result is read, without control."""
         return self.until_ready + self.discarded + self.result
 
     @property
     def total(self) -> float:
-        """Time of all steps."""
+        """Time in s of all steps."""
         return self.measuring + self.control
 
 

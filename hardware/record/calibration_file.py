@@ -121,7 +121,7 @@ _Count = Annotated[int, Field(ge=0, le=1_000_000)]
 
 
 class _Clock(Table):
-    """[clock]."""
+    """``[clock]``: the frequency that the converter counts with."""
 
     frequency: _Positive = Field(alias="frequency_Hz")
     """Clock of the converter."""
@@ -132,7 +132,7 @@ class _Clock(Table):
 
 
 class _Channel(Table):
-    """[[channel]]."""
+    """``[[channel]]``: the tank of one state of the scan."""
 
     state: _Name
     """State of the scan."""
@@ -145,7 +145,7 @@ class _Channel(Table):
 
 
 class _Drift(Table):
-    """[[drift]]."""
+    """``[[drift]]``: how the inductance of one state moved in one session while nothing pressed."""
 
     session: _Count
     """Session of the recording."""

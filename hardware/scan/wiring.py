@@ -434,7 +434,7 @@ class _DeviceTable(Table):
 
 
 class _WiringTable(Table):
-    """``[wiring]``."""
+    """``[wiring]``: the coils and what their ends are joined by."""
 
     title: str
     """What the board is, in words."""

@@ -79,7 +79,7 @@ def dented_sheet_meshes(
     Parameters
     ----------
     indentation : xarray.Dataset
-        One depth of the result of `coilarray.elastomer.indent`: ``displacement_r`` and ``displacement_z``
+        One depth of the result of `coilarray.indent`: ``displacement_r`` and ``displacement_z``
         (interface, r) in m.
     sheets : sequence of Sheet
         Indented sheets from the board upwards.

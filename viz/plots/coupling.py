@@ -29,7 +29,7 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     coupling : xarray.Dataset
-        Result of `coilarray.couple_design` or `coilarray.couple`.
+        Result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
     ax : Axes, optional
         Axes to draw into; colours symmetric about zero.
 

@@ -30,7 +30,7 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     indentation : xarray.Dataset
-        Result of `coilarray.elastomer.indent`.
+        Result of `coilarray.indent`.
     ax : Axes, optional
         Axes to draw into, mm across.
 

@@ -214,7 +214,7 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     sweep : xarray.Dataset
-        Result of `coilarray.studies.sweep.run_sweep` over one entry with numbers; all its ``k[coil,coil]`` are drawn.
+        Result of `coilarray.sweep` over one entry with numbers; all its ``k[coil,coil]`` are drawn.
     ax : Axes, optional
         Axes to draw into. Circles, and values in the legend, mark the `zero_crossings` where a pair does not couple; a
         dashed line is the design's own value.
@@ -295,7 +295,7 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
     Parameters
     ----------
     sweep : xarray.Dataset
-        Result of `coilarray.studies.sweep.run_sweep`, a grid or samples.
+        Result of `coilarray.sweep`, a grid or samples.
     quantity, entry : str
         Names of a variable and of a coordinate.
     ax : Axes, optional
@@ -425,7 +425,7 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `coilarray.studies.sweep.run_sweep`.
+        Result of `coilarray.sweep`.
 
     Returns
     -------

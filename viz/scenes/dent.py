@@ -53,7 +53,7 @@ def dent_scene(
     sheets : sequence of Sheet
         Indented sheets from the board upwards.
     indentation, depth : xarray.Dataset and int
-        Result of `coilarray.elastomer.indent`, and index of the depth in it, the deepest by default.
+        Result of `coilarray.indent`, and index of the depth in it, the deepest by default.
     indenter, centre : Indenter and tuple of float
         Body that made the dent, and its x and y on the board in m.
     plotter : pyvista.Plotter

@@ -65,21 +65,51 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board."""
+    """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board.
 
-    show: tuple[Item, ...] = ("board",)  # of `ITEMS`; sheets are lifted off a bare board, and a dent replaces them
-    layers: tuple[str, ...] | None = None  # copper; all by default
-    coil: str | None = None  # measured, for field, lines, surfaces, currents and response; the middle one by default
-    others_open: bool = False  # instead of terminated
-    current: float = 1e-3  # A in the measured coil, for the field
-    spacing: float | None = None  # m between points of B; 0.5 mm on planes and 1 mm in a box by default
-    at: tuple[float, float] | None = None  # of indenter or target on the board in m; off the map's middle by default
-    distance: float | None = None  # of the target in m, at which a slider stands first; the least one by default
-    depth: float | None = None  # m; the deepest of the design by default
-    response: xr.Dataset | None = None  # that is draped; computed by default
-    table: xr.Dataset | None = None  # of `coilarray.localize.forward.table_for`; needed for a location
-    reading: Mapping[str, float] | Sequence[float] | None = None  # δ to locate; that at `at` by default
-    noise: float | None = None  # standard deviation of δ; that of the table by default
+    Parameters
+    ----------
+    show : tuple of str
+        Of `ITEMS`; sheets are lifted off a bare board, and a dent replaces them.
+    layers : tuple of str, optional
+        Copper layers; all by default.
+    coil : str, optional
+        Measured coil, for field, lines, surfaces, currents and response; the middle one by default.
+    others_open : bool
+        Leave the other coils open, instead of terminated as the design says.
+    current : float
+        Current in the measured coil in A, for the field.
+    spacing : float, optional
+        Distance between points of B in m; 0.5 mm on planes and 1 mm in a box by default.
+    at : tuple of float, optional
+        Place of the indenter or target on the board in m; off the map's middle by default.
+    distance : float, optional
+        Distance of the target in m at which a slider stands first; the least one by default.
+    depth : float, optional
+        Depth of the indentation in m; the deepest of the design by default.
+    response : xarray.Dataset, optional
+        Response that is draped; computed by default.
+    table : xarray.Dataset, optional
+        Table of `coilarray.localize.forward.table_for`, which a location needs.
+    reading : mapping of str to float, or sequence of float, optional
+        δ to locate; that at `at` by default.
+    noise : float, optional
+        Standard deviation of δ; that of the table by default.
+    """
+
+    show: tuple[Item, ...] = ("board",)
+    layers: tuple[str, ...] | None = None
+    coil: str | None = None
+    others_open: bool = False
+    current: float = 1e-3
+    spacing: float | None = None
+    at: tuple[float, float] | None = None
+    distance: float | None = None
+    depth: float | None = None
+    response: xr.Dataset | None = None
+    table: xr.Dataset | None = None
+    reading: Mapping[str, float] | Sequence[float] | None = None
+    noise: float | None = None
 
 
 def board_and_metal(design: Design) -> tuple[Item, ...]:

@@ -35,7 +35,13 @@ class Scale:
     missing: str = UNKNOWN  # for NaN
 
     def colours_of(self, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-        """Return red, green, blue of values, shape (n, 3)."""
+        """Return red, green, blue of values, shape (n, 3).
+
+        Returns
+        -------
+        ndarray of uint8, shape (n, 3)
+            0 to 255 each.
+        """
         from matplotlib import colormaps
         from matplotlib.colors import LogNorm, Normalize
 
@@ -45,14 +51,26 @@ class Scale:
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
     def values(self, count: int) -> npt.NDArray[np.float64]:
-        """Return values at equal steps of colour from the lower to the upper end."""
+        """Return values at equal steps of colour from the lower to the upper end.
+
+        Returns
+        -------
+        ndarray, shape (count,)
+            Values in the unit of the scale.
+        """
         share = np.linspace(0.0, 1.0, count)
         if self.logarithmic:
             return np.asarray(self.low * (self.high / self.low) ** share)
         return np.asarray(self.low + share * (self.high - self.low))
 
     def steps(self, count: int) -> tuple[str, ...]:
-        """Return colours ``#rrggbb`` at equal steps from the lower to the upper end."""
+        """Return colours ``#rrggbb`` at equal steps from the lower to the upper end.
+
+        Returns
+        -------
+        tuple of str
+            As many as `count`.
+        """
         return tuple(
             f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in self.colours_of(self.values(count)).tolist()
         )

@@ -47,7 +47,7 @@ class SweepResult:
     """Points of a sweep with what is known of them."""
 
     points: tuple[Mapping[str, Any], ...]  # entries that are changed, as for `coilarray.design.vary.vary`
-    values: xr.Dataset  # of `coilarray.studies.sweep.run_sweep`
+    values: xr.Dataset  # of `coilarray.sweep`
 
 
 @dataclass(frozen=True)

@@ -106,10 +106,11 @@ def spice_subcircuit(
     Notes
     -----
     From NAME_1 to NAME_2 a coil is R + jωL, and its sections, in parallel with C, current into NAME_1 positive, as in
-    `coilarray.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits
-    (which is all of a double); a set with small ones left out need not be positive definite. A resistance or
-    capacitance of zero is not an element, since SPICE replaces R = 0 by a default. Between two coils there are four
-    capacitors C_ij/4, one from each pin of one to each of the other, and C_ij/6 less across each.
+    `coilarray.circuit.active_coil.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written,
+    every number with 17 digits (which is all of a double); a set with small ones left out need not be positive
+    definite. A resistance or capacitance of zero is not an element, since SPICE replaces R = 0 by a default. Between
+    two coils there are four capacitors C_ij/4, one from each pin of one to each of the other, and C_ij/6 less across
+    each.
 
     To leave a coil open, connect one pin to ground and nothing to the other: an ideal open, with a path for direct
     current through the coil. A coil with both pins free has no such path; give one pin a large resistance (1 GΩ) to

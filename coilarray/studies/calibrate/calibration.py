@@ -139,7 +139,7 @@ def calibrate(
     LocalizeError, ElastomerError
         Data that are no response; a design without an indentation.
     ClusterError, OutputError
-        As `coilarray.studies.sweep.run_sweep`.
+        As `coilarray.sweep`.
 
     Notes
     -----

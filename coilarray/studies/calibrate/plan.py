@@ -83,7 +83,7 @@ class Unknown(Table):
     ]
     """Dotted key of the design, or several that share one value."""
     low: float
-    """Least value."""
+    """Least value, in the unit of the entry, as all of this table."""
     high: float
     """Largest value."""
     start: float | None = None
@@ -225,11 +225,23 @@ class Plan(Table):
         return self
 
     def combinations(self) -> list[tuple[Choice, ...]]:
-        """Return every combination of one choice for each alternative; one empty combination without any."""
+        """Return every combination of one choice for each alternative; one empty combination without any.
+
+        Returns
+        -------
+        list of tuple of Choice
+            One choice for each alternative.
+        """
         return list(itertools.product(*(one.choices for one in self.alternatives)))
 
     def unknowns_of(self, choices: tuple[Choice, ...]) -> list[Unknown]:
-        """Return the unknowns of a combination: those of the plan, then those of its choices."""
+        """Return the unknowns of a combination: those of the plan, then those of its choices.
+
+        Returns
+        -------
+        list of Unknown
+            What is fitted in this combination.
+        """
         return [*self.unknowns, *(unknown for choice in choices for unknown in choice.unknowns)]
 
 

@@ -44,7 +44,7 @@ class Variable(Table):
     entry: Annotated[str, Field(min_length=1)]
     """Dotted key of the design, such as array.pitch_mm."""
     low: float | None = None
-    """Least value."""
+    """Least value, in the unit of the entry, as all of this table."""
     high: float | None = None
     """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
@@ -102,7 +102,7 @@ class Objective(Table):
     direction: Literal["minimize", "maximize"] | None = None
     """Whether it is minimised or maximised."""
     target: float | None = None
-    """Instead of a direction: the value to bring it to."""
+    """Instead of a direction: the value to bring it to, in the unit of the quantity."""
 
     @model_validator(mode="after")
     def _one_wish(self) -> Objective:
@@ -234,11 +234,23 @@ class Goal(Table):
         return ["maximize" if objective.maximized else "minimize" for objective in self.objectives]
 
     def scores(self, values: Mapping[str, float]) -> tuple[float, ...]:
-        """Score of every objective, from quantities by name."""
+        """Score of every objective, from quantities by name.
+
+        Returns
+        -------
+        tuple of float
+            In the unit of its quantity each, in the order of the objectives.
+        """
         return tuple(objective.score(values[objective.quantity]) for objective in self.objectives)
 
     def violations(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Every bound by how much it is broken, from quantities by name; see `Constraint.violations`."""
+        """Every bound by how much it is broken, from quantities by name; see `Constraint.violations`.
+
+        Returns
+        -------
+        dict of str to float
+            Excess relative to the bound, 0 or less where it is kept, by the bound as text.
+        """
         return {
             key: excess
             for constraint in self.constraints
@@ -246,7 +258,13 @@ class Goal(Table):
         }
 
     def searched(self) -> dict[str, Any]:
-        """All that decides which points are tried, as plain tables: without title, trials, polish and watch."""
+        """All that decides which points are tried, as plain tables: without title, trials, polish and watch.
+
+        Returns
+        -------
+        dict
+            Tables, lists and values.
+        """
         whole = self.model_dump(mode="json", by_alias=True, exclude={"title", "watch"})
         del whole["search"]["trials"], whole["search"]["polish"]
         whole["search"]["sampler"] = self.sampler

@@ -76,11 +76,23 @@ class Optimization:
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
-        """Return the variables' values of a trial by entry; None if the start has none."""
+        """Return the variables' values of a trial by entry; None if the start has none.
+
+        Returns
+        -------
+        mapping of str to object
+            Value in the unit of the entry, by the entry.
+        """
         return {axis.entry: axis.start for axis in self.axes} if trial.kind == "start" else trial.changes
 
     def designs(self) -> tuple[Design, ...]:
-        """Return the designs of the front, in its order."""
+        """Return the designs of the front, in its order.
+
+        Returns
+        -------
+        tuple of Design
+            One for every point of the front.
+        """
         return tuple(vary(self.file, trial.changes) for trial in self.front)
 
 

@@ -123,7 +123,7 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
     """Return the best point of a sweep by a goal, of several objectives the Pareto front; none if no bound is kept.
 
-    The result has the quantities of the goal, as `coilarray.studies.sweep.run_sweep` returns it. Points that break
+    The result has the quantities of the goal, as `coilarray.sweep` returns it. Points that break
     fabrication rules are left out, unless the goal says itself what it takes of them.
     """
     free = any(name.startswith(RULES) for name in goal.quantities)
