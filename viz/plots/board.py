@@ -47,6 +47,11 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     ax : Axes, optional
         Axes to draw into, in mm.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     GeometryError
@@ -81,6 +86,11 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
         Board that is drawn.
     ax : Axes, optional
         Axes to draw into, in mm.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------
