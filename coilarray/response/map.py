@@ -85,7 +85,7 @@ def response_map(
     metal: bool = True,
     rest: float = 0.0,
     mesh: LayerMesh | None = None,
-    parts: Path | None = None,
+    parts: str | Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the sensor response matrix of a design.
@@ -126,7 +126,7 @@ def response_map(
         touches them, as in a campaign; inf where it is far away.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
-    parts : Path, optional
+    parts : str or Path, optional
         Folder where finished parts of a map of all coils are kept, so that an interrupted run goes on from there.
     progress : callable, optional
         Called with (done, total) as the work goes on.

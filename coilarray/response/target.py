@@ -72,7 +72,7 @@ def target_map(
     ideal: bool = False,
     fineness: float = 1.0,
     accuracy: Accuracy = "full",
-    parts: Path | None = None,
+    parts: str | Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute what a target does to the coils, at every distance and place.
@@ -98,7 +98,7 @@ def target_map(
     accuracy : {"full", "screen"}
         Accuracy of the target's changes and of the network, which is that of a given one, see
         `coilarray.inductance_matrix`.
-    parts : Path, optional
+    parts : str or Path, optional
         Folder where finished distances are kept, so that an interrupted map goes on from there: one by one for a plate
         with an outline over magnetic sheets or beside plates, else all at once.
     progress : callable, optional
@@ -230,7 +230,7 @@ def _changes(
     design: Design,
     axes: MapAxes,
     frequencies: FloatArray,
-    parts: Path | None,
+    parts: str | Path | None,
     progress: Progress | None,
     fineness: float,
     accuracy: Accuracy = "full",
@@ -243,7 +243,7 @@ def _changes(
     keys = [content_key(*metal, float(distance)) for distance in axes.depth]
     found: dict[int, ComplexArray] = {}
     if parts is not None:
-        store = Store(parts)
+        store = Store(Path(parts))
         for k, key in enumerate(keys):
             part = store.get_dataset(key)
             if part is not None:
