@@ -81,20 +81,44 @@ class Placement:
                 raise GeometryError(f"lines {i} and {j} of {self.name} meet on {self.layers[i]}, at {at} of the coil.")
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
-        """Return the indices of the coil's lines on the copper layer `layer`, in the order of the path."""
+        """Return the indices of the coil's lines on the copper layer `layer`, in the order of the path.
+
+        Returns
+        -------
+        tuple of int
+            Indices, from 0.
+        """
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Points of the coil's frame, shape (n, 2) in m, in the frame of the board."""
+        """Points of the coil's frame, shape (n, 2) in m, in the frame of the board.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Positions in the frame of the board in m.
+        """
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
     def at_origin(self) -> Placement:
-        """Return the same coil where the frame of the board is its own."""
+        """Return the same coil where the frame of the board is its own.
+
+        Returns
+        -------
+        Placement
+            The coil with its centre at the origin, not turned.
+        """
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
-        """Give each line in the frame of the board, shape (n, 2), its widths, shape (n − 1,), in m, and its layer."""
+        """Give each line in the frame of the board, shape (n, 2), its widths, shape (n − 1,), in m, and its layer.
+
+        Yields
+        ------
+        ndarray, shape (n, 2), ndarray, shape (n − 1,), and str
+            Vertices of a line in m, the widths of its pieces in m, and the name of its copper layer.
+        """
         for line, widths, layer in zip(self.coil.lines, self.coil.widths, self.layers, strict=True):
             yield self.to_board(line), widths, layer
 
@@ -150,6 +174,11 @@ class Lattice:
         """Return the coil placed on every point, row by row.
 
         GeometryError as `lattice` and `Placement`, for no layers, or where the names are not as many as the points.
+
+        Returns
+        -------
+        tuple of Placement
+            One coil for every point.
         """
         points, indices = lattice(
             self.kind, self.pitch, self.columns, self.rows, rings=self.rings, direction=self.direction
@@ -316,7 +345,13 @@ class CoilArray:
         return x_min, y_min, x_max, y_max
 
     def nearest_coil(self, x: float, y: float) -> str:
-        """Return the name of the coil whose centre is nearest to a place in m, the first one of several."""
+        """Return the name of the coil whose centre is nearest to a place in m, the first one of several.
+
+        Returns
+        -------
+        str
+            Name of the coil.
+        """
         distance = np.hypot(*(self.centres - (x, y)).T)
         return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
 
@@ -327,13 +362,24 @@ class CoilArray:
         return self.nearest_coil(x, y)
 
     def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
-        """Return the same board with other coils."""
+        """Return the same board with other coils.
+
+        Returns
+        -------
+        CoilArray
+            The new array, with all checks.
+        """
         return replace(self, placements=tuple(placements))
 
     def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
         """Return the current path of every coil, vias included, from its first to its second terminal.
 
         `chord` is the resolution of arcs, see `Coil.current_lines`.
+
+        Returns
+        -------
+        tuple of Conductor
+            One path a coil, in the order of the coils, in m.
         """
         return tuple(self._conductor(placement, chord) for placement in self.placements)
 
@@ -371,6 +417,11 @@ def lattice_array(
         The shape of all coils.
     lattice : Lattice
         Their positions and layers.
+
+    Returns
+    -------
+    CoilArray
+        The array, with coils named coil1, coil2, … row by row.
 
     Examples
     --------

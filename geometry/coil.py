@@ -189,7 +189,13 @@ class Coil:
             widths.setflags(write=False)
 
     def arcs_of(self, line: int) -> tuple[Arc, ...]:
-        """Return the arcs of a line by its index."""
+        """Return the arcs of a line by its index.
+
+        Returns
+        -------
+        tuple of Arc
+            Arcs of the line, in the order of the path; empty where all of it is straight.
+        """
         return self.arcs[line] if self.arcs else ()
 
     def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -197,6 +203,11 @@ class Coil:
 
         All arcs have pieces of the same angle, so that those of neighbouring turns are parallel: on the largest one
         they leave the arc by `chord` times half the size of the outline. Bends within a trace have three pieces.
+
+        Yields
+        ------
+        ndarray, shape (n, 2), and ndarray, shape (n − 1,)
+            Vertices of a line in m, and the widths of its pieces in m.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
         radius = float(np.ptp(self.outline, axis=0).max()) / 2 if radii else 0.0
@@ -253,6 +264,11 @@ def spiral_coil(
         terminal. Needs `leads`.
     name : str
         Name of the shape in a design file.
+
+    Returns
+    -------
+    Coil
+        The coil about the origin, its path in m.
 
     Raises
     ------

@@ -97,6 +97,11 @@ class Conductor:
     def straightened(self) -> Conductor:
         """Return the path without the vertices between segments of one cross-section that go on straight.
 
+        Returns
+        -------
+        Conductor
+            The same path with as few segments as possible.
+
         Examples
         --------
         >>> Conductor([[0, 0, 0], [1e-3, 0, 0], [2e-3, 0, 0], [2e-3, 1e-3, 0]]).straightened().vertices[:, 0].tolist()

@@ -104,15 +104,27 @@ class Paraboloid(_Body):
 
     @property
     def largest_radius(self) -> float:
-        """Infinite: a paraboloid has no end."""
+        """Largest radius in m: infinite, as a paraboloid has no end."""
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m, r²/(2R)."""
+        """Height above the tip in m at the radii `r` in m, r²/(2R).
+
+        Returns
+        -------
+        ndarray
+            Height in m, of the shape of `r`.
+        """
         return np.asarray(r, dtype=float) ** 2 / (2 * self.radius)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m above the tip."""
+        """Radius in m of the cut at a height in m above the tip.
+
+        Returns
+        -------
+        float
+            Radius in m.
+        """
         return math.sqrt(2 * self.radius * height)
 
 
@@ -165,11 +177,23 @@ class FlatPunch(_Edged, _Body):
         self._check_edge()
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m: 0 under the punch, inf beyond it."""
+        """Height above the tip in m at the radii `r` in m: 0 under the punch, inf beyond it.
+
+        Returns
+        -------
+        ndarray
+            Height in m, of the shape of `r`.
+        """
         return np.where(np.asarray(r, dtype=float) <= self.radius, 0.0, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at any height above the tip."""
+        """Radius in m of the cut at any height above the tip.
+
+        Returns
+        -------
+        float
+            Radius in m.
+        """
         return self.radius
 
 
@@ -207,12 +231,24 @@ class Cone(_Edged):
         self._check_edge()
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the end."""
+        """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the end.
+
+        Returns
+        -------
+        ndarray
+            Height in m, of the shape of `r`.
+        """
         distance = np.asarray(r, dtype=float)
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m above the tip, at most `radius`."""
+        """Radius in m of the cut at a height in m above the tip, at most `radius`.
+
+        Returns
+        -------
+        float
+            Radius in m.
+        """
         return min(height * math.tan(self.half_angle), self.radius)
 
 

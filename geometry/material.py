@@ -57,7 +57,13 @@ class Material:
         return self.name.replace("_", " ")
 
     def skin_depth(self, frequency: float) -> float:
-        """Depth in m at which a field of a frequency in Hz has fallen by e, 1/√(π f µ σ); inf without conductivity."""
+        """Depth in m at which a field of a frequency in Hz has fallen by e, 1/√(π f µ σ); inf without conductivity.
+
+        Returns
+        -------
+        float
+            Skin depth in m.
+        """
         product = math.pi * frequency * MU_0 * self.relative_permeability * self.conductivity
         return math.inf if product == 0 else 1 / math.sqrt(product)
 

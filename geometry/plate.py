@@ -57,7 +57,13 @@ class Plate:
         return self.z, self.z + self.thickness
 
     def lifted(self, height: float) -> Plate:
-        """Return the plate moved up by a height in m."""
+        """Return the plate moved up by a height in m.
+
+        Returns
+        -------
+        Plate
+            The plate in its new place.
+        """
         return replace(self, z=self.z + height)
 
 
@@ -77,7 +83,7 @@ class Disc:
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """None."""
+        """No hole."""
         return ()
 
 
@@ -100,7 +106,7 @@ class Rectangle:
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """None."""
+        """No hole."""
         return ()
 
 
@@ -218,7 +224,7 @@ class FinitePlate:
 
     @property
     def axes(self) -> FloatArray:
-        """Unit vectors on the board of its own x, y and normal, in rows, shape (3, 3)."""
+        """Unit vectors, without unit, along its own x, y and normal on the board, in rows, shape (3, 3)."""
         cos, sin = math.cos(self.tilt_direction), math.sin(self.tilt_direction)
         rise, run = math.sin(self.tilt), math.cos(self.tilt)
         along, across = np.array([cos * run, sin * run, rise]), np.array([-sin, cos, 0.0])
@@ -226,11 +232,23 @@ class FinitePlate:
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
     def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
-        """Places on the board in m, shape (n, 3), of points of the mid-plane in its own x and y in m, shape (n, 2)."""
+        """Places on the board in m, shape (n, 3), of points of the mid-plane in its own x and y in m, shape (n, 2).
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Positions in the frame of the board in m.
+        """
         return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
 
     def lifted(self, height: float) -> FinitePlate:
-        """Return the plate moved up by a height in m."""
+        """Return the plate moved up by a height in m.
+
+        Returns
+        -------
+        FinitePlate
+            The plate in its new place.
+        """
         x, y, z = self.centre
         return replace(self, centre=(x, y, z + height))
 

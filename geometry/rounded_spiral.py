@@ -94,22 +94,46 @@ class RoundedSpiral(Winding):
         return min(self.extent, self.breadth) / 2 - self.trace_width / 2 - self.pitch * self.turns
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer as `Winding.centre_line`, with arcs as short straight pieces."""
+        """Vertices of one layer as `Winding.centre_line`, with arcs as short straight pieces.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Vertices in m, from the outer end to the inner one.
+        """
         return self._rounded(layer)[0]
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return the arcs of the centre line of one layer."""
+        """Return the arcs of the centre line of one layer.
+
+        Returns
+        -------
+        tuple of Arc
+            Arcs, in the order of the path.
+        """
         return self._rounded(layer)[1]
 
     def outline(self) -> FloatArray:
-        """Points of the enclosing shape (the nominal outer copper edge), shape (n, 2), x and y in m."""
+        """Points of the enclosing shape (the nominal outer copper edge), shape (n, 2), x and y in m.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Points in m.
+        """
         sides = np.arange(self.sides + 1)
         middle = self._corners(sides, np.zeros(self.sides + 1))
         line = np.vstack((self._foot(sides[:1], np.zeros(1)), middle, self._foot(sides[:1], np.zeros(1))))
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Middle in m of the side of the outermost turn, shape (2,)."""
+        """Middle in m of the side of the outermost turn, shape (2,).
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            x and y in m.
+        """
         return np.asarray(self._foot(np.array([step]), np.array([self.trace_width / 2]))[0])
 
     @property

@@ -36,6 +36,11 @@ def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corn
     across : {"flats", "corners"}
         How `size` is measured.
 
+    Returns
+    -------
+    float
+        Apothem in m.
+
     Raises
     ------
     GeometryError
@@ -174,22 +179,46 @@ class Spiral(Winding):
         return self.outer_apothem - self.trace_width / 2 - self.pitch * self.turns
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer as `Winding.centre_line`, shape (steps + 1, 2)."""
+        """Vertices of one layer as `Winding.centre_line`, shape (steps + 1, 2).
+
+        Returns
+        -------
+        ndarray, shape (steps + 1, 2)
+            Vertices in m, from the outer end to the inner one.
+        """
         k = np.arange(self.steps + 1)
         inwards = k if layer % 2 == 0 else self.steps - k
         apothem = (self.outer_apothem - self.trace_width / 2) - self.pitch * inwards / self.sides
         return self._corners(layer * self.steps + k, apothem)
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return no arc: all corners are sharp."""
+        """Return no arc: all corners are sharp.
+
+        Returns
+        -------
+        tuple of Arc
+            Always empty.
+        """
         return ()
 
     def outline(self) -> FloatArray:
-        """Corners of the enclosing polygon (the nominal outer copper edge), shape (sides, 2), x and y in m."""
+        """Corners of the enclosing polygon (the nominal outer copper edge), shape (sides, 2), x and y in m.
+
+        Returns
+        -------
+        ndarray, shape (sides, 2)
+            Corners in m.
+        """
         return self._corners(np.arange(self.sides), np.full(self.sides, self.outer_apothem))
 
     def rim(self, step: int) -> FloatArray:
-        """Corner in m of the outermost turn, shape (2,)."""
+        """Corner in m of the outermost turn, shape (2,).
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            x and y in m.
+        """
         apothem = self.outer_apothem - self.trace_width / 2
         return np.asarray(self._corners(np.array([step]), np.array([apothem]))[0])
 

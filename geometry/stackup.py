@@ -90,6 +90,11 @@ class Stackup:
         epsilon_r : float
             Relative permittivity of the dielectrics; 4.5 is that of FR-4.
 
+        Returns
+        -------
+        Stackup
+            The stack-up.
+
         Examples
         --------
         >>> board = Stackup.uniform(("top", "bottom"))
@@ -106,7 +111,13 @@ class Stackup:
         return sum(self.copper_thickness) + sum(self.dielectric_thickness)
 
     def index(self, name: str) -> int:
-        """Position of the copper layer `name`, 0 on top; GeometryError if there is none."""
+        """Position of the copper layer `name`, 0 on top; GeometryError if there is none.
+
+        Returns
+        -------
+        int
+            Position, from 0.
+        """
         try:
             return self.names.index(name)
         except ValueError:
@@ -115,17 +126,35 @@ class Stackup:
             ) from None
 
     def span(self, name: str) -> tuple[float, float]:
-        """Heights (z_bottom, z_top) in m of the copper layer `name`."""
+        """Heights (z_bottom, z_top) in m of the copper layer `name`.
+
+        Returns
+        -------
+        tuple of two float
+            z of the lower and of the upper face in m.
+        """
         i = self.index(name)
         z_top = -sum(self.copper_thickness[:i]) - sum(self.dielectric_thickness[:i])
         return z_top - self.copper_thickness[i], z_top
 
     def centre(self, name: str) -> float:
-        """Height in m of the middle plane of the copper layer `name`."""
+        """Height in m of the middle plane of the copper layer `name`.
+
+        Returns
+        -------
+        float
+            z in m.
+        """
         bottom, top = self.span(name)
         return 0.5 * (bottom + top)
 
     def between(self, first: str, last: str) -> tuple[str, ...]:
-        """Names of the copper layers from `first` to `last`, both included, top to bottom."""
+        """Names of the copper layers from `first` to `last`, both included, top to bottom.
+
+        Returns
+        -------
+        tuple of str
+            Names of the layers.
+        """
         i, j = sorted((self.index(first), self.index(last)))
         return self.names[i : j + 1]

@@ -89,6 +89,11 @@ class Target:
         """Height in m of the body's centre, of an infinite plate its lower face, at a distance above a height.
 
         The distance is that of the nearest point; both are in m.
+
+        Returns
+        -------
+        float
+            z in m.
         """
         if isinstance(self.body, Plate):
             below = 0.0

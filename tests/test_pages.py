@@ -16,6 +16,7 @@ import command_pages  # noqa: E402 - from the folder above
 import figures  # noqa: E402
 import file_pages  # noqa: E402
 import link_check  # noqa: E402
+import name_pages  # noqa: E402
 import pyvista  # noqa: E402
 import report_pages  # noqa: E402
 import result_pages  # noqa: E402
@@ -49,6 +50,24 @@ def test_every_command_has_a_page_with_an_example(name):
 def test_options_in_a_help_are_code_and_what_is_code_stays_as_it_is():
     assert command_pages._prose("give --noise or `board --self-test`") == "give `--noise` or `board --self-test`"
     assert command_pages._prose("``b --x`` well-known -- not --out.") == "``b --x`` well-known -- not `--out`."
+
+
+RETURNING = {name: one for name, *one in name_pages.returning()}
+UNIT = re.compile(r"\bin (m|mm|m²|s|µs|Hz|F|H|Ω|Pa|A|T)\b|[Rr]elative|[Rr]atio|[Ww]ithout unit|Dimensionless|the unit")
+
+
+@pytest.mark.parametrize("name", RETURNING)
+def test_everything_public_says_what_it_returns_with_shape_and_unit(name):
+    is_property, kind, text = RETURNING[name]
+    if not is_property:
+        text = re.search(r"^(?:Returns|Yields)\n-+\n(.*?)(?=\n\n\w+\n---|\Z)", text, re.MULTILINE | re.DOTALL)
+        assert text, "no section Returns"
+        text = text[1]
+    if "Array" in kind and "DataArray" not in kind and "CoilArray" not in kind:
+        assert is_property or "shape" in text or "scalar" in text
+        assert not is_property or "shape" in text
+    if re.search("float|complex|Float|Complex", kind):
+        assert UNIT.search(text), text
 
 
 _PAGE = '<html><body><h1 id="top">Page</h1>{}</body></html>'

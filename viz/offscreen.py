@@ -69,7 +69,13 @@ def rendering_problem() -> str | None:
 
 
 def window_problem() -> str | None:
-    """Return one line that says why no window can be opened here, or None where one can."""
+    """Return one line that says why no window can be opened here, or None where one can.
+
+    Returns
+    -------
+    str or None
+        What is missing, or None.
+    """
     if _missing():
         return _without_pyvista("windows")
     if not has_screen():

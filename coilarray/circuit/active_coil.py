@@ -93,6 +93,7 @@ def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequ
     Returns
     -------
     ndarray of complex, shape (n, n)
+        Z in Ω.
 
     Raises
     ------
@@ -136,6 +137,11 @@ def active_coil(
     short_resistance : float
         Resistance in Ω of a short to ground, the switches included.
 
+    Returns
+    -------
+    ActiveCoil
+        Apparent inductance in H and resistance in Ω of the active coil, and the currents of all.
+
     Raises
     ------
     NetworkError
@@ -170,6 +176,11 @@ def every_active_coil(
     ----------
     inductance, resistance, frequency, short_resistance
         See `active_coil`.
+
+    Returns
+    -------
+    EveryActiveCoil
+        The same of every coil in turn, as arrays.
 
     Raises
     ------

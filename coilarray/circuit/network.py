@@ -2,11 +2,14 @@
 
 Each coil is a branch of the coupled impedance Z(ω) = R(ω) + jωL between its two terminals, with its winding
 capacitance across. A terminal goes through a closed switch to one net (converter side A or B, ground, or a link
-between coils in series) and through open switches, as capacitors, to the others. With the node voltages v and the
-branch currents i, modified nodal analysis (Ho, Ruehli & Brennan, IEEE Trans. Circuits Syst. 22, 504, 1975) is
+between coils in series) and through open switches, as capacitors, to the others. In the modified nodal analysis of Ho,
+Ruehli & Brennan (IEEE Trans. Circuits Syst. 22, 504, 1975), with the node voltages v, the coils' currents i and those
+of the closed switches s,
 
-    [ Y   A ] [v]   [j]
-    [ Aᵀ −Z ] [i] = [0].
+    Y v + A i + B s = j,    Aᵀv = Z i,    Bᵀv = R s.
+
+The coils' currents are eliminated, i = Z⁻¹Aᵀv, and the voltage of a terminal behind a closed switch is that of its net
+plus R s, so that s takes its place among the unknowns: exact for any R, zero included.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from coilarray.errors import NetworkError
 _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
+_MATRIX_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
 SLOPE_STEP = 1e-4
 """Of the frequency: step of the differences that give a slope; they err by 1e-8."""
@@ -281,29 +285,17 @@ def changed_resonances(
 
     `inductances` gives for frequencies (cases,) in Hz the matrices (cases, n, n) in H that replace the network's own,
     their losses as imaginary parts −ΔR/ω. Returns the frequencies (cases,) in Hz, and there the impedances in Ω and the
-    admittances with the tank in S. The secant method on Im Y(f) = 0 for all cases at once, beginning with the slope of
-    the given resonance of this network; a NetworkError if it finds no resonance.
+    admittances with the tank in S; a NetworkError if there is no resonance.
     """
-    f0, wiring = result.frequency, _wire(network, result.state)
-    first = susceptance_slope(network, result.state, f0)
-    frequencies, slope = np.full(cases, f0), np.full(cases, first)
-    before, step = np.zeros(cases), np.zeros(cases)
-    for _ in range(NEWTON_STEPS):
-        impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
-        B = admittance.imag
-        moved = step != 0
-        slope[moved] = (B[moved] - before[moved]) / -step[moved]
-        slope[~(slope > _LEAST_SLOPE * first)] = first  # also where it is not a number
-        step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
-        settled = np.abs(step) <= NEWTON_TOLERANCE * f0
-        if settled.all():
-            return frequencies, impedance, admittance
-        step[settled] = 0.0
-        frequencies, before = frequencies - step, B
-    raise NetworkError(
-        f"state {result.state.name}: no resonance found above {f0:.6g} Hz for a changed inductance matrix; the last "
-        f"step of the secant method was {np.abs(step).max():.3g} Hz."
-    )
+    wiring, capacitances = _wire(network, result.state), network.winding_capacitance
+    frequencies = _followed(network, result, wiring, inductances, np.tile(capacitances, (cases, 1)))
+    impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
+    return frequencies, impedance, admittance
+
+
+def cases_at_once(network: Network) -> int:
+    """How many changed circuits to give `changed_resonances` or `resonances_near` at once, for the sake of memory."""
+    return max(1, _MATRIX_VALUES // (2 * len(network.names) + 3) ** 2)
 
 
 def resonances_near(
@@ -315,22 +307,43 @@ def resonances_near(
     """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
     `inductances` (cases, n, n) in H, or L − jR/ω with losses, and `winding_capacitances` (cases, n) in F replace the
-    network's own; a change may make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for
-    all cases at once, with the slope of the given resonance of this network: the error falls by about the relative
-    change of L at every step. A NetworkError if it finds no resonance.
+    network's own; a change may make the latter negative, as the tank is in parallel. A NetworkError if it finds no
+    resonance.
     """
-    f0 = result.frequency
-    slope = susceptance_slope(network, result.state, f0)
-    frequencies, wiring = np.full(len(inductances), f0), _wire(network, result.state)
+    capacitances = network.winding_capacitance if winding_capacitances is None else winding_capacitances
+    across = np.broadcast_to(capacitances, inductances.shape[:2])
+    return _followed(network, result, _wire(network, result.state), lambda _: inductances, across)
+
+
+def _followed(
+    network: Network,
+    result: StateResult,
+    wiring: _Wiring,
+    inductances: Callable[[FloatArray], FloatArray | ComplexArray],
+    winding_capacitances: FloatArray,
+) -> FloatArray:
+    """Find Im Y(f) = 0 for all cases at once by the secant method, beginning with the slope of the given resonance."""
+    f0, cases = result.frequency, len(winding_capacitances)
+    first = susceptance_slope(network, result.state, f0)
+    frequencies: FloatArray = np.full(cases, f0)
+    slope, before, step = np.full(cases, first), np.zeros(cases), np.zeros(cases)
     for _ in range(NEWTON_STEPS):
-        solved = _solve_with_tank(network, wiring, frequencies, inductances, winding_capacitances)
-        step = solved[2].imag / slope
-        frequencies -= step
-        if not len(step) or np.abs(step).max() <= NEWTON_TOLERANCE * f0:
+        solved = _solve_with_tank(network, wiring, frequencies, inductances(frequencies), winding_capacitances)
+        B, last = solved[2].imag, step
+        moved = last != 0
+        slope[moved] = (B[moved] - before[moved]) / -last[moved]
+        slope[~(slope > _LEAST_SLOPE * first)] = first  # also where it is not a number
+        step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
+        frequencies, before = frequencies - step, B
+        # steps fall faster and faster: the next is less than this one times its share of the last
+        share = np.divide(step, last, out=np.ones(cases), where=moved)
+        settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
+        if settled.all():
             return frequencies
+        step[settled] = 0.0
     raise NetworkError(
-        f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; "
-        f"the last step of Newton's method was {np.abs(step).max():.3g} Hz."
+        f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; the last "
+        f"step of the secant method was {np.abs(step).max(initial=0):.3g} Hz."
     )
 
 
@@ -363,21 +376,21 @@ def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class _Wiring:
-    """A state's nodes and branches; the terminals of coil k are the nodes 2k and 2k + 1, its branch is the k-th.
+    """A state's nodes; the terminals of coil k are the nodes 2k and 2k + 1.
 
-    `ends` (branches, 2) are the nodes that each branch joins: coils, closed switches, loads, leads, with a series
-    `resistance` and `inductance` (branches,) in Ω and H, zero for the coils. `capacitance` (nodes, nodes) in F is the
-    Maxwell matrix of all capacitors but those across the coils; `port` the nodes of the converter. `references` are one
-    node of every part of the circuit that nothing joins to the others: no current can leave there.
+    A switch or load joins each of the terminals `closed` (k,) to the node of `nets` (k,) with a `resistance` (k,) in Ω.
+    `capacitance` (nodes, nodes) in F is the Maxwell matrix of all capacitors but those across the coils; `port` the
+    nodes of the converter. `kept` are the nodes without one of every part of the circuit that nothing joins to the
+    others: no current can leave there.
     """
 
     state: ScanState
-    ends: IntArray
+    closed: IntArray
+    nets: IntArray
     resistance: FloatArray
-    inductance: FloatArray
     capacitance: FloatArray
     port: tuple[int, int]
-    references: list[int]
+    kept: IntArray
 
 
 def _solve(
@@ -393,77 +406,75 @@ def _solve(
     parts of the former are losses, −ΔR/ω.
     """
     omega = 2 * math.pi * frequencies
-    n = len(network.names)
-    nodes, branches = len(wiring.capacitance), len(wiring.ends)
-    require_memory(
-        _BYTES_AN_ENTRY * len(omega) * (nodes + branches) ** 2, f"the circuit of {n} coils at {len(omega)} frequencies"
-    )
+    n, nodes = len(network.names), len(wiring.capacitance)
+    entries = len(omega) * (nodes**2 + n**2)
+    require_memory(_BYTES_AN_ENTRY * entries, f"the circuit of {n} coils at {len(omega)} frequencies")
     # in units of the first coil's reactance all entries are of order one
     unit = omega * network.inductance[0, 0]
-    matrix = np.zeros((len(omega), nodes + branches, nodes + branches), dtype=np.complex128)
-    matrix[:, :nodes, :nodes] = (1j * omega * unit)[:, None, None] * wiring.capacitance
-    first, second = np.arange(0, 2 * n, 2), np.arange(1, 2 * n, 2)
-    admittance = (1j * omega * unit)[:, None] * across
-    for rows, columns, sign in ((first, first, 1), (second, second, 1), (first, second, -1), (second, first, -1)):
-        matrix[:, rows, columns] += sign * admittance
-    number = np.arange(branches)
-    for end, sign in zip(wiring.ends.T, (1, -1), strict=True):
-        matrix[:, end, nodes + number] += sign
-        matrix[:, nodes + number, end] += sign
     R = np.array([network.resistance(frequency) for frequency in frequencies.tolist()])
     if network.dispersion is not None:
         inductances = inductances + np.array([network.dispersion(frequency) for frequency in frequencies.tolist()])
-    matrix[:, nodes : nodes + n, nodes : nodes + n] = (
-        -(R + 1j * omega[:, None, None] * inductances) / unit[:, None, None]
-    )
-    series = wiring.resistance + 1j * omega[:, None] * wiring.inductance
-    matrix[:, nodes + number, nodes + number] -= series / unit[:, None]
-    source = np.zeros((matrix.shape[1], 1), dtype=np.complex128)
+    source = np.zeros((nodes, 1), dtype=np.complex128)
     source[wiring.port, 0] = 1, -1
-    keep = np.setdiff1d(np.arange(len(source)), wiring.references)
-    solution = np.zeros(matrix.shape[:2], dtype=np.complex128)
+    kept, closed, nets = wiring.kept, wiring.closed, wiring.nets
+    solution = np.zeros((len(omega), nodes), dtype=np.complex128)
     try:
-        solution[:, keep] = np.linalg.solve(matrix[:, keep[:, None], keep], source[keep])[..., 0]
+        coils = np.linalg.inv((R + 1j * omega[:, None, None] * inductances) / unit[:, None, None])
+        matrix = (1j * omega * unit)[:, None, None] * wiring.capacitance
+        between = coils.copy()
+        between[:, range(n), range(n)] += (1j * omega * unit)[:, None] * across
+        first, second = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
+        matrix[:, first, first] += between
+        matrix[:, second, second] += between
+        matrix[:, first, second] -= between
+        matrix[:, second, first] -= between
+        for net in np.unique(nets):
+            matrix[:, :, net] += matrix[:, :, closed[nets == net]].sum(axis=2)
+        matrix[:, :, closed] *= wiring.resistance / unit[:, None, None]
+        matrix[:, closed, closed] += 1
+        matrix[:, nets, closed] -= 1
+        solution[:, kept] = np.linalg.solve(matrix[:, kept[:, None], kept], source[kept])[..., 0]
     except np.linalg.LinAlgError:
         raise NetworkError(f"state {wiring.state.name} gives a singular network at {frequencies[0]:.6g} Hz.") from None
+    voltages = solution.copy()
+    voltages[:, closed] = solution[:, nets] + solution[:, closed] * wiring.resistance / unit[:, None]
+    currents = coils @ (voltages[:, first] - voltages[:, second])[..., None]
     plus, minus = wiring.port
-    return (solution[:, plus] - solution[:, minus]) * unit, solution[:, nodes : nodes + n]
+    leads = 2j * omega * network.switches.lead_inductance  # in series with the converter
+    return (voltages[:, plus] - voltages[:, minus]) * unit + leads, currents[..., 0]
 
 
 def _wire(network: Network, state: ScanState) -> _Wiring:
     """Connect every element of the circuit but the capacitances across the coils."""
     switches, n = network.switches, len(network.names)
     number = {_GROUND: 2 * n, _SIDE_A: 2 * n + 1, _SIDE_B: 2 * n + 2}
-    port = (2 * n + 3, 2 * n + 4)
     nets = _nets(network.names, state)
     for link in sorted({net for pair in nets.values() for net in pair} - {"", *number}):
-        number[link] = 2 * n + 2 + len(number)
-    ends, resistance, inductance = [(2 * k, 2 * k + 1) for k in range(n)], [0.0] * n, [0.0] * n
+        number[link] = 2 * n + len(number)
+    joined: list[tuple[int, int, float]] = []
     capacitors = [(number[side], number[_GROUND], switches.bus_capacitance) for side in (_SIDE_A, _SIDE_B)]
     for terminal, closed in enumerate(net for pair in nets.values() for net in pair):
         if closed:
-            ends.append((terminal, number[closed]))
-            resistance.append(switches.on_resistance)
+            joined.append((terminal, number[closed], switches.on_resistance))
         capacitors += [
             (terminal, number[net], switches.off_capacitance) for net in (_SIDE_A, _SIDE_B, _GROUND) if net != closed
         ]
         capacitors.append((terminal, number[_GROUND], switches.terminal_capacitance))
     loads = [k for k, name in enumerate(network.names) if _passive(state, name) == "load"]
-    ends += [(2 * k, 2 * k + 1) for k in loads]
-    resistance += [state.load_resistance] * len(loads)
-    ends += [(port[0], number[_SIDE_A]), (port[1], number[_SIDE_B])]
-    inductance += [0.0] * (len(ends) - 2 - n) + [switches.lead_inductance] * 2
-    nodes = 2 * n + 2 + len(number)
+    joined += [(2 * k, 2 * k + 1, state.load_resistance) for k in loads]
+    nodes = 2 * n + len(number)
     capacitance = np.zeros((nodes, nodes))
     capacitance[: 2 * n, : 2 * n] = between_coils(network.mutual_capacitance)
     a, b, farads = (np.array(column) for column in zip(*capacitors, strict=True))
     for rows, columns, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
         np.add.at(capacitance, (rows, columns), sign * farads)
-    branches = np.array(ends)
-    references = _references(branches, capacitance, port[0] - 3)
+    terminals, ends, resistance = (np.array(column) for column in zip(*joined, strict=True))
+    coils = np.arange(2 * n).reshape(n, 2)
+    pairs = np.concatenate((coils, np.stack((terminals, ends), axis=1), np.argwhere(capacitance)))
     return _Wiring(
-        state, branches, np.array([*resistance, 0.0, 0.0]), np.array(inductance), capacitance, port, references
-    )
+        state, terminals, ends, resistance, capacitance, (number[_SIDE_A], number[_SIDE_B]),
+        np.setdiff1d(np.arange(nodes), _references(pairs, nodes, terminals, number[_GROUND])),
+    )  # fmt: skip
 
 
 def between_coils(mutual: FloatArray) -> FloatArray:
@@ -503,10 +514,9 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
     return {name: nets[name] for name in names}
 
 
-def _references(ends: IntArray, capacitance: FloatArray, ground: int) -> list[int]:
-    """See `_Wiring`; the ground is the reference of its own part."""
-    count = len(capacitance)
-    a, b = np.concatenate((ends, np.argwhere(capacitance))).T
-    parts, label = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
-    label_first = [int(np.flatnonzero(label == part)[0]) for part in range(parts)]
-    return [ground if label[ground] == part else label_first[part] for part in range(parts)]
+def _references(pairs: IntArray, nodes: int, closed: IntArray, ground: int) -> list[int]:
+    """See `_Wiring`: one node of every part that pairs of nodes (k, 2) join, the ground or one without a switch."""
+    ends = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
+    parts, label = connected_components(ends, directed=False)
+    free = np.setdiff1d(np.arange(nodes), closed)
+    return [ground if label[ground] == part else int(free[label[free] == part][0]) for part in range(parts)]

@@ -43,6 +43,11 @@ def export(
     allow_faults : bool
         Write a board whose copper, read back, is not that of its coils.
 
+    Returns
+    -------
+    Exported
+        The files that were written, and what reading them back found.
+
     Raises
     ------
     OutputError

@@ -181,6 +181,11 @@ class Indentation:
         """Least and greatest x and y, (2,) each, where the contact stays on the sample; infinite for a wide one.
 
         All in m from the origin. The contact is taken to be as wide as the indenter at a height of `depth`.
+
+        Returns
+        -------
+        tuple of two ndarray, shape (2,)
+            Least and greatest x, and least and greatest y, in m.
         """
         if self.sample_bounds is None:
             return np.full(2, -np.inf), np.full(2, np.inf)
@@ -444,6 +449,11 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     name_or_path : str or Path, optional
         A TOML file, or the name of a bundled design; the bundled ``gast2020`` by default.
 
+    Returns
+    -------
+    Design
+        The design, with all checks.
+
     Raises
     ------
     DesignError
@@ -459,13 +469,25 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
 
 
 def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
-    """Read a design with what only its file says: which keys are given, which values assumed. As `load_design`."""
+    """Read a design with what only its file says: which keys are given, which values assumed. As `load_design`.
+
+    Returns
+    -------
+    DesignFile
+        The design, its tables and which of its values are assumed.
+    """
     given = bundled.STARTER if name_or_path is None else str(name_or_path)
     return parse_design_file(bundled.DESIGNS.text(given), given)
 
 
 def parse_design(text: str, origin: str = "design") -> Design:
-    """Read a design from the text of a TOML file; `origin` names it in messages. See `load_design`."""
+    """Read a design from the text of a TOML file; `origin` names it in messages. See `load_design`.
+
+    Returns
+    -------
+    Design
+        The design, with all checks.
+    """
     return parse_design_file(text, origin).design
 
 

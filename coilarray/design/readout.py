@@ -126,6 +126,13 @@ class Readout:
     def size(self, name: str) -> float:
         """Return one of the sizes of `USUAL`: the given one, or the usual one.
 
+        Returns
+        -------
+        float
+            The size, in the unit that `USUAL` has for it.
+
+        Examples
+        --------
         >>> Readout(board_per_kelvin=16e-6).size("board_per_kelvin"), Readout().size("board_per_kelvin")
         (1.6e-05, 1.4e-05)
         """

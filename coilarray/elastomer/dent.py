@@ -97,13 +97,24 @@ class Dent:
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 
     def moved(self, motion: Motion) -> Dent:
-        """Return the dent in sheets that have moved with it."""
+        """Return the dent in sheets that have moved with it.
+
+        Returns
+        -------
+        Dent
+            The dent as the moved sheets have it.
+        """
         return replace(self, motion=motion)
 
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
         """Upward displacement of every face in m, or a derivative by the radius, shape (…, sheets + 1).
 
         A cubic spline that is level on the axis; zero beyond `extent`.
+
+        Returns
+        -------
+        ndarray, shape (…, sheets + 1)
+            Displacement in m, or its derivative of the given order.
         """
         level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
@@ -148,6 +159,11 @@ class Dent:
 
         Nothing moves at the first and the last height. The first is missing where the lowest contrast is at z = 0.
         `deepest` is the largest displacement in m that the anchors must serve; that of this dent where not given.
+
+        Returns
+        -------
+        ndarray, shape (n,), and tuple of int
+            The heights in m, and the indices of the faces.
         """
         faces = self.contrasts
         moved = float(np.abs(self.displacement[:, list(faces)]).max()) if deepest is None else deepest
@@ -165,6 +181,11 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     of the order of the strain squared; between them its height is a cubic spline. Beyond the last one it comes back to
     its flat height within a thickness of the stack: the field takes the sheets for wide. ElastomerError for a dataset
     of several depths or of other sheets, a face that folds over, or a magnetic sheet on a soft seat.
+
+    Returns
+    -------
+    Dent
+        The displaced faces, as smooth functions of the radius.
     """
     if "depth" in indentation.displacement_z.dims:
         raise ElastomerError("a dent is the shape at one depth; select one of the indentation's depths.")

@@ -95,7 +95,13 @@ class LayerMesh:
     rank: float = 1e-7
 
     def coarser(self) -> LayerMesh:
-        """Return a mesh for what is small against the whole, four times cheaper and good to some 0.3 %."""
+        """Return a mesh for what is small against the whole, four times cheaper and good to some 0.3 %.
+
+        Returns
+        -------
+        LayerMesh
+            The coarser mesh.
+        """
         harmonics, rows = max(5, self.harmonics // 2), max(2, self.rows // 3)
         return LayerMesh(harmonics, 0.55 * self.decays, max(0.5, self.width), rows, self.growth**2, 100 * self.rank)
 

@@ -73,6 +73,11 @@ def coil_capacitance(
     a GeometryError for a coil that does not wind around its centre, copper that overlaps on a layer, or a permittivity
     below 1.
 
+    Returns
+    -------
+    xarray.Dataset
+        The variables named above, in F.
+
     Notes
     -----
     Of one winding: the voltage rises linearly along the path from one terminal to the other; the coil floats. Rays from
@@ -115,6 +120,11 @@ def coil_capacitance(
 
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
     """Self-resonance 1/(2π √(LC)) in Hz of coils of L in H with a capacitance of their own in F; shapes that broadcast.
+
+    Returns
+    -------
+    ndarray
+        Frequency in Hz, of the broadcast shape.
 
     Examples
     --------

@@ -197,6 +197,11 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
 
     The coils come in the order of their centres. Every step counts the same, as in the paper. LocalizeError for fewer
     steps with an ellipse than a polynomial has coefficients.
+
+    Returns
+    -------
+    EllipseModel
+        A, B and x0 of every coil in m as polynomials of δ.
     """
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
     # the smallest ellipse determines the centre best

@@ -199,6 +199,11 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
         to that of a target, whose distances are its depths here.
 
+    Returns
+    -------
+    ForwardModel
+        δ as a function of x, y and depth in m, with its noise.
+
     Raises
     ------
     LocalizeError

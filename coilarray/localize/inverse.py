@@ -212,6 +212,11 @@ def locate(
         Least probability of the residuals at which a position is still said to fit, and of the reading itself at which
         it is still said to be noise.
 
+    Returns
+    -------
+    Location
+        Every position that fits the reading, in m, the most likely one first.
+
     Raises
     ------
     LocalizeError

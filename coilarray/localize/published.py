@@ -25,6 +25,11 @@ _COILS = ("coil1", "coil2", "coil3")
 def published_rows(name: str) -> list[dict[str, str]]:
     """Read a table of the paper as printed: ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1``.
 
+    Returns
+    -------
+    list of dict of str to str
+        One dictionary a row, the text of its cells by the names of the columns.
+
     Examples
     --------
     >>> published_rows("table_2")[0]

@@ -351,6 +351,11 @@ def polarisabilities(radius: float, material: Material, frequencies: FloatArray,
     """Polarisabilities α_l of a ball for l from 1 to `orders`, shape (f, orders); frequencies (f,) in Hz.
 
     r_l comes down the continued fraction r_l = 2l + 1 + x²/r_(l+1), which no skin depth makes overflow.
+
+    Returns
+    -------
+    ndarray of complex, shape (f, orders)
+        Ratios: a multipole is α_l a^(2l+1) times the field that excites it.
     """
     order = np.arange(1, orders + 1)
     if math.isinf(material.conductivity):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,6 +54,22 @@ def _names() -> dict[str, list[str]]:
     for module, first, others in _BEYOND_ROW.findall((_DOCS / "helpers.md").read_text(encoding="utf-8")):
         groups[_BEYOND] += [f"{module}.{name}" for name in (first, *re.findall(r"\w+", others))]
     return groups
+
+
+def returning() -> Iterator[tuple[str, bool, str, str]]:
+    """Yield name, whether a property, return annotation and docstring of everything public that returns something."""
+    for full in itertools.chain(*_names().values()):
+        value = _value(full)
+        members = {full: value} if callable(value) else {}
+        if inspect.isclass(value):
+            members = {f"{full}.{name}": one for name, one in vars(value).items() if not name.startswith("_")}
+        for name, one in members.items():
+            is_property = isinstance(one, property | cached_property)
+            code = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
+            if inspect.isfunction(code := inspect.unwrap(code)):
+                annotation = str(inspect.signature(code).return_annotation)
+                if annotation not in ("None", "NoReturn"):
+                    yield name, is_property, annotation, inspect.getdoc(code) or ""
 
 
 def _value(full: str) -> object:

@@ -90,6 +90,11 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     progress : callable, optional
         Function called with (done, total) after each group of states.
 
+    Returns
+    -------
+    SelfTest
+        The faults that were found, named as far as they can be told apart.
+
     Raises
     ------
     BusFault, SwitchFault

@@ -81,6 +81,11 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
 def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, offset: int = 0) -> int:
     """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`, with its parameters.
 
+    Returns
+    -------
+    int
+        The conversion result, of 28 bits.
+
     Raises
     ------
     ValueError

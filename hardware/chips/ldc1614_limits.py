@@ -251,6 +251,11 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
     `frequency` f is that of the sensor and `reference` f_ref that of the converter, both in Hz; `quality_factor` Q is
     the sensor's.
 
+    Returns
+    -------
+    int
+        Value of the register SETTLECOUNT, in units of 16 periods of the reference.
+
     Raises
     ------
     ValueError

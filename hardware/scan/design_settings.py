@@ -77,6 +77,11 @@ def design_settings(
     discard : int
         Number of conversions to throw away after waking, 0 to 15.
 
+    Returns
+    -------
+    ScanSettings
+        The settings, checked by the rules of the data sheet.
+
     Raises
     ------
     HardwareError

@@ -92,13 +92,31 @@ class Reader(Protocol):
         """Write settings and read them back; unsafe ones are refused."""
 
     def scan(self) -> RawScan:
-        """Measure every state once."""
+        """Measure every state once.
+
+        Returns
+        -------
+        RawScan
+            Words of all states, as the converter gave them.
+        """
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
-        """Scan until the generator is closed, once every `interval` in s, or as fast as possible for 0."""
+        """Scan until the generator is closed, once every `interval` in s, or as fast as possible for 0.
+
+        Yields
+        ------
+        RawScan
+            Words of all states, as the converter gave them.
+        """
 
     def peek(self, address: int) -> int:
-        """Read a register of the converter, which must not be scanning."""
+        """Read a register of the converter, which must not be scanning.
+
+        Returns
+        -------
+        int
+            The word of 16 bits.
+        """
 
     def rest(self) -> None:
         """Ground all coils and put the converter to sleep."""

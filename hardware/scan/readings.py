@@ -210,6 +210,11 @@ def read_scan(
     temperature : float, optional
         Temperature of the board in °C, which stands in the result and changes nothing else.
 
+    Returns
+    -------
+    ScanReading
+        Frequency in Hz and inductance in H of every state, and what the converter reported.
+
     Raises
     ------
     HardwareError

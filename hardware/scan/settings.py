@@ -174,11 +174,23 @@ class ScanSettings:
         return tuple(sorted(values))
 
     def drive_register(self, state: StateSettings) -> int:
-        """Return register DRIVE_CURRENT of the channel of a state."""
+        """Return register DRIVE_CURRENT of the channel of a state.
+
+        Returns
+        -------
+        int
+            The word of 16 bits.
+        """
         return encode(f"DRIVE_CURRENT{state.channel}", {f"IDRIVE{state.channel}": state.drive})
 
     def input_divider(self, state: StateSettings) -> int:
-        """Return FIN_DIVIDER of the channel of a state."""
+        """Return FIN_DIVIDER of the channel of a state.
+
+        Returns
+        -------
+        int
+            The divider, 1 or more.
+        """
         return self.fin_divider if state.fin_divider is None else state.fin_divider
 
     @property
@@ -195,7 +207,13 @@ class ScanSettings:
         return self.period_on(BUS_RATE)
 
     def period_on(self, bus_rate: float) -> float:
-        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite."""
+        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite.
+
+        Returns
+        -------
+        float
+            Time in s.
+        """
         time = self._state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
@@ -308,13 +326,24 @@ class ScanSettings:
         return values
 
     def to_json(self) -> str:
-        """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
+        """Return the settings as JSON in one line, with their hash; `from_json` reads it.
+
+        Returns
+        -------
+        str
+            One line of JSON.
+        """
         document = {"schema": SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
         return json.dumps(document, ensure_ascii=False, default=bytes.hex)
 
     @classmethod
     def from_json(cls, text: str) -> ScanSettings:
         """Read what `to_json` wrote.
+
+        Returns
+        -------
+        ScanSettings
+            The same settings.
 
         Raises
         ------
@@ -412,6 +441,11 @@ def scan_settings(
     discard : int
         Number of conversions to throw away after waking, 0 to 15. Users of the FDC2214, which has the same core, report
         first conversions that are far off; not verified. The self-test of a board measures how many it takes.
+
+    Returns
+    -------
+    ScanSettings
+        The settings, checked by the rules of the data sheet.
 
     Raises
     ------

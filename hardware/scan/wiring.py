@@ -152,7 +152,13 @@ class Wiring:
         return bytes(len(self.devices))
 
     def channel(self, coil: str) -> int:
-        """Return the channel of the converter that measures a coil; switches join all coils to channel 0."""
+        """Return the channel of the converter that measures a coil; switches join all coils to channel 0.
+
+        Returns
+        -------
+        int
+            Number of the channel, from 0.
+        """
         if coil not in self.coils:
             raise HardwareError(f"wiring {self.name} has no coil {coil!r}; there are {listed(self.coils)}.")
         return self.channels[self.coils.index(coil)] if self.channels else 0
@@ -199,7 +205,13 @@ class Wiring:
         return self._close(joins)
 
     def encode(self) -> bytes:
-        """Return eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
+        """Return eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them.
+
+        Returns
+        -------
+        bytes
+            Eight bytes a device.
+        """
         codes = bytearray()
         for device in reversed(self.devices):
             by_name = {
@@ -225,6 +237,11 @@ class Wiring:
         ----------
         switches : Switches
             Resistance, leads and tank, which stay.
+
+        Returns
+        -------
+        Switches
+            The switches with capacitances in F.
 
         Examples
         --------
@@ -314,6 +331,11 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     ----------
     name_or_path : str or Path, optional
         Name of a bundled wiring, or a TOML file; by default ``"six_coils"``, one device a coil.
+
+    Returns
+    -------
+    Wiring
+        The wiring, with all checks.
 
     Raises
     ------

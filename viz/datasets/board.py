@@ -38,7 +38,13 @@ def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], laye
 
 
 def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:
-    """Return the surface of all barrels, in mm, with the cell array ``"coil"`` as in `copper_mesh`."""
+    """Return the surface of all barrels, in mm, with the cell array ``"coil"`` as in `copper_mesh`.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Surface in mm.
+    """
     return merged(
         [
             (solid, index)
@@ -50,7 +56,13 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
-    """Return the surface of the laminate in mm; empty if the stack-up has none."""
+    """Return the surface of the laminate in mm; empty if the stack-up has none.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Surface in mm.
+    """
     from coilarray.viz.extra_3d import pyvista
 
     return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()
@@ -58,6 +70,11 @@ def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
 
 def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
     """Return current paths in mm as one polyline per conductor, with its index in the cell array ``"coil"``.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Polylines in mm.
 
     Examples
     --------

@@ -36,6 +36,11 @@ def sheet_meshes(
     lift, spread : float
         Heights in m, for an exploded view: of the lowest sheet above the board, and of every other sheet above the one
         below it.
+
+    Returns
+    -------
+    dict of str to pyvista.PolyData
+        Surface in mm of every sheet, by its name.
     """
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
     in_order = sorted(solids, key=lambda name: float(solids[name].bounds[0, 2]))
@@ -125,6 +130,11 @@ def indenter_mesh(
         As in `dented_sheet_meshes`; a cylinder goes from end to end of the extent.
     height : float
         Height of the body above its tip in m.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Closed surface in mm.
 
     Raises
     ------

@@ -32,6 +32,11 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
         Dataset of `coilarray.studies.calibrate.calibrate`.
     combination : int
         Place of the combination of choices; the most probable one by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     of = calibration.isel(combination=combination)
     states = list(dict.fromkeys(of.state.values.tolist()))[:_MOST_STATES]
@@ -94,6 +99,11 @@ def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     ----------
     calibration, combination
         As in `calibration_figure`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     of = calibration.isel(combination=combination)
     of = of.isel(unknown=np.flatnonzero(np.isfinite(of["value"].values)))
@@ -135,6 +145,11 @@ def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
         As in `calibration_figure`.
     ax : Axes, optional
         Axes to draw into.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------

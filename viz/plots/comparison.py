@@ -52,6 +52,11 @@ def plot_residual(
     outlines : sequence of array_like
         As in `coilarray.viz.plot_response`.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -89,6 +94,11 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
         As in `plot_residual`.
     ax : Axes, optional
         Axes to draw into; both have the unit 10⁻³.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------
@@ -132,6 +142,11 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
         As in `plot_residual`.
     ax : Axes, optional
         Axes to draw into, mm over 10⁻³.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -183,6 +198,11 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
         As in `plot_residual`, with any number of x and y.
     depth : int
         Index of the depth in the dataset; the deepest by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
         figure = Figure(figsize=(7.0, 4.5))

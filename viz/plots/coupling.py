@@ -33,6 +33,11 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax : Axes, optional
         Axes to draw into; colours symmetric about zero.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Examples
     --------
     >>> from coilarray.circuit.coupling import couple
@@ -57,6 +62,11 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
         As in `plot_coupling`.
     ax : Axes, optional
         Axes to draw into; the prefix is chosen from the largest value.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------
@@ -108,6 +118,11 @@ def plot_matrix(
     ax : Axes, optional
         Axes to draw into.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -142,6 +157,11 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
         As in `plot_coupling`.
     ax : Axes, optional
         Axes to draw into.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------
@@ -184,6 +204,11 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax : Axes, optional
         Axes to draw into: one column per active coil and one row per passive one, per ampere in the active coil. The
         diagonal, 1, is left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------

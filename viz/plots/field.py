@@ -29,6 +29,11 @@ def plot_field_lines(
     coil : tuple of float, optional
         Ends of the coil along x in m; shaded.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -75,6 +80,11 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
         Axes to draw into, in mm; colours symmetric about zero.
     outlines : sequence of array_like
         As in `coilarray.viz.plot_response`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------

@@ -34,6 +34,11 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax : Axes, optional
         Axes to draw into, mm across.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Examples
     --------
     >>> from coilarray import indent, load_design
@@ -73,6 +78,11 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
         Body that made the dent, and index of the depth in the dataset, the deepest by default.
     ax : Axes, optional
         Axes to draw into, in mm with equal scales.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -122,6 +132,11 @@ def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
     ----------
     indentation, indenter
         As in `plot_dent`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     width, height = _dent_size(indentation)
     heights = [height] if indentation.sizes["depth"] == 1 else [height, _FORCE_HEIGHT]

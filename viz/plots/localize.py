@@ -53,6 +53,11 @@ def plot_ellipse_parameters(
     published : EllipseModel, optional
         Another model, drawn in grey where it has the coil.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -101,6 +106,11 @@ def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: E
     ----------
     fits, model, published
         As in `plot_ellipse_parameters`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     columns = min(len(model.coils), 3)
     rows = math.ceil(len(model.coils) / columns)
@@ -135,6 +145,11 @@ def plot_ellipses(
         Real x and y in m, drawn as a cross.
     ax : Axes, optional
         Axes to draw into, in mm.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -194,6 +209,11 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m, first point not repeated.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -227,6 +247,11 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         Name of the coil.
     ax : Axes, optional
         Axes to draw into, mm over 10⁻³.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -282,6 +307,11 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     ax : Axes, optional
         Axes to draw into, mm over 10⁻³.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Examples
     --------
     >>> effect = (("cause", "state", "delta"), [[[2e-4, 2e-4]], [[5e-4, 5e-4]]])
@@ -321,6 +351,11 @@ def distortion_figure(distortion: xr.Dataset) -> Figure:
     ----------
     distortion
         As in `plot_distortion`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     states = distortion.state.values.tolist()
     figure = Figure(figsize=(12.5, 3.7 * len(states)))
@@ -347,6 +382,11 @@ def plot_identifiability(
         Axes to draw into, in mm.
     outlines : sequence of array_like
         As in `plot_x_error`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -395,6 +435,11 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     ----------
     bounds, outlines
         As in `plot_identifiability`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
     if not there:

@@ -34,6 +34,11 @@ def plot_search(result: Optimization, objective: int = 0, ax: Axes | None = None
     ax : Axes, optional
         Axes to draw into.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -85,6 +90,11 @@ def plot_pareto(
         Axes to draw into.
     named : mapping of str to str, optional
         Texts beside trials, by the trials' names.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -151,6 +161,11 @@ def plot_convergence(
     ax : Axes, optional
         Axes to draw into.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -200,6 +215,11 @@ def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None =
     ax : Axes, optional
         Axes to draw into.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Examples
     --------
     >>> ax = plot_importance({"array.pitch_mm": 0.75, "array.columns": 0.25}, title="worst_k")
@@ -246,6 +266,11 @@ def plot_front(
     ax : Axes, optional
         Axes to draw into.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -287,6 +312,11 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     ----------
     boards : mapping of str to CoilArray
         Boards by their titles, at least one.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     edges = np.array([array.bounds for array in boards.values()])
     (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)

@@ -59,6 +59,11 @@ def plot_response(
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m from the same origin as x and y, first point not repeated.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -108,6 +113,11 @@ def plot_response_profile(
     along : {"x", "y"}
         Direction of the line, which is that with the largest |δ| of the state, for all states of that in the middle.
         States of which nothing is felt there are left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -180,6 +190,11 @@ def plot_bell_curve(
     along : {"x", "y"}
         Direction of the line; on a map the other coordinate is the one nearest to the centre of the coil.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -239,6 +254,11 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     ----------
     response, outlines
         As in `plot_response`, with any number of x and y.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     response = as_depths(response)
     names = response.state.values.tolist()

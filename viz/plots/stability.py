@@ -27,6 +27,11 @@ def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax : Axes, optional
         Axes to draw into.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Examples
     --------
     >>> from coilarray.hardware.record.stability import stability

@@ -74,6 +74,11 @@ def plot_frequency_sweep(
         Result of `coilarray.circuit.impedance.scan_design` of the same states: a dot marks the resonance with the tank
         on each curve, a dotted line the self-resonance.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -149,6 +154,11 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     sweep, scan : xarray.Dataset
         Results of `coilarray.circuit.impedance.sweep_design` and `coilarray.circuit.impedance.scan_design`.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
+
     Examples
     --------
     >>> from coilarray import load_design
@@ -208,6 +218,11 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax : Axes, optional
         Axes to draw into. Circles, and values in the legend, mark the `zero_crossings` where a pair does not couple; a
         dashed line is the design's own value.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -286,6 +301,11 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
     ax : Axes, optional
         Axes to draw into; a dashed line is the design's own value.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Examples
     --------
     >>> import xarray as xr
@@ -313,6 +333,11 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
         is a gap.
     ax : Axes, optional
         Axes to draw into; a dashed line is the design's own value.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------
@@ -356,6 +381,11 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
         As in `plot_sweep_points`, of a grid over two entries.
     ax : Axes, optional
         Axes to draw into; a diamond marks the design's own values.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Raises
     ------

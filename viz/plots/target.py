@@ -40,6 +40,11 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     ax : Axes, optional
         Axes to draw into, mm across.
 
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
+
     Raises
     ------
     ValueError
@@ -89,6 +94,11 @@ def target_figure(response: xr.Dataset) -> Figure:
 
     `response` is the result of `coilarray.target_map`. Every state is shown where the target moves it the most; of many
     states, those nearest to the middle of the map.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
     """
     figure = Figure(figsize=_PANELS)
     panels = figure.subplots(2, 2, sharex=True).ravel().tolist()

@@ -30,6 +30,11 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
     outputs : sequence of str, optional
         Names of the outputs; all by default. The first six have a histogram.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which its method `savefig` writes to a file.
+
     Raises
     ------
     ValueError
@@ -62,6 +67,11 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
         Result of `coilarray.studies.tolerance.analyse`.
     ax : Axes, optional
         Axes to draw into.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------
@@ -110,6 +120,11 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
         Name of the output.
     ax : Axes, optional
         Axes to draw into.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes that were drawn into: new ones where none are given.
 
     Examples
     --------

@@ -99,6 +99,11 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
     `track` gives the progress function of each computation. GeometryError if there is no such coil or layer, the
     indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError if the indentation,
     map or reading is impossible, MetalError for metal that the design does not have or that is not computed.
+
+    Returns
+    -------
+    Scene
+        What can be rendered, exported or shown in the studio, in mm.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 

@@ -139,7 +139,13 @@ class Scene:
         return Scene(self.parts + other.parts, self.texts + other.texts, notes, self.slider or other.slider)
 
     def still(self, step: int | None = None) -> Scene:
-        """Return what is shown at one position of the slider, by default its first one, without the slider."""
+        """Return what is shown at one position of the slider, by default its first one, without the slider.
+
+        Returns
+        -------
+        Scene
+            A scene of the parts that are shown there.
+        """
         if self.slider is None:
             return self
         at = self.slider.first if step is None else step

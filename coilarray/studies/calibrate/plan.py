@@ -238,6 +238,11 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
     GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
 
+    Returns
+    -------
+    Plan
+        What is fitted to which measurement.
+
     Examples
     --------
     >>> [unknown.name for unknown in load_plan("table_a1").unknowns][:2]

@@ -111,6 +111,11 @@ def optimize_design(
     progress : callable, optional
         See `SearchProgress`.
 
+    Returns
+    -------
+    Optimization
+        All trials, the best designs and what was asked for.
+
     Raises
     ------
     GoalError

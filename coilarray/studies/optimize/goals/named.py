@@ -60,6 +60,11 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
     design : Design or DesignFile
         Design that is to be changed.
 
+    Returns
+    -------
+    Goal
+        The goal, checked against the design.
+
     Raises
     ------
     GoalError
