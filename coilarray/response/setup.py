@@ -14,6 +14,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_plates
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import kept_dataset
+from coilarray.design.bundled import names_with
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_mesh import ContactMesh
@@ -154,10 +155,19 @@ class Experiment:
     correction: SampleCorrection | None = None
 
 
+def no_indentation(design: Design) -> str:
+    """Return the line that says what a design without an indentation lacks."""
+    bundled = ", ".join(names_with("indentation"))
+    return (
+        f"the design {design.name} has no [indenter] and [indentation], what presses on its elastomer: coilarray init "
+        f"writes both unless --no-elastomer; bundled designs that have them are {bundled}."
+    )
+
+
 def indentation_of(design: Design) -> Indentation:
     """Return how a design is indented; ElastomerError where it does not say."""
     if design.indentation is None:
-        raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
+        raise ElastomerError(no_indentation(design))
     return design.indentation
 
 

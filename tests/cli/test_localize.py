@@ -142,9 +142,12 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
         (("a1.nc", "--out", "no/m.json"), "there is no folder no"),
         (("a1.nc", "--plot", "dir.png"), "it is a folder"),
         (("no_such_design",), "no_such_design"),
+        (("gast2020", "--coil", "coil9"), "--coil must be one of coil1, coil2, coil3, coil4, coil5, coil6; got coil9"),
+        (("proximity",), "has no [indenter] and [indentation], what presses on its elastomer: coilarray init writes"),
     ],
 )
-def test_mistakes_of_fit(capsys, arguments, message):
+def test_mistakes_of_fit(capsys, monkeypatch, arguments, message):
+    monkeypatch.setattr(coilarray.response.map, "response_map", lambda *_, **__: pytest.fail("work has begun"))
     save_dataset(published_map(), Path("a1.nc"))
     Path("text.nc").write_text("no netCDF", encoding="utf-8")
     Path("dir.png").mkdir()
@@ -464,6 +467,7 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
         (("GOOD", "--table", "t.nc"), "--table is for the response table of a design"),
         (("GOOD", "--depth-mm", "1"), "--depth-mm is for --ellipse"),
+        (("GOOD", "--addition-mm", "1"), "--addition-mm is for --ellipse"),
         *((("GOOD", "--model", m), f"{m} is an ellipse model; it needs --ellipse") for m in ("published", "m.json")),
         (("GOOD", "--model", "none.nc"), "there is no file none.nc"),
         (("GOOD", "--ellipse", "--model", "m.json"), "cannot read m.json"),
