@@ -75,7 +75,8 @@ def locate(
     with a single value are then taken as known. A stream gives one line of JSON for each line of input, with "error"
     for a bad one; the exit code is 2 only if no line was a reading.
 
-    Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
+    Example: coilarray locate --model gast2020
+    coil1=-1e-5,coil2=3.84e-4,coil3=7.14e-4,coil4=6.8e-5,coil5=-1.3e-5,coil6=-2e-6
 
     Example: coilarray locate --model map.nc --coil coil1 --coil coil2 --coil coil3 coil1=7e-4,coil2=3e-4,coil3=1e-5
 

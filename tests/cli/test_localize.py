@@ -19,7 +19,7 @@ import coilarray.localize.distortion
 import coilarray.localize.forward
 import coilarray.response.map
 from coilarray import load_design
-from coilarray.cli.main import main
+from coilarray.cli.main import COMMANDS, main
 from coilarray.compute.netcdf import save_dataset
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.localize.ellipse import fit_ellipses
@@ -431,6 +431,18 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     six = ",".join(f"{name}=1e-4" for name in load_design("gast2020").array.names)
     message = refused(capsys, "locate", "--model", "gast2020", "--table", "t.nc", six)
     assert "t.nc is the table of a design other than gast2020" in message
+
+
+@pytest.mark.slow
+def test_the_example_of_the_help_is_located(capsys):
+    """Its readings, of a press at x = -10, y = 2 mm, 0.8 mm deep, had come to be explained by no position."""
+    text = COMMANDS["locate"].__doc__ or ""
+    command = " ".join(text.partition("Example: coilarray ")[2].partition("\n\n")[0].split())
+    code, out, _ = run(capsys, *command.split(), "--json")
+    (found,) = json.loads(out)["positions"]
+    assert (code, found["status"]) == (0, "located")
+    assert abs(found["x_m"] + 10e-3) < 3 * found["sigma_x_m"]
+    assert abs(abs(found["y_m"]) - 2e-3) < 3 * found["sigma_y_m"]
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
