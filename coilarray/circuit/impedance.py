@@ -24,7 +24,7 @@ from coilarray.circuit.network import (
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import kept_dataset
-from coilarray.compute.threads import Progress
+from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import Switches
@@ -54,6 +54,7 @@ def part_switches(design: Design) -> Switches:
     return PARTS[circuit.part].capacitances(circuit.switches, len(design.array.names))
 
 
+@serial_algebra()
 def scan_design(
     design: Design | DesignFile,
     *,
@@ -183,6 +184,7 @@ def _self_resonances(
     return found
 
 
+@serial_algebra()
 def sweep_design(
     design: Design | DesignFile, frequencies: npt.ArrayLike, *, progress: Progress | None = None
 ) -> xr.Dataset:

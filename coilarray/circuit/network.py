@@ -34,6 +34,7 @@ from coilarray.errors import NetworkError
 _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
+_MATRIX_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
 SLOPE_STEP = 1e-4
 """Of the frequency: step of the differences that give a slope; they err by 1e-8."""
@@ -284,29 +285,17 @@ def changed_resonances(
 
     `inductances` gives for frequencies (cases,) in Hz the matrices (cases, n, n) in H that replace the network's own,
     their losses as imaginary parts −ΔR/ω. Returns the frequencies (cases,) in Hz, and there the impedances in Ω and the
-    admittances with the tank in S. The secant method on Im Y(f) = 0 for all cases at once, beginning with the slope of
-    the given resonance of this network; a NetworkError if it finds no resonance.
+    admittances with the tank in S; a NetworkError if there is no resonance.
     """
-    f0, wiring = result.frequency, _wire(network, result.state)
-    first = susceptance_slope(network, result.state, f0)
-    frequencies, slope = np.full(cases, f0), np.full(cases, first)
-    before, step = np.zeros(cases), np.zeros(cases)
-    for _ in range(NEWTON_STEPS):
-        impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
-        B = admittance.imag
-        moved = step != 0
-        slope[moved] = (B[moved] - before[moved]) / -step[moved]
-        slope[~(slope > _LEAST_SLOPE * first)] = first  # also where it is not a number
-        step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
-        settled = np.abs(step) <= NEWTON_TOLERANCE * f0
-        if settled.all():
-            return frequencies, impedance, admittance
-        step[settled] = 0.0
-        frequencies, before = frequencies - step, B
-    raise NetworkError(
-        f"state {result.state.name}: no resonance found above {f0:.6g} Hz for a changed inductance matrix; the last "
-        f"step of the secant method was {np.abs(step).max():.3g} Hz."
-    )
+    wiring, capacitances = _wire(network, result.state), network.winding_capacitance
+    frequencies = _followed(network, result, wiring, inductances, np.tile(capacitances, (cases, 1)))
+    impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
+    return frequencies, impedance, admittance
+
+
+def cases_at_once(network: Network) -> int:
+    """How many changed circuits to give `changed_resonances` or `resonances_near` at once, for the sake of memory."""
+    return max(1, _MATRIX_VALUES // (2 * len(network.names) + 3) ** 2)
 
 
 def resonances_near(
@@ -318,22 +307,43 @@ def resonances_near(
     """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
     `inductances` (cases, n, n) in H, or L − jR/ω with losses, and `winding_capacitances` (cases, n) in F replace the
-    network's own; a change may make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for
-    all cases at once, with the slope of the given resonance of this network: the error falls by about the relative
-    change of L at every step. A NetworkError if it finds no resonance.
+    network's own; a change may make the latter negative, as the tank is in parallel. A NetworkError if it finds no
+    resonance.
     """
-    f0 = result.frequency
-    slope = susceptance_slope(network, result.state, f0)
-    frequencies, wiring = np.full(len(inductances), f0), _wire(network, result.state)
+    capacitances = network.winding_capacitance if winding_capacitances is None else winding_capacitances
+    across = np.broadcast_to(capacitances, inductances.shape[:2])
+    return _followed(network, result, _wire(network, result.state), lambda _: inductances, across)
+
+
+def _followed(
+    network: Network,
+    result: StateResult,
+    wiring: _Wiring,
+    inductances: Callable[[FloatArray], FloatArray | ComplexArray],
+    winding_capacitances: FloatArray,
+) -> FloatArray:
+    """Find Im Y(f) = 0 for all cases at once by the secant method, beginning with the slope of the given resonance."""
+    f0, cases = result.frequency, len(winding_capacitances)
+    first = susceptance_slope(network, result.state, f0)
+    frequencies: FloatArray = np.full(cases, f0)
+    slope, before, step = np.full(cases, first), np.zeros(cases), np.zeros(cases)
     for _ in range(NEWTON_STEPS):
-        solved = _solve_with_tank(network, wiring, frequencies, inductances, winding_capacitances)
-        step = solved[2].imag / slope
-        frequencies -= step
-        if not len(step) or np.abs(step).max() <= NEWTON_TOLERANCE * f0:
+        solved = _solve_with_tank(network, wiring, frequencies, inductances(frequencies), winding_capacitances)
+        B, last = solved[2].imag, step
+        moved = last != 0
+        slope[moved] = (B[moved] - before[moved]) / -last[moved]
+        slope[~(slope > _LEAST_SLOPE * first)] = first  # also where it is not a number
+        step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
+        frequencies, before = frequencies - step, B
+        # steps fall faster and faster: the next is less than this one times its share of the last
+        share = np.divide(step, last, out=np.ones(cases), where=moved)
+        settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
+        if settled.all():
             return frequencies
+        step[settled] = 0.0
     raise NetworkError(
-        f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; "
-        f"the last step of Newton's method was {np.abs(step).max():.3g} Hz."
+        f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; the last "
+        f"step of the secant method was {np.abs(step).max(initial=0):.3g} Hz."
     )
 
 

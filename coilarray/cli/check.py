@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,10 +14,13 @@ from coilarray.cli import shared
 from coilarray.errors import DesignError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from coilarray.design.fab_limits import FabProfile
+    from coilarray.geometry import Margin
     from coilarray.report.tables import Table
+
+_SAME = 1e-9  # m, or of a ratio: what layers drawn alike differ by in rounding is a thousandth of it
 
 
 def check(
@@ -38,9 +43,9 @@ def check(
 ) -> None:
     """Check a design against its fabrication rules.
 
-    Prints the smallest margin of each rule on each layer: first the broken rules, then those for lengths, for ratios,
-    and for the bare board, each by rising margin. The exit code is 2 if one is broken. A picture shows the copper of
-    every layer, with these places circled and numbered as in the table.
+    Prints the smallest margin of each rule on each layer, in one row where layers have the same: first the broken
+    rules, then those for lengths, for ratios, and for the bare board, each by rising margin. The exit code is 2 if one
+    is broken. A picture shows the copper of every layer, with these places circled and numbered as in the table.
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
@@ -66,10 +71,14 @@ def check(
         margins = check_rules(opened.array, limits, progress=progress)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
+    groups = [[one] for one in shown] if every else _equal_layers(shown)
+    numbers = {id(margin): k + 1 for k, group in enumerate(groups) for margin in group}
     if out is not None:
         write_text(out, rules_table(margins).csv())
-    shared.draw(picture, lambda: viz.check_figure(opened.array, shown))
-    lines = [_margins_text(rules_table(shown), profile.title if profile else "the design")]
+    shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
+    names = opened.array.stackup.names
+    rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
+    lines = [_margins_text(rules_table(rows), profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     source = None if profile is None else _source(profile)
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
@@ -81,6 +90,35 @@ def check(
         typer.echo(f"{broken} of {len(margins)} rules are broken")
     elif not as_json:
         typer.echo(f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)")
+
+
+def _equal_layers(margins: Sequence[Margin]) -> list[list[Margin]]:
+    """Put margins of one rule together that differ in their layer and place alone, each group where its first was."""
+    groups: list[list[Margin]] = []
+    for margin in margins:
+        same = (group for group in groups if _alike(group[0], margin))
+        if (group := next(same, None)) is None:
+            groups.append([margin])
+        else:
+            group.append(margin)
+    return groups
+
+
+def _alike(one: Margin, other: Margin) -> bool:
+    apart = max(abs(one.value - other.value), abs(one.limit - other.limit))
+    return (one.rule, one.unit) == (other.rule, other.unit) and apart <= _SAME
+
+
+def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:
+    """Name layers in the order of the board, three and more in a row by the first and the last: L1–L4, L6."""
+    runs: list[list[str]] = []
+    for before, name in pairwise([None, *names]):
+        if name is not None and name in layers:
+            if before in layers:
+                runs[-1].append(name)
+            else:
+                runs.append([name])
+    return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs)
 
 
 def _source(profile: FabProfile) -> dict[str, object]:

@@ -46,7 +46,7 @@ def fit(
     from coilarray.localize.published import published_model
     from coilarray.report.localize_tables import fit_table, polynomial_table
 
-    response, at = one_map(source, depth, allow_violations=allow_violations)
+    response, at = one_map(source, depth, allow_violations=allow_violations, coils=coil or ())
     fits = fit_ellipses(response, at, states=coil)
     model = ellipse_model(fits)
     polynomials, steps = polynomial_table(model), fit_table(fits, model)

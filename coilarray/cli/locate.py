@@ -26,7 +26,7 @@ Record = dict[str, Any]
 Solver = Callable[[Sequence[Reading]], list[Record]]
 """Function from readings to answers: mappings for JSON, with only ``error`` for a bad reading."""
 
-_MOST_MM = 10.0
+_MOST_MM, _ADDITION_MM = 10.0, 0.2
 _PUBLISHED = "published"
 
 
@@ -57,8 +57,9 @@ def locate(
         bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
     ] = False,
     addition_mm: Annotated[
-        float, typer.Option(help="With --ellipse: length added to every semi-axis A; the paper adds 0.2.")
-    ] = 0.2,
+        float | None,
+        typer.Option(help="With --ellipse: length added to every semi-axis A; 0.2 by default, as in the paper."),
+    ] = None,
     depth_mm: Annotated[
         float | None, typer.Option(help="With --ellipse: depth of the map; the first one by default.")
     ] = None,
@@ -74,7 +75,8 @@ def locate(
     with a single value are then taken as known. A stream gives one line of JSON for each line of input, with "error"
     for a bad one; the exit code is 2 only if no line was a reading.
 
-    Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
+    Example: coilarray locate --model gast2020
+    coil1=-1e-5,coil2=3.84e-4,coil3=7.14e-4,coil4=6.8e-5,coil5=-1.3e-5,coil6=-2e-6
 
     Example: coilarray locate --model map.nc --coil coil1 --coil coil2 --coil coil3 coil1=7e-4,coil2=3e-4,coil3=1e-5
 
@@ -83,6 +85,9 @@ def locate(
     stream = "-" in readings
     if stream and len(readings) > 1:
         raise LocalizeError("a stream (-) must be the only READINGS.")
+    if addition_mm is not None and not ellipse:
+        raise LocalizeError("--addition-mm is for --ellipse.")
+    addition_mm = _ADDITION_MM if addition_mm is None else addition_mm
     if not abs(addition_mm) <= _MOST_MM:
         raise LocalizeError(f"--addition-mm must be from {-_MOST_MM:g} to {_MOST_MM:g}; got {addition_mm:g}.")
     if reference and ellipse:
@@ -99,7 +104,7 @@ def locate(
     assumed: dict[str, float | None] = {"noise": None}
     said: list[str] = []
     if ellipse:
-        ellipses, origin = _ellipse_model(model, depth, allow_violations)
+        ellipses, origin = _ellipse_model(model, depth, coil or (), allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
         used = _response(model, table, allow_violations)
@@ -162,7 +167,7 @@ def _response(source: str | None, table: Path | None, allow_violations: bool) ->
 
 
 def _ellipse_model(
-    source: str | None, depth: float | None, allow_violations: bool
+    source: str | None, depth: float | None, coils: Sequence[str], allow_violations: bool
 ) -> tuple[EllipseModel, tuple[float, float]]:
     """Return an ellipse model, and its origin on the board in m; zero for the paper's model and a file."""
     from coilarray.localize.ellipse import fit_ellipses
@@ -174,7 +179,7 @@ def _ellipse_model(
         return published_model(), (0.0, 0.0)
     if source is not None and source.lower().endswith(".json"):
         return read_ellipses(Path(source)), (0.0, 0.0)
-    response, at = one_map(source, depth, allow_violations=allow_violations)
+    response, at = one_map(source, depth, allow_violations=allow_violations, coils=coils)
     return ellipse_model(fit_ellipses(response, at)), origin_of(response)
 
 

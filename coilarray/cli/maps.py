@@ -14,6 +14,8 @@ from coilarray.cli.board_options import marked
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import xarray as xr
 
     from coilarray.compute.arrays import FloatArray
@@ -101,11 +103,14 @@ def read_ellipses(path: Path) -> EllipseModel:
     return model_from_json(read_text(path, LocalizeError))
 
 
-def one_map(source: str | None, depth: float | None, *, allow_violations: bool) -> tuple[xr.Dataset, int | float]:
+def one_map(
+    source: str | None, depth: float | None, *, allow_violations: bool, coils: Sequence[str] = ()
+) -> tuple[xr.Dataset, int | float]:
     """Return a response, read from a file or computed on the grid of a design, and the index of a depth.
 
     `source` is a netCDF file, a design file or the name of a bundled design, gast2020 by default; `depth` is in m, the
-    first one by default. Errors are those of `read_map`, `open_design` and `coilarray.response.map.response_map`.
+    first one by default. `coils` are states that a design must have: LocalizeError. Other errors are those of
+    `read_map`, `open_design` and `coilarray.response.map.response_map`.
     """
     if is_map(source):
         return read_map(Path(str(source))), 0 if depth is None else depth
@@ -113,6 +118,9 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     from coilarray.response.setup import indentation_of
 
     design = shared.open_design(source, allow_violations=allow_violations)
+    for name in coils:
+        if name not in (states := [state.name for state in design.plan]):
+            raise LocalizeError(f"--coil must be one of {', '.join(states)}; got {name}.")
     depths = indentation_of(design).depths[:1] if depth is None else [depth]
     with shared.progress_bar("response") as progress:
         return response_map(design, depths=depths, reach="auto", progress=progress), 0

@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from coilarray.compute.checksum import COLUMN, checksum
 from coilarray.compute.files import read_text
 from coilarray.errors import LocalizeError, shown
 
@@ -72,6 +71,8 @@ def _json_file(content: str) -> list[Reading | LocalizeError]:
 
 
 def _csv_readings(content: str) -> Iterator[Reading | LocalizeError]:
+    from coilarray.compute.checksum import COLUMN, checksum  # it loads NumPy
+
     rows = csv.reader(content.splitlines())
     try:
         names = [name.strip() for name in next(rows, [])]

@@ -174,6 +174,7 @@ SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0
 _MOST_LENGTHS = 1000
 _WORTH_SAYING = 0.01  # of ΔL and ΔR: error of a plate's model
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
+_APART = 2  # blanks between columns
 _NARROWEST = 10  # characters of a heading before it goes on in the next line
 
 
@@ -368,7 +369,11 @@ def print_table(
 def table_text(
     headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
 ) -> str:
-    """Return what `print_table` prints; on a narrow terminal the headings take several lines."""
+    """Return what `print_table` prints.
+
+    On a narrow terminal the headings take several lines; columns that still do not fit follow below, each time with the
+    first one beside them.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -377,16 +382,27 @@ def table_text(
     if not console.is_terminal:
         console.width = _PIPE_WIDTH
     cells = [max((len(row[k]) for row in rows), default=0) for k in range(len(headers))]
-    if sum(max(len(header), cell) + 2 for header, cell in zip(headers, cells, strict=True)) > console.width:
-        headers = ["\n".join(textwrap.wrap(h, max(c, _NARROWEST))) for h, c in zip(headers, cells, strict=True)]
-    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for k, header in enumerate(headers):
-        numeric = all(_is_number(row[k]) for row in rows)
-        table.add_column(header, justify="right" if numeric else "left", no_wrap=True, vertical="bottom")
-    for k, row in enumerate(rows):
-        table.add_row(*map(Text, row), style="bold red" if k in marked else None)
+    if sum(max(len(header), cell) + _APART for header, cell in zip(headers, cells, strict=True)) > console.width:
+        least = [max(c, _NARROWEST, *map(len, h.split())) for h, c in zip(headers, cells, strict=True)]
+        headers = ["\n".join(textwrap.wrap(h, width)) for h, width in zip(headers, least, strict=True)]
+    widths = [max(c, *map(len, h.split("\n"))) + _APART for h, c in zip(headers, cells, strict=True)]
+    blocks, room = [[0]], console.width + _APART - widths[0]  # nothing stands beside the last column
+    for k in range(1, len(headers)):
+        if sum(widths[j] for j in blocks[-1][1:]) + widths[k] > room and len(blocks[-1]) > 1:
+            blocks.append([0])
+        blocks[-1].append(k)
+    tables: list[Table | str] = []
+    for number, block in enumerate(blocks):
+        above = title or None if number == 0 else None
+        table = Table(title=above, title_justify="left", box=None, pad_edge=False, padding=(0, _APART, 0, 0))
+        for k in block:
+            numeric = all(_is_number(row[k]) for row in rows)
+            table.add_column(headers[k], justify="right" if numeric else "left", no_wrap=True, vertical="bottom")
+        for k, row in enumerate(rows):
+            table.add_row(*(Text(row[j]) for j in block), style="bold red" if k in marked else None)
+        tables += ["", table] if number else [table]
     with console.capture() as captured:
-        console.print(table)
+        console.print(*tables, sep="\n")
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
 
 

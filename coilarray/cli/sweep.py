@@ -12,6 +12,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.display_units import value_text
+from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,6 +83,10 @@ def sweep(
         wanted = derive_goal(goal, file, axes).goal
         axes = axes or [axis_of(variable) for variable in wanted.variables]
         asked += wanted.quantities
+    if not axes:
+        raise GoalError("a sweep needs --vary KEY=START:STOP:COUNT, such as --vary circuit.capacitance_pF=80:120:5.")
+    if not asked:
+        raise GoalError("a sweep needs --quantity or --goal; coilarray optimize --list-quantities shows all.")
     plan = plan_sweep(file, axes, asked, samples, seed, accuracy)
     kept = open_store(cache)
     points = len(plan.points)

@@ -13,7 +13,7 @@ from coilarray import viz
 from coilarray.cli import shared
 
 if TYPE_CHECKING:
-    from coilarray.geometry import Target
+    from coilarray.design.model import Design
 
 _MANY = 1000  # positions, which take a minute and more
 
@@ -82,7 +82,7 @@ def target(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
-    _tell_work(opened.target, distances, x, y)
+    _tell_work(opened, distances, x, y)
     with shared.map_parts(out) as parts, shared.progress_bar("target") as progress:
         result = target_map(
             opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, fineness=fineness, accuracy=accuracy,
@@ -112,15 +112,17 @@ def target(
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])
 
 
-def _tell_work(target: Target | None, *given: Sequence[float] | None) -> None:
-    """Say before a long computation how many positions there are, and how to have fewer."""
-    if target is None:
+def _tell_work(design: Design, *given: Sequence[float] | None) -> None:
+    """Say before a long computation how many positions there are, what makes them slow, and how to have fewer."""
+    if (target := design.target) is None:
         return
     own = (target.distances, target.x, target.y)
     counts = [len(axis if one is None else one) for one, axis in zip(given, own, strict=True)]
     if math.prod(counts) > _MANY:
+        magnetic = any(sheet.relative_permeability > 1 for sheet in design.sheets)
+        how_long = "take minutes over magnetic sheets" if magnetic else "take a while"
         typer.echo(
-            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} positions take a while; give fewer with "
-            "--x-mm, --y-mm and --distance-mm",
+            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} positions {how_long}; give fewer with "
+            "--x-mm, --y-mm and --distance-mm: --x-mm 0 --y-mm 0 for distances above one place alone",
             err=True,
         )

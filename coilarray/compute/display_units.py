@@ -6,10 +6,11 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 _LARGEST_DIGITS, _MOST_DECIMALS = 4, 9
 
@@ -50,6 +51,8 @@ class DisplayUnit:
 
     def of(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return values in SI as numbers in this unit."""
+        import numpy as np  # not above: commands import this module before the program says how many threads NumPy gets
+
         return np.asarray(values, dtype=np.float64) * self.factor
 
     def text(self, value: Any, digits: str = "") -> str:

@@ -6,12 +6,9 @@ import importlib
 import importlib.util
 import json
 import sys
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from coilarray.errors import MissingDependencyError
 
@@ -69,6 +66,10 @@ def python_command(folder: Path) -> str:
 
 def _requirement(extra: str) -> str:
     """Return what pip needs in order to find this coilarray again: a name, a folder, a file or an address."""
+    from importlib.metadata import PackageNotFoundError, distribution  # every command imports this module
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
     try:
         record = distribution("coilarray").read_text("direct_url.json")  # written by pip, except from an index
     except PackageNotFoundError:

@@ -107,7 +107,7 @@ class Store:
         return self.folder / key[:2] / f"{key}.{suffix}"
 
 
-def open_store(folder: Path | None = None) -> Store:
+def open_store(folder: str | Path | None = None) -> Store:
     """Open a store, in a new folder if there is none; OutputError if that cannot be made.
 
     By default it is the folder that the environment variable ``COILARRAY_CACHE`` names, else the user's cache folder.
@@ -116,6 +116,7 @@ def open_store(folder: Path | None = None) -> Store:
 
     if folder is None:
         folder = Path(os.environ.get(FOLDER_VARIABLE) or platformdirs.user_cache_dir("coilarray", appauthor=False))
+    folder = Path(folder)
     make_folder(folder)
     return Store(folder)
 

@@ -94,11 +94,13 @@ def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
 def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     where: list[str | int] = []
     table: Any = document
+    tagged: Any = None
     for part in details["loc"]:
         if part == "[key]":  # the key itself is wrong, not its value
             continue
-        # pydantic adds the tag of a union's member; the file has no such key
-        if isinstance(table, Mapping) and part not in table and part in (table.get("shape"), table.get("lattice")):
+        # pydantic adds the tag of a union's member once, before its key, which may have the same name (array.rings)
+        if isinstance(table, Mapping) and table is not tagged and part in (table.get("shape"), table.get("lattice")):
+            tagged = table
             continue
         if part in ("number", "list") and not (isinstance(table, Mapping) and part in table):
             continue

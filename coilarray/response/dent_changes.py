@@ -30,7 +30,7 @@ def changes_by_dents(
     permittivity: float | None,
     mesh: LayerMesh,
     backing: Backing | None,
-    parts: Path | None,
+    parts: str | Path | None,
     progress: Progress | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute ΔL and ΔR/ω of all coils, (depths, places, coils, coils) in H, and ΔC of each, (…, coils) in F.
@@ -43,6 +43,7 @@ def changes_by_dents(
     loss = np.zeros(()) if backing is None else np.zeros_like(change)
     paths = [conductor.vertices for conductor in design.array.conductors()]
     groups = len(together(levels))
+    store = None if parts is None else Store(Path(parts))
     steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * groups)
     for k in range(depths):
         for start, stop in ranges(len(points), _POSITIONS):
@@ -54,14 +55,14 @@ def changes_by_dents(
             # everything that decides the numbers of a part
             parts_of = [(level.shares, level.dents[0], level.coarse) for level in block]
             key = content_key(permittivity, mesh, on_board, parts_of, paths, *([] if backing is None else [backing]))
-            part = None if parts is None else Store(parts).get_dataset(key)
+            part = None if store is None else store.get_dataset(key)
             if part is not None:
                 for _ in range(groups):
                     steps.next()
             else:
                 part = _compute_part(design, block, on_board, permittivity, mesh, backing, steps)
-                if parts is not None:
-                    Store(parts).put_dataset(key, part)
+                if store is not None:
+                    store.put_dataset(key, part)
             change[k, start:stop] = part.change.values
             if backing is not None:
                 loss[k, start:stop] = part.loss.values

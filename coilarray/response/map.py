@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
-from coilarray.circuit.network import Network, Resonance, loaded_quality, resonances_near, resonate
+from coilarray.circuit.network import Network, Resonance, cases_at_once, loaded_quality, resonances_near, resonate
 from coilarray.circuit.noise_budget import NoiseBudget, budget_of
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -62,7 +62,6 @@ _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
 _BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
 _BYTES_OF_PLATES = 200.0  # more with plates: the same at some four frequencies
-_CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
 _AUTO_ERROR = 1e-3
@@ -86,7 +85,7 @@ def response_map(
     metal: bool = True,
     rest: float = 0.0,
     mesh: LayerMesh | None = None,
-    parts: Path | None = None,
+    parts: str | Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the sensor response matrix of a design.
@@ -127,7 +126,7 @@ def response_map(
         touches them, as in a campaign; inf where it is far away.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
-    parts : Path, optional
+    parts : str or Path, optional
         Folder where finished parts of a map of all coils are kept, so that an interrupted run goes on from there.
     progress : callable, optional
         Called with (done, total) as the work goes on.
@@ -592,13 +591,11 @@ def _through_circuit(
     """δ of every depth, place and state, from the resonances of the states under flat sheets."""
     shape = capacitance_change.shape[:2]
     capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
-    nodes_and_branches = 6 * len(network.names) + 5
-    at_once = max(1, _CIRCUIT_VALUES // nodes_and_branches**2)
     delta = np.empty((*shape, len(flats)))
     for k, flat in enumerate(flats):
         inductances = network.inductance + changed(flat.frequency).reshape(-1, *network.inductance.shape)
         parts = []
-        for start, stop in ranges(len(inductances), at_once):
+        for start, stop in ranges(len(inductances), cases_at_once(network)):
             # the network itself first: what changes nothing then gives zero to the last digit
             found = resonances_near(
                 network,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, provenance, widened
-from coilarray.circuit.network import Network, Resonance, changed_resonances, loaded_quality, resonate
+from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
 from coilarray.circuit.plates import plate_model_errors
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -37,7 +37,6 @@ from coilarray.response.target_range import ranges_of, require_noise
 _MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
 _MOST_NODES = 16  # of bands up to a factor of fifty
 _BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
-_CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _COARSE = 0.5  # of the fineness of the mesh by which its error is estimated
 _OF_DIFFERENCE = 1 / 3  # of the difference between both meshes that is the finer one's error, of the second order
 _LEFT_OUT = ("change of the losses in the copper by the target", "capacitance of the target")
@@ -73,7 +72,7 @@ def target_map(
     ideal: bool = False,
     fineness: float = 1.0,
     accuracy: Accuracy = "full",
-    parts: Path | None = None,
+    parts: str | Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute what a target does to the coils, at every distance and place.
@@ -99,7 +98,7 @@ def target_map(
     accuracy : {"full", "screen"}
         Accuracy of the target's changes and of the network, which is that of a given one, see
         `coilarray.inductance_matrix`.
-    parts : Path, optional
+    parts : str or Path, optional
         Folder where finished distances are kept, so that an interrupted map goes on from there: one by one for a plate
         with an outline over magnetic sheets or beside plates, else all at once.
     progress : callable, optional
@@ -231,7 +230,7 @@ def _changes(
     design: Design,
     axes: MapAxes,
     frequencies: FloatArray,
-    parts: Path | None,
+    parts: str | Path | None,
     progress: Progress | None,
     fineness: float,
     accuracy: Accuracy = "full",
@@ -244,7 +243,7 @@ def _changes(
     keys = [content_key(*metal, float(distance)) for distance in axes.depth]
     found: dict[int, ComplexArray] = {}
     if parts is not None:
-        store = Store(parts)
+        store = Store(Path(parts))
         for k, key in enumerate(keys):
             part = store.get_dataset(key)
             if part is not None:
@@ -278,9 +277,8 @@ def _through_circuit(
 ) -> Mapping[str, FloatArray]:
     """Quantities of one state at all distances and places, (cases,) each."""
     cases = int(np.prod(axes.shape))
-    nodes_and_branches = 6 * len(network.names) + 5
     parts = []
-    for start, stop in ranges(cases, max(1, _CIRCUIT_VALUES // nodes_and_branches**2)):
+    for start, stop in ranges(cases, cases_at_once(network)):
 
         def inductances(frequencies: FloatArray, cases: slice = slice(start, stop)) -> ComplexArray:
             return network.inductance + near.of_each(frequencies, cases)

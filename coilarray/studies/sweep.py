@@ -177,7 +177,7 @@ def sweep(
     quantities: Sequence[str | Mapping[str, Any]],
     *,
     accuracy: Accuracy = "full",
-    keep: bool | Path = False,
+    keep: bool | str | Path = False,
     pool: Pool | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -194,7 +194,7 @@ def sweep(
     accuracy : {"full", "screen"}
         Accuracy of the inductances. ``screen`` is some ten times as fast; see
         `coilarray.electromagnetics.inductance.Accuracy`.
-    keep : bool or Path
+    keep : bool, str or Path
         Whether points are kept and found again: in the user's cache folder, or in a folder of your own.
     pool : Pool, optional
         Workers from `coilarray.compute.workers.workers`; by default the points are computed here, one by one.
@@ -224,7 +224,7 @@ def sweep(
     plan = plan_sweep(
         design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
     )
-    cache = open_store(keep if isinstance(keep, Path) else None) if keep else None
+    cache = open_store(None if keep is True else keep) if keep else None
     if pool is not None:
         return run_sweep(plan, pool, cache, progress=progress)
     with workers() as here:

@@ -126,7 +126,9 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
                 raise BoardError(f"{file.label}: a copper layer must be L1, L2, …; got {','.join(file.function)}.")
             numbered[int(match[1])] = file
     if not numbered:
-        raise BoardError(f"{path}: has no copper layer among its {len(files)} Gerber and Excellon files.")
+        boards = sorted(path.glob("*.kicad_pcb")) if path.is_dir() else []
+        hint = f"; did you mean {boards[0]}?" if boards else "."
+        raise BoardError(f"{path}: has no copper layer among its {len(files)} Gerber and Excellon files{hint}")
     last = max(numbered)
     missing = [f"L{number}" for number in range(1, last + 1) if number not in numbered]
     if numbered[last].function[2:3] == ("Inr",):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.active_coil import active_coil
@@ -44,6 +45,19 @@ def test_low_frequency_is_the_direct_current_network(design):
         # a capacitance across a resistance takes R² C from L: Im 1/(1/(R + jωL) + jωC) = ω (L − R² C) to first order
         taken = R[k] ** 2 * float(capacitance[k])
         assert float(sweep.apparent_inductance[1, k]) == pytest.approx(expected.apparent_inductance - taken, rel=3e-6)
+
+
+def test_the_circuit_takes_one_thread_of_the_linear_algebra(design):
+    """With two of them the circuit of 64 coils takes five times the processor time, most of it spent in waiting."""
+    seen = []
+
+    def look(done, total):
+        seen.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+
+    with threadpool_limits(2, user_api="blas"):
+        scan_design(design, elastomer=False, progress=look)
+        sweep_design(design, [1e6], progress=look)
+    assert set(seen) == {1}
 
 
 def test_capacitance_raises_the_apparent_inductance(design, scan):

@@ -18,7 +18,7 @@ from support.command_line import mistakes, runner, successes
 from coilarray import couple_design, load_design, load_design_file, new_design
 from coilarray.cli.docs import find_page
 from coilarray.cli.main import COMMANDS, GROUPS, main, program, summary
-from coilarray.cli.shared import lengths
+from coilarray.cli.shared import lengths, table_text
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
 from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
@@ -461,9 +461,14 @@ def test_two_coils_in_one_place(capsys):
 
 @pytest.mark.slow
 def test_the_installed_program():
-    """The program in a process of its own: geometry alone loads no physics; exit code, no traceback."""
+    """The program in a process of its own: geometry alone loads no physics; exit code, no traceback.
+
+    NumPy must not be there before `main` says how many threads its algebra gets: with two instead of one the circuit
+    of 64 coils takes five times as long.
+    """
     heavy = {"vtk", "pyvista", "serial", "numba", "matplotlib", "scipy", "xarray", "pandas"}
-    script = "import sys, coilarray; from coilarray.cli.main import main; main(['check', '--allow-violations'])"
+    script = "import sys, coilarray; from coilarray.cli.main import main; early = 'numpy' in sys.modules"
+    script += "; main(['check', '--allow-violations']); sys.exit('early') if early else None"
     script += f"; bad = {heavy} & set(sys.modules); sys.exit(str(bad) if bad else main(['report', 'none.toml']))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
@@ -490,3 +495,20 @@ def test_an_end_of_file_that_is_ours_keeps_its_traceback(monkeypatch):
     monkeypatch.setattr("coilarray.cli.shared.open_design", ended)
     with pytest.raises(EOFError, match="ours"):
         main(["matrix", "starter"])
+
+
+@pytest.mark.parametrize("width", [30, 64, 100, 200])
+def test_a_table_cuts_nothing_on_a_narrow_terminal(monkeypatch, width):
+    """Headings were cut within words, and names of coils to "coi…"."""
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    monkeypatch.setenv("COLUMNS", str(width))
+    headers = ["coil", "AC resistance (Ω)", "model of the AC resistance", "self-resonance (MHz)", "capacitance (pF)"]
+    rows = [[f"coil{k}", f"{k}.356", "section filaments", f"1{k}.3046", f"{k}.81"] for k in range(3)]
+    text = re.sub(r"\x1b\[[0-9;]*m", "", table_text(headers, rows, "coils", [1]))
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    tables = text.split("\n\n")
+    assert (len(tables) == 1) is (width >= 100)
+    assert text.count("coil1") == len(tables)
+    words, cells = (re.findall(r"\S+", " ".join(part)) for part in (headers[1:], [" ".join(row[1:]) for row in rows]))
+    assert sorted(text.split()) == sorted([*words, *cells, "coils", *len(tables) * ["coil", *(row[0] for row in rows)]])

@@ -19,7 +19,7 @@ import coilarray.localize.distortion
 import coilarray.localize.forward
 import coilarray.response.map
 from coilarray import load_design
-from coilarray.cli.main import main
+from coilarray.cli.main import COMMANDS, main
 from coilarray.compute.netcdf import save_dataset
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.localize.ellipse import fit_ellipses
@@ -142,9 +142,12 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
         (("a1.nc", "--out", "no/m.json"), "there is no folder no"),
         (("a1.nc", "--plot", "dir.png"), "it is a folder"),
         (("no_such_design",), "no_such_design"),
+        (("gast2020", "--coil", "coil9"), "--coil must be one of coil1, coil2, coil3, coil4, coil5, coil6; got coil9"),
+        (("proximity",), "has no [indenter] and [indentation], what presses on its elastomer: coilarray init writes"),
     ],
 )
-def test_mistakes_of_fit(capsys, arguments, message):
+def test_mistakes_of_fit(capsys, monkeypatch, arguments, message):
+    monkeypatch.setattr(coilarray.response.map, "response_map", lambda *_, **__: pytest.fail("work has begun"))
     save_dataset(published_map(), Path("a1.nc"))
     Path("text.nc").write_text("no netCDF", encoding="utf-8")
     Path("dir.png").mkdir()
@@ -430,6 +433,18 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     assert "t.nc is the table of a design other than gast2020" in message
 
 
+@pytest.mark.slow
+def test_the_example_of_the_help_is_located(capsys):
+    """Its readings, of a press at x = -10, y = 2 mm, 0.8 mm deep, had come to be explained by no position."""
+    text = COMMANDS["locate"].__doc__ or ""
+    command = " ".join(text.partition("Example: coilarray ")[2].partition("\n\n")[0].split())
+    code, out, _ = run(capsys, *command.split(), "--json")
+    (found,) = json.loads(out)["positions"]
+    assert (code, found["status"]) == (0, "located")
+    assert abs(found["x_m"] + 10e-3) < 3 * found["sigma_x_m"]
+    assert abs(abs(found["y_m"]) - 2e-3) < 3 * found["sigma_y_m"]
+
+
 @pytest.mark.parametrize(("arguments", "message"), [
     (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; coil3 is missing"),
     (("coil1=1e-4,coil2=100,coil3=0",), "δ must be a number between -1 and 1; that of coil2 is 100.0"),
@@ -464,6 +479,7 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
         (("GOOD", "--table", "t.nc"), "--table is for the response table of a design"),
         (("GOOD", "--depth-mm", "1"), "--depth-mm is for --ellipse"),
+        (("GOOD", "--addition-mm", "1"), "--addition-mm is for --ellipse"),
         *((("GOOD", "--model", m), f"{m} is an ellipse model; it needs --ellipse") for m in ("published", "m.json")),
         (("GOOD", "--model", "none.nc"), "there is no file none.nc"),
         (("GOOD", "--ellipse", "--model", "m.json"), "cannot read m.json"),

@@ -160,8 +160,8 @@ def test_nothing_is_computed_twice(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (SPAN, "a sweep must have at least one entry to vary."),
-        (VARY, "a sweep must have at least one quantity or goal."),
+        (SPAN, "a sweep needs --vary KEY=START:STOP:COUNT, such as"),
+        (VARY, "a sweep needs --quantity or --goal; coilarray optimize --list-quantities"),
         (("--vary", "array.pitch_mm", *SPAN), "--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got 'array.pitch_mm'"),
         (("--vary", "array.pich_mm=1,2", *SPAN), "array has no key 'pich_mm'; did you mean pitch_mm?"),
         ((*VARY, "--quantity", "span"), "there is no quantity 'span'; did you mean span_mm?"),

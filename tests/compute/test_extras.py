@@ -1,6 +1,7 @@
 """The command that a user is told for a library that is not there: pip must find this coilarray again by it."""
 
 import importlib
+import importlib.metadata
 import json
 import subprocess
 import sys
@@ -26,7 +27,7 @@ def installed(monkeypatch, tmp_path):
             assert name == "direct_url.json"
             return None if self.record is None else json.dumps(self.record)
 
-    return lambda record: monkeypatch.setattr(extras, "distribution", lambda name: Record(record))
+    return lambda record: monkeypatch.setattr(importlib.metadata, "distribution", lambda name: Record(record))
 
 
 def told():
@@ -73,7 +74,7 @@ def test_without_installation_and_with_a_space_in_the_path(installed, tmp_path, 
     def missing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(extras, "distribution", missing)
+    monkeypatch.setattr(importlib.metadata, "distribution", missing)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "my venv" / "python"))
     assert told() == '"my venv/python" -m pip install "coilarray[step]".'
 

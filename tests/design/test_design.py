@@ -177,6 +177,8 @@ BAD = {
     "termination of no coil": (changed('default_termination = "short"', 'terminations = { coil9 = "open" }'), "circuit.terminations.coil9 names no coil; there are coil1, coil2, coil3"),
     "name": (changed('name = "starter"', 'name = "a b"'), "name may have letters, digits"),
     "single with a row": (changed('"linear"', '"single"'), 'array has no columns for lattice = "single"'),
+    "unknown key beside rings": (changed("columns = 3", "rings = 1").replace('"linear"', '"rings"').replace("pitch_mm", "pitch"), r"array has no key 'pitch'; did you mean pitch_mm\?"),
+    "no number of rings": (changed("columns = 3", 'rings = "one"').replace('"linear"', '"rings"'), "array.rings must be a whole number; got 'one'"),
     "rings without a number": (changed("columns = 3", "").replace('"linear"', '"rings"'), 'array needs rings for lattice = "rings"'),
     "single with a pitch": (
         changed('lattice = "linear"', 'lattice = "single"').replace("columns = 3\n", ""),

@@ -388,7 +388,10 @@ def test_kicads_own_plots_of_a_design_are_its_copper_with_the_same_inductances(k
 def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:
     (tmp_path / "text.zip").write_text("no zip")
     (tmp_path / "empty").mkdir()
+    (tmp_path / "project").mkdir()
+    (tmp_path / "project" / "pad.kicad_pcb").touch()
     for name, message in (
+        ("project", r"among its 0 Gerber and Excellon files; did you mean .*project.pad\.kicad_pcb\?"),
         ("nowhere.zip", r"nowhere\.zip: there is no such file or folder"),
         ("text.zip", r"text\.zip: must be a folder or an intact zip of Gerber files"),
         ("empty", r"empty: has no copper layer among its 0 Gerber and Excellon files"),

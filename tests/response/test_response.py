@@ -167,7 +167,7 @@ def test_noise_has_its_size_and_its_seed():
 def test_parts_are_used_again(tmp_path, monkeypatch):
     whole = nominal(PAIR).delta.values
     monkeypatch.setattr(response_module, "_POSITIONS", 2)
-    first = nominal(PAIR, parts=tmp_path).delta.values
+    first = nominal(PAIR, parts=str(tmp_path)).delta.values
     assert first == pytest.approx(whole, abs=1e-5 * first.max())  # other wavenumbers
     assert len(list(tmp_path.rglob("*.nc"))) == 2
     other = replace(PAIR, sheets=(replace(PAIR.sheets[0], thickness=4e-3), PAIR.sheets[1]))  # finds none of its own

@@ -258,7 +258,7 @@ def test_evaluations_are_kept(line, tmp_path):
     def counted(done, total):
         asked.append((done, total))
 
-    first = calibrate(PAPER, data, {MU: (2.0, 4.0)}, keep=tmp_path, progress=counted)
+    first = calibrate(PAPER, data, {MU: (2.0, 4.0)}, keep=str(tmp_path), progress=counted)
     kept = store.keys()
     assert len(kept) == len(asked) == int(first.dataset.evaluations[0])
     again = calibrate(PAPER, data, {MU: (2.0, 4.0)}, keep=tmp_path)

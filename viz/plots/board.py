@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import shapely
@@ -168,7 +169,7 @@ class _Mark:
 
 
 @styled
-def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
+def check_figure(array: CoilArray, margins: Sequence[Margin], numbers: Sequence[int] | None = None) -> Figure:
     """Draw the copper of every layer with the places of the margins circled and numbered, and the first one enlarged.
 
     Parameters
@@ -176,9 +177,10 @@ def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
     array : CoilArray
         Board that is drawn.
     margins : sequence of Margin
-        Margins to mark, the worst first: the k-th has the number k, as in a table. Those without a place are left out.
-        Places close together share a circle, which is red where the first of them is broken; beside it stand their
-        numbers, of more than two the first.
+        Margins to mark, the worst first. Those without a place are left out. Places close together share a circle,
+        which is red where the first of them is broken; beside it stand their numbers, of more than two the first.
+    numbers : sequence of int, optional
+        Their numbers in a table, in which several may share a row; 1, 2, … by default.
 
     Returns
     -------
@@ -187,7 +189,8 @@ def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
         four layers stand beside each other, and smaller.
     """
     layers = array.stackup.names
-    marks = {layer: _marks(array, layer, margins) for layer in layers}
+    numbered = sorted(zip(numbers or range(1, len(margins) + 1), margins, strict=True), key=itemgetter(0))
+    marks = {layer: _marks(array, layer, numbered) for layer in layers}
     x_min, y_min, x_max, y_max = array.bounds
     width, height = figure_size(x_max - x_min, y_max - y_min)
     columns = math.ceil(len(layers) / _MOST_ROWS)
@@ -205,12 +208,12 @@ def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
     return figure
 
 
-def _marks(array: CoilArray, layer: str, margins: Sequence[Margin]) -> list[_Mark]:
+def _marks(array: CoilArray, layer: str, margins: Sequence[tuple[int, Margin]]) -> list[_Mark]:
     """Gather the margins of one layer by their places, in the order of their numbers."""
     x_min, y_min, x_max, y_max = array.bounds
     near = _TOGETHER * ((x_max - x_min) ** 2 + (y_max - y_min) ** 2) ** 0.5
     marks: list[_Mark] = []
-    for number, margin in enumerate(margins, start=1):
+    for number, margin in margins:
         if margin.layer != layer or margin.x is None or margin.y is None:
             continue
         for k, mark in enumerate(marks):

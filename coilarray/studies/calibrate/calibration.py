@@ -89,7 +89,7 @@ def calibrate(
     data: xr.Dataset | EllipseModel | None = None,
     unknowns: Plan | Mapping[str, Any] | None = None,
     *,
-    keep: bool | Path = False,
+    keep: bool | str | Path = False,
     pool: Pool | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -107,7 +107,7 @@ def calibrate(
         by its dotted key, in the unit of the key. Keys are those of `coilarray.vary`, and ``imperfections.`` with
         ``depth_error_mm``, ``tilt_x_mrad``, ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm``, ``drift`` or
         ``column_drift``.
-    keep : bool or Path
+    keep : bool, str or Path
         Whether evaluations are kept and found again: in the user's cache folder, or in a folder of your own.
     pool : Pool, optional
         Workers from `coilarray.compute.workers.workers`; by default everything is computed here.
@@ -162,7 +162,7 @@ def calibrate(
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
     fitted = [one for one in cases if isinstance(one, Case)]
     problems = [_problem(case, measured) for case in fitted]
-    store = open_store(keep if isinstance(keep, Path) else None) if keep else None
+    store = open_store(None if keep is True else keep) if keep else None
     if pool is None:
         with workers() as here:
             fits = _fit_all(fitted, problems, measured, plan.data, here, store, progress)

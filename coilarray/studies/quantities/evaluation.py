@@ -17,6 +17,7 @@ from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError, MetalError
 from coilarray.geometry import Margin, Target, check_rules
 from coilarray.response.map import response_map
+from coilarray.response.setup import no_indentation
 from coilarray.response.target import target_map, target_of
 
 Rectangle = tuple[float, float, float, float]
@@ -73,7 +74,7 @@ class Evaluation:
     def indentation(self) -> Indentation:
         """Indentation of the design; GoalError if it has none."""
         if self.design.indentation is None:
-            raise GoalError(f"the design {self.design.name} has no [indenter] and [indentation].")
+            raise GoalError(no_indentation(self.design))
         return self.design.indentation
 
     def depth(self, given_mm: float | None) -> float:
