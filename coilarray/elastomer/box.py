@@ -255,15 +255,10 @@ class Box:
         x, y, z = (len(axis.nodes) for axis in self.axes)
         return x, 3, y, z
 
-    @property
-    def mirrored(self) -> bool:
-        """Whether the box is its own mirror image in y."""
-        return len(self._parts) == 2
-
     def displacements(self, loads: FloatArray) -> FloatArray:
         """Displacements under nodal loads, both of shape (nx, 3, ny, nz, cases); zero where the box is held."""
         degree = self.axes[0].degree
-        if not self.mirrored:
+        if len(self._parts) == 1:
             return self._parts[0].solve(loads, degree)
         middle = loads.shape[2] // 2
         below, above = loads[:, :, : middle + 1] / 2, _MIRRORED * loads[:, :, : middle - 1 : -1] / 2

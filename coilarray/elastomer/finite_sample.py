@@ -43,7 +43,6 @@ _PLACES = 400  # at a time, which bounds the memory
 # 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of what the sides change: the error is below the part.
 _RANK = 1e-5
 _NEWTON_STEPS = 60
-_EVENLY = 0.01  # of the distance between two places, by which a third one may be off their line
 
 
 @dataclass(frozen=True)
@@ -386,12 +385,10 @@ class _Lift:
         along_x, along_y = problem.unevenness.gap_slope
         self._gap = np.maximum(along_x * x.nodes[:, None] + along_y * y.nodes, 0.0).ravel()
         self._push = (problem.stiffness[2] * problem.factor * problem.area).ravel()
-        own = ny // 2 + 1 if problem.box.mirrored else ny  # forces above the middle answer as those below it
-        rows = (
-            problem.faces(problem.box.displacements(self._bottom_forces(start, start + own)))
+        answers = [
+            problem.faces(problem.box.displacements(self._bottom_forces(start, min(start + ny, nx * ny))))
             for start in range(0, nx * ny, ny)
-        )
-        answers = [np.concatenate((row, row[:, :, ::-1, ny - own - 1 :: -1][..., : ny - own]), axis=-1) for row in rows]
+        ]
         self._answers = np.concatenate(answers, axis=-1).reshape(-1, nx * ny, nx * ny)  # levels, node, forced node
         root = np.sqrt(self._push)
         self._scaled = root[:, None] * self._answers[0] * root
@@ -448,27 +445,13 @@ class _Lift:
         problem = self._problem
         wide = problem.bottom(places / problem.stack.length, case)[:, 2].reshape(-1, len(places))
         along_x, along_y = problem.ring(places, case)
-        shifts, tractions = np.empty(len(places)), []
-        heights: list[FloatArray] = []
+        shifts, tractions, lifts, height = np.empty(len(places)), [], [], self._height
         for p in range(len(places)):
             under = np.outer(along_x[p], along_y[p]).ravel() @ self._answers[-1]
             own = wide[:, p] + faces[0, ..., p].ravel()
-            guess = self._expected(places[: p + 1], heights)
-            shifts[p], traction, height = self._settled(own, under, float(mean[p]), slope, guess)
+            shifts[p], traction, height = self._settled(own, under, float(mean[p]), slope, height)
             tractions.append(traction - self._rest)
-            heights.append(height)
+            lifts.append(np.maximum(height, 0.0).reshape(problem.plan))
         more = self._answers @ np.transpose(tractions)
         moved = faces * (1 + shifts * slope) + more.reshape(faces.shape)
-        lifts = np.maximum(heights, 0.0).reshape(-1, *problem.plan)
-        return shifts, np.moveaxis(moved, -1, 0), lifts
-
-    def _expected(self, places: FloatArray, heights: list[FloatArray]) -> FloatArray:
-        """Guess of u_z plus gap at the last place: that at the nearest one before, or on the line through two."""
-        if not heights:
-            return self._height
-        *before, here = places
-        near = int(np.hypot(*(before - here).T).argmin())
-        beyond = np.hypot(*(before + here - 2 * places[near]).T)
-        far = int(beyond.argmin())
-        evenly = beyond[far] < _EVENLY * np.hypot(*(places[near] - here))
-        return 2 * heights[near] - heights[far] if evenly else heights[near]
+        return shifts, np.moveaxis(moved, -1, 0), np.array(lifts)
