@@ -39,9 +39,7 @@ from coilarray.geometry.sheet import Base
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
 _POINTS = 0.1, 0.2  # between the points of integrals over a side: thicknesses, or of the distance to a contact if more
 _PLACES = 400  # at a time, which bounds the memory
-# Patterns of the loads of all places below this part of the strongest are left out. On two samples of gast2020, 1e-3,
-# 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of what the sides change: the error is below the part.
-_RANK = 1e-5
+_RANK = 1e-5  # of the strongest pattern of the loads of all places: weaker ones are left out
 _NEWTON_STEPS = 60
 
 

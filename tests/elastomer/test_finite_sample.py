@@ -18,7 +18,6 @@ import pytest
 from support.contacts import coarse_maps, first_coils_design
 from support.first_assumed import first_assumed
 
-import coilarray.elastomer.finite_sample as finite_sample
 import coilarray.response.setup as pressing
 from coilarray import load_design
 from coilarray.compute.memory import MemoryLimitError
@@ -243,22 +242,6 @@ def test_a_sample_too_large_for_the_memory_is_refused_before_the_work(monkeypatc
     monkeypatch.setenv("COILARRAY_MEMORY_GB", "1")
     with pytest.raises(MemoryLimitError, match=r"a sample of 100 by 100 of its thicknesses needs .* sample_x_mm"):
         corrected((-0.4, -0.4, 0.4, 0.4))
-
-
-@pytest.mark.slow
-def test_what_weak_patterns_of_the_loads_leave_out_is_below_their_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    places = tuple((x, y) for x in np.linspace(-20e-3, 20e-3, 15) for y in (-6e-3, 0.0, 4e-3))
-    uneven = Unevenness(stiffness_slope=(10.0, 0.0))
-
-    def moved(part: float) -> np.ndarray:
-        monkeypatch.setattr(finite_sample, "_RANK", part)
-        return corrected(places=places, unevenness=uneven, slope=300.0).moved
-
-    used = finite_sample._RANK
-    everything = moved(1e-9)
-    for part in (1e-3, used):
-        assert np.abs(moved(part) - everything).max() < part * np.abs(everything).max()
-    assert np.abs(moved(1e-3) - everything).max() > 0  # something is left out
 
 
 @pytest.mark.slow
