@@ -18,7 +18,6 @@ from coilarray.electromagnetics.coil_spectrum import (
     harmonics_about,
     segment_centres,
     segment_spectra,
-    turned_spectra,
 )
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError
@@ -91,9 +90,8 @@ def dent_energies(
     }
     for index, one in zip(moving, solved, strict=True):
         motions[dents[index].motion].append((index, one))
-    level_spectra = [segment_spectra(those, wavenumbers) for those in seen]
     spectra = {
-        slope: [turned_spectra(one, slope) for one in level_spectra]
+        slope: [segment_spectra(those, wavenumbers, slope) for those in seen]
         for slope in dict.fromkeys(one.slope for one in motions)
     }
     k = np.tile(wavenumbers, len(seen))[:, None, None]
