@@ -77,7 +77,10 @@ class BoxMesh:
 
 
 DEFAULT_BOX_MESH = BoxMesh()
-"""Faces of the sheets to 1 % of the largest displacement, the edge of the bottom to 3 %: the study is in the tests."""
+"""Faces of the sheets to 1 % of the largest displacement, the edge of the bottom to 3 %: the study is in the tests.
+
+A finer mesh changes what sides do to δ by 2 to 6 % of itself.
+"""
 
 
 @dataclass(frozen=True)
