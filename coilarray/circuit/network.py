@@ -287,8 +287,8 @@ def changed_resonances(
     their losses as imaginary parts −ΔR/ω. Returns the frequencies (cases,) in Hz, and there the impedances in Ω and the
     admittances with the tank in S; a NetworkError if there is no resonance.
     """
-    wiring, capacitances = _wire(network, result.state), network.winding_capacitance
-    frequencies = _followed(network, result, wiring, inductances, np.tile(capacitances, (cases, 1)))
+    wiring = _wire(network, result.state)
+    frequencies = _followed(network, result, wiring, cases, inductances)
     impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
     return frequencies, impedance, admittance
 
@@ -310,20 +310,20 @@ def resonances_near(
     network's own; a change may make the latter negative, as the tank is in parallel. A NetworkError if it finds no
     resonance.
     """
-    capacitances = network.winding_capacitance if winding_capacitances is None else winding_capacitances
-    across = np.broadcast_to(capacitances, inductances.shape[:2])
-    return _followed(network, result, _wire(network, result.state), lambda _: inductances, across)
+    wiring, cases = _wire(network, result.state), len(inductances)
+    return _followed(network, result, wiring, cases, lambda _: inductances, winding_capacitances)
 
 
 def _followed(
     network: Network,
     result: StateResult,
     wiring: _Wiring,
+    cases: int,
     inductances: Callable[[FloatArray], FloatArray | ComplexArray],
-    winding_capacitances: FloatArray,
+    winding_capacitances: FloatArray | None = None,
 ) -> FloatArray:
     """Find Im Y(f) = 0 for all cases at once by the secant method, beginning with the slope of the given resonance."""
-    f0, cases = result.frequency, len(winding_capacitances)
+    f0 = result.frequency
     first = susceptance_slope(network, result.state, f0)
     frequencies: FloatArray = np.full(cases, f0)
     slope, before, step = np.full(cases, first), np.zeros(cases), np.zeros(cases)
@@ -436,12 +436,12 @@ def _solve(
         solution[:, kept] = np.linalg.solve(matrix[:, kept[:, None], kept], source[kept])[..., 0]
     except np.linalg.LinAlgError:
         raise NetworkError(f"state {wiring.state.name} gives a singular network at {frequencies[0]:.6g} Hz.") from None
-    voltages = solution.copy()
-    voltages[:, closed] = solution[:, nets] + solution[:, closed] * wiring.resistance / unit[:, None]
-    currents = coils @ (voltages[:, first] - voltages[:, second])[..., None]
+    # from the currents of closed switches to the voltages behind them; a net is behind none
+    solution[:, closed] = solution[:, nets] + solution[:, closed] * wiring.resistance / unit[:, None]
+    currents = coils @ (solution[:, first] - solution[:, second])[..., None]
     plus, minus = wiring.port
     leads = 2j * omega * network.switches.lead_inductance  # in series with the converter
-    return (voltages[:, plus] - voltages[:, minus]) * unit + leads, currents[..., 0]
+    return (solution[:, plus] - solution[:, minus]) * unit + leads, currents[..., 0]
 
 
 def _wire(network: Network, state: ScanState) -> _Wiring:

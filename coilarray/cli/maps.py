@@ -118,8 +118,9 @@ def one_map(
     from coilarray.response.setup import indentation_of
 
     design = shared.open_design(source, allow_violations=allow_violations)
+    states = [state.name for state in design.plan]
     for name in coils:
-        if name not in (states := [state.name for state in design.plan]):
+        if name not in states:
             raise LocalizeError(f"--coil must be one of {', '.join(states)}; got {name}.")
     depths = indentation_of(design).depths[:1] if depth is None else [depth]
     with shared.progress_bar("response") as progress:

@@ -121,6 +121,11 @@ def open_store(folder: str | Path | None = None) -> Store:
     return Store(folder)
 
 
+def store_to_keep(keep: bool | str | Path) -> Store | None:
+    """Open the store that a study keeps its evaluations in: the default one, that of a folder, or none."""
+    return open_store(None if keep is True else keep) if keep else None
+
+
 def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
     """Return a dataset as `Store.dataset` of the default store; where that cannot be made it is only computed."""
     try:

@@ -17,7 +17,7 @@ import xarray as xr
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.store import Store, open_store
+from coilarray.compute.store import Store, store_to_keep
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, DesignFile
@@ -224,7 +224,7 @@ def sweep(
     plan = plan_sweep(
         design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
     )
-    cache = open_store(None if keep is True else keep) if keep else None
+    cache = store_to_keep(keep)
     if pool is not None:
         return run_sweep(plan, pool, cache, progress=progress)
     with workers() as here:

@@ -12,7 +12,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.html import html_card, html_table
-from coilarray.compute.store import Store, open_store
+from coilarray.compute.store import Store, store_to_keep
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, DesignFile, build_design_file
@@ -162,7 +162,7 @@ def calibrate(
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
     fitted = [one for one in cases if isinstance(one, Case)]
     problems = [_problem(case, measured) for case in fitted]
-    store = open_store(None if keep is True else keep) if keep else None
+    store = store_to_keep(keep)
     if pool is None:
         with workers() as here:
             fits = _fit_all(fitted, problems, measured, plan.data, here, store, progress)
