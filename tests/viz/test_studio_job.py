@@ -223,13 +223,21 @@ def test_an_error_in_what_follows_a_job_is_told_on_the_page(tmp_path, monkeypatc
             told = []
             for done in (broken, lambda result: page.begin(later, result)):
                 page.say("")
-                assert page.start_bar("sum", "a sum", count_to, 2, done, page.say)
+                assert page.start_bar("sum", "a sum", count_to, 2, done)
                 while not page.state.problem:
                     await asyncio.sleep(0.02)
                 told.append((page.state.problem, page.state.job["running"]))
+            assert page.start_bar("sum", "a sum", fail, "gone", broken)  # whatever tab is open by then
+            assert page.state.problem == ""
+            while not page.state.problem:
+                await asyncio.sleep(0.02)
+            told.append((page.state.problem, page.state.job["running"]))
             await page.close()
         return told
 
-    expected = [("KeyError: 'a result of 4'", False), ("KeyError: 'a picture of 4'", False)]
+    expected = [
+        ("KeyError: 'a result of 4'", False), ("KeyError: 'a picture of 4'", False),
+        ("a sum: the work ended with exit code 7; is there memory enough?", False),
+    ]  # fmt: skip
     assert asyncio.run(asyncio.wait_for(problems(), PATIENCE)) == expected
-    assert capfd.readouterr().err.count("Traceback") == len(expected)
+    assert capfd.readouterr().err.count("Traceback") == 2

@@ -31,6 +31,7 @@ from coilarray.studies.sweep import parse_axis
 from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, structure, studying
+from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel, choices_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
@@ -132,6 +133,7 @@ def test_a_design_is_built_piece_by_piece(starter):
     assert list(then(structure.remove_coil, "coil1").array.names) == ["coil2", "coil3", "coil4"]
     counts = {"square": 4, "hexagonal": 4, "linear": 4, "triangle": 6, "rings": 7, "single": 1, "free": 1}
     for kind, count in counts.items():
+        assert structure.lattice_sizes(kind, len(work.design.array.names))[1] == count  # which is said before
         assert len(then(structure.set_lattice, kind).array.names) == count
         assert work.opened.document["array"]["lattice"] == kind
     thick = sum(work.design.array.stackup.dielectric_thickness)
@@ -608,6 +610,22 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     assert len(taken) == (not problem)
 
 
+def test_a_field_that_is_left_as_it_was_changes_nothing(tmp_path):
+    """It shows twelve digits of a value that may have more."""
+    called, taken = {}, []
+    page = SimpleNamespace(
+        state=State(client_only=lambda *_: None, errors={}), trigger=called.__setitem__,
+        take=lambda *_, **__: taken.append(1),
+        setup=SimpleNamespace(shelf=Shelf(tmp_path), services=SimpleNamespace(write_report=None)),
+        work=work_on(OPENED, "starter").with_entries({"array.pitch_mm": 11 + 1 / 3}),
+    )  # fmt: skip
+    DesignPanel(page)
+    called["enter"]("array.pitch_mm", "11.3333333333")
+    assert taken == []
+    called["enter"]("array.pitch_mm", "11.3")
+    assert taken == [1]
+
+
 @pytest.mark.parametrize("wanted", [True, False])
 def test_a_new_design_has_an_elastomer_where_it_is_wanted(wanted):
     texts = {"name": "coil", "coils": "1", "shape": "circle", "size": "40", "elastomer": wanted}
@@ -629,8 +647,8 @@ def test_the_circuit_is_solved_beside_the_numbers_once_they_are_accurate(starter
     """For it takes minutes of 64 coils, and numbers of a later design must not wait for it."""
     asked, current = [], [starter]
     page = SimpleNamespace(
-        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, calculator=None,
-        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend),
+        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, failed=lambda *_: None,
+        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend), calculator=None,
     )  # fmt: skip
     panel = NumbersPanel(page)
     panel._show((starter, numbers_of(starter, "screen")))

@@ -27,7 +27,7 @@ class BuildPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         values = {
-            "build": {"coils": [], "sheets": []}, "build_problem": "", "build_lattices": list(structure.LATTICES),
+            "build": {"coils": [], "sheets": []}, "build_problem": "", "build_lattices": [],
             "build_bases": [{"value": base, "title": _BASES[base]} for base in structure.BASES],
             "build_edges": ["none", *SIDES],
         }  # fmt: skip
@@ -45,6 +45,9 @@ class BuildPanel(Panel):
         array = array if array.led_out is None else array.led_out.array
         state = self._page.state
         state.build_problem = ""
+        state.build_lattices = [
+            _offered(kind, document["array"]["lattice"], len(array.names)) for kind in structure.LATTICES
+        ]
         state.build = {
             "coils": [
                 {
@@ -102,3 +105,9 @@ class BuildPanel(Panel):
 
 def _with_layers(document: Document, design: Design, text: str) -> Document:
     return structure.set_layers(document, design, number_of("copper layers", text))
+
+
+def _offered(kind: str, present: str, count: int) -> dict[str, str]:
+    """Return a lattice as the page offers it, with the number of coils that it has or would have."""
+    number = count if kind == present else structure.lattice_sizes(kind, count)[1]
+    return {"value": kind, "title": f"{kind}, {number} coil{'' if number == 1 else 's'}"}

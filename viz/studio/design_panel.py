@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from coilarray.design.export_formats import SUFFIXES, Format
 from coilarray.errors import CoilarrayError, DesignError, OutputError
+from coilarray.geometry.words import array_words
 from coilarray.viz.studio.entries import Entry, entries_of, text_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
@@ -24,7 +25,8 @@ class DesignPanel(Panel):
         page.state.client_only("texts")
         self._exported: set[Path] = set()
         values = {
-            "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
+            "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "array_words": "", "changed": False,
+            "shelf": [],
             "save_name": "", "save_over": "", "open_over": "", "file_problem": "", "file_note": "",
             "open_dialog": False, "save_dialog": False, "report_url": "",
             "can_report": page.setup.services.write_report is not None, "formats": list(SUFFIXES),
@@ -45,13 +47,16 @@ class DesignPanel(Panel):
             state.dirty("texts")  # the page may hold others, which this side does not know
             self._page.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
-        state.title = work.design.title or work.design.name
-        state.trame__title = f"{work.design.name} – coilarray studio"
+        state.title, state.array_words = work.design.title, array_words(work.design.array)
+        state.trame__title = f"{work.file} – coilarray studio"
         state.report_url = ""
 
     def _enter(self, key: str, text: str) -> None:
         """Set an entry to a typed value; an impossible one gives an error at its field and changes nothing."""
         page = self._page
+        present = next((one for one in entries_of(page.work.opened) if one.key == key), None)
+        if present is not None and key not in page.state.errors and text == text_of(present.value):
+            return  # a field that was only left: it shows twelve digits of a value that may have more
         try:
             work = page.work.with_entry(key, str(text))
         except CoilarrayError as error:
@@ -120,7 +125,7 @@ class DesignPanel(Panel):
             page.state.file_note = line
 
         item = (write_board, page.work.opened.document, page.work.design.name, path, to)
-        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done, page.say)
+        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done)
 
     def _report(self) -> None:
         page = self._page
@@ -141,7 +146,7 @@ class DesignPanel(Panel):
                 page.state.file_note = f"wrote {result}, of the design before it was changed"
 
         item = (write, page.work.opened.document, design.name, folder)
-        page.start_bar("report", f"report of {design.name}", with_progress, item, done, page.say)
+        page.start_bar("report", f"report of {design.name}", with_progress, item, done)
 
 
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:

@@ -97,7 +97,7 @@ class MetalPanel(Panel):
     def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:
             state.target_problem, state.target_rows = problem, []
-            self._page.arrived("target", design)
+            self._page.failed("target", design, problem)
 
     def _move(self, step: int) -> None:
         if self._moved is None or not 0 <= int(step) < len(self._moved.distances):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.compute.threads import Progress
 from coilarray.design.model import build_design_file
-from coilarray.errors import CoilarrayError, DesignError
+from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.values import SIDES
 from coilarray.studies.create.arrangement import read_arrangement, read_size
 from coilarray.studies.create.choices import Choices, Shape
@@ -40,13 +40,19 @@ class NewPanel(Panel):
     def _make(self, texts: Mapping[str, Any], discard: bool = False) -> None:
         """Make a design; where that loses changes, `discard` must say that they may be lost."""
         page, state = self._page, self._page.state
+        try:
+            path = page.setup.shelf.path(f"{str(texts.get('name', '')).strip()}.toml")
+            if path.exists():
+                raise OutputError(f"{path.name} is there already; give the new design another name.")
+        except OutputError as error:
+            state.new_problem = str(error)
+            return
         state.new_over = bool(page.work.changed) and not discard
         if state.new_over:
             state.new_problem = page.work.unsaved
             return
         try:
             name, choices = choices_of(texts)
-            file = page.setup.shelf.path(f"{name}.toml").name
         except CoilarrayError as error:
             state.new_problem = str(error)
             return
@@ -62,12 +68,14 @@ class NewPanel(Panel):
                 failed(page.work.unsaved)
                 return
             try:
-                page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+                page.take(replace(work_on(build_design_file(document, name), path.name), kept={}))
             except CoilarrayError as error:
                 failed(str(error))
 
         state.new_problem = ""
-        state.new_dialog = not page.start_bar("new", name, with_progress, (make_design, name, choices), done, failed)
+        state.new_dialog = not page.start_bar(
+            "new", f"new design {name}", with_progress, (make_design, name, choices), done, failed
+        )
 
 
 def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

@@ -80,8 +80,11 @@ class Page:
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
         self.state.update(
-            {"problem": "", "job": _NO_JOB, "stale": [], "shown_accuracy": "", "can_undo": False, "can_redo": False}
-        )
+            {
+                "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "can_undo": False,
+                "can_redo": False,
+            }
+        )  # fmt: skip
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
         self.trigger("undo", lambda: self._follow_trail(back=True))
         self.trigger("redo", lambda: self._follow_trail(back=False))
@@ -107,6 +110,7 @@ class Page:
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
         )  # fmt: skip
+        self.numbers.forget_saved(work)
         self.take(work)
 
     # ---------------------------------------------------------------- for the server
@@ -177,6 +181,8 @@ class Page:
             self.numbers.forget_saved(work)
         self.work = work
         with self.state:
+            if not work.kept and self.state.scene_saved:
+                self.scene.show_saved(False)
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
             self.build.show(work)
             self.design.show(work, typed=typed)
@@ -193,6 +199,7 @@ class Page:
                 "summary": self.setup.services.summarize is not None,
             }  # fmt: skip
             self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
+            self.state.failures = {}
             self._say_accuracy()
         self.follow()
 
@@ -219,10 +226,19 @@ class Page:
         return design is self.work.design
 
     def arrived(self, name: str, design: Design) -> None:
-        """Remove the mark of stale results where they are those of the current design, and say how accurate all are."""
+        """Remove the marks of what is stale or failed where it is of the current design; say how accurate all are."""
         if self.is_current(design):
             self.state.stale = [one for one in self.state.stale if one != name]
+            self.state.failures = {one: why for one, why in self.state.failures.items() if one != name}
         self._say_accuracy()
+
+    def failed(self, name: str, design: Design, problem: str) -> None:
+        """Say beside the picture, whatever tab is open, that results of the current design will not come."""
+        with self.state:
+            self.arrived(name, design)
+            if self.is_current(design):
+                self.state.failures = {**self.state.failures, name: problem}
+                self._say_accuracy()
 
     def say(self, problem: str) -> None:
         """Show one line above the page; an empty one removes it."""
@@ -262,13 +278,14 @@ class Page:
         task: Task,
         item: Any,
         done: Callable[[Any], None],
-        failed: Callable[[str], None],
+        failed: Callable[[str], None] = lambda problem: None,
         cancelled: Callable[[], None] = lambda: None,
         watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
         """Start a job with a progress bar; exactly one of `done`, `failed` and `cancelled` is called at its end.
 
-        Messages other than (done, total) go to `watch`.
+        A failure is said above the page too, whatever tab is open by then. Messages other than (done, total) go to
+        `watch`.
         """
         begun = time.monotonic()
 
@@ -285,12 +302,14 @@ class Page:
             if outcome.kind == "done":
                 done(outcome.result)
             elif outcome.kind == "failed":
+                self.say(f"{text}: {outcome.problem}")
                 failed(outcome.problem)
             else:
                 cancelled()
 
         started = self.start_job(name, task, item, on_message=heard, on_end=ended)
         if started:
+            self.say("")
             progress()
         return started
 
@@ -316,7 +335,9 @@ class Page:
     def _say_accuracy(self) -> None:
         """Say "full accuracy" only where all numbers on show are those of the design."""
         stale, accuracy = self.state.stale, self.state.accuracy
-        if "numbers" in stale or accuracy not in ("screen", "full"):
+        if self.state.failures:
+            self.state.shown_accuracy = "not computed"
+        elif "numbers" in stale or accuracy not in ("screen", "full"):
             self.state.shown_accuracy = "computing"
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"
