@@ -128,7 +128,8 @@ def test_a_design_is_built_piece_by_piece(starter):
     assert [place.name for place in more.placements] == ["coil1", "coil2", "coil3", "coil4"]
     np.testing.assert_allclose(more.centres[3], more.centres[2] + (more.centres[2] - more.centres[1]), atol=1e-9)
     assert more.placements[3].layers == more.placements[1].layers != more.placements[2].layers
-    moved = then(structure.place_coil, "coil4", 5.0, -7.5, 30.0).array.placements[3]
+    for key, value in (("x_mm", 5.0), ("y_mm", -7.5), ("rotation_deg", 30.0)):
+        moved = then(structure.place_coil, "coil4", key, value).array.placements[3]
     assert (moved.x, moved.y, moved.rotation) == pytest.approx((5e-3, -7.5e-3, math.pi / 6))
     assert list(then(structure.remove_coil, "coil1").array.names) == ["coil2", "coil3", "coil4"]
     counts = {"square": 4, "hexagonal": 4, "linear": 4, "triangle": 6, "rings": 7, "single": 1, "free": 1}

@@ -59,9 +59,9 @@ def remove_coil(document: Document, design: Design, name: str) -> Document:
     return no_longer_assumed({**changed, "coils": coils}, [f"coils.{shape}" for shape in unused])
 
 
-def place_coil(document: Document, design: Design, name: str, x: float, y: float, turn: float) -> Document:
-    """Place a coil at x and y in mm, turned by an angle in degrees; the array is then one of free places."""
-    new = {"x_mm": x, "y_mm": y, "rotation_deg": turn}
+def place_coil(document: Document, design: Design, name: str, key: str, value: float) -> Document:
+    """Set ``x_mm``, ``y_mm`` or ``rotation_deg`` of a coil's place; the array is then one of free places."""
+    new = {key: value}
     places = _placements(document, design)
     return _free(document, [{**place, **new} if place["name"] == name else place for place in places])
 
