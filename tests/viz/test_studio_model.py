@@ -36,7 +36,7 @@ from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel, choices_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.numbers_panel import NumbersPanel
-from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
+from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders, run_lines
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel, _legend
 from coilarray.viz.studio.shelf import Shelf
@@ -588,15 +588,14 @@ class State(SimpleNamespace):
 
 
 @pytest.mark.parametrize(
-    ("meanwhile", "document", "problem"),
+    ("meanwhile", "problem"),
     [
-        (lambda work: work, OPENED.document, ""),
-        (lambda work: work.with_entry("array.pitch_mm", "12"), OPENED.document, "The changes of starter are not saved"),
-        (lambda work: work.with_entry("array.pitch_mm", "12").saved_as("saved.toml"), OPENED.document, ""),
-        (lambda work: work, {}, "mine: schema is missing"),
+        (lambda work: work, ""),
+        (lambda work: work.with_entry("array.pitch_mm", "12"), "The changes of starter are not saved"),
+        (lambda work: work.with_entry("array.pitch_mm", "12").saved_as("saved.toml"), ""),
     ],
 )
-def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, document, problem):
+def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, problem):
     called, ends, taken = {}, [], []
     page = SimpleNamespace(
         state=State(), trigger=called.__setitem__, work=work_on(OPENED, "starter"), take=taken.append,
@@ -605,7 +604,7 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     NewPanel(page)
     called["make_design"]({"name": "mine", "coils": "2", "shape": "circle", "size": "16"})
     page.work = meanwhile(page.work)
-    ends[0](document)
+    ends[0](OPENED)
     assert page.state.new_problem.startswith(problem)
     assert page.state.new_dialog == bool(problem)
     assert len(taken) == (not problem)
@@ -616,7 +615,7 @@ def test_a_field_that_is_left_as_it_was_changes_nothing(tmp_path):
     called, taken = {}, []
     page = SimpleNamespace(
         state=State(client_only=lambda *_: None, errors={}), trigger=called.__setitem__,
-        take=lambda *_, **__: taken.append(1),
+        change=lambda *_, **__: taken.append(1),
         setup=SimpleNamespace(shelf=Shelf(tmp_path), services=SimpleNamespace(write_report=None)),
         work=work_on(OPENED, "starter").with_entries({"array.pitch_mm": 11 + 1 / 3}),
     )  # fmt: skip
@@ -668,6 +667,26 @@ def test_a_front_shows_the_first_point_unless_it_is_the_start():
     for start in (False, True):
         points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))
         assert Run("mine", (False,), points, 2).front == (() if start else (0,))
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "target", "name", "found"),
+    [
+        ("k[a,b]", (-0.03, 0.04), 0.0, "|k[a,b]|", "None is better than the start, which has |k[a,b]| 0.03."),
+        ("q", (30.1, 30.4), 30.6, "|q − 30.6|", "The best has |q − 30.6| 0.2, the start 0.5."),
+    ],
+)
+def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key, values, target, name, found):
+    points = [
+        RunPoint(f"search {k}", {"span_mm": 7.0, key: value}, {}, (abs(value - target),), True, k == 0)
+        for k, value in enumerate(values)
+    ]
+    run = Run("mine", (False,), tuple(points), 3, refined=1)
+    assert run.objectives == (name,)
+    assert run.values(name) == [point.scores[0] for point in points]
+    lines = run_lines(run)
+    assert lines[:2] == ["3 points computed, 1 of them to refine the best; 2 keep all bounds", found]
+    assert lines[2].startswith(f"{key}: ")
 
 
 def test_a_run_is_said_to_be_of_another_design_or_of_the_one_before_it_was_changed():

@@ -491,7 +491,7 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
     page.wait_for_selector("#pareto")
-    assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
+    assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points computed")
     assert page.locator("#front tbody tr").count() == len(result.front)
     shown = [page.evaluate(f"trame.state.get('{name}')") for name in ("run_x", "run_y")]
     assert shown == ["board_area_mm2", "span_mm"]  # two that differ from point to point

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
-from coilarray.errors import CoilarrayError
 from coilarray.geometry.values import SIDES
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.entries import number_of, text_of
@@ -91,21 +91,19 @@ class BuildPanel(Panel):
         """Set a coil's place in one direction, or its turn."""
         if key not in _PLACE:
             return
-        try:
-            value = number_of(f"{key} of {name}", text)
-        except CoilarrayError as error:
-            self._page.state.build_problem = str(error)
-            return
-        self._change(structure.place_coil, name, key, value)
+        self._change(_with_place, name, key, text)
 
     def _change(self, function: Callable[..., Document], *arguments: Any, **named: Any) -> None:
         """Change the document of the design; what cannot be gives one line and changes nothing."""
-        page = self._page
-        try:
-            document = function(page.work.opened.document, page.work.design, *arguments, **named)
-            page.take(page.work.with_document(document))
-        except CoilarrayError as error:
-            page.state.build_problem = str(error)
+
+        def made(work: Work) -> Document:
+            return function(work.opened.document, work.design, *arguments, **named)
+
+        self._page.change(made, partial(setattr, self._page.state, "build_problem"))
+
+
+def _with_place(document: Document, design: Design, name: str, key: str, text: str) -> Document:
+    return structure.place_coil(document, design, name, key, number_of(f"{key} of {name}", text))
 
 
 def _with_layers(document: Document, design: Design, text: str) -> Document:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.compute.threads import Progress
-from coilarray.design.model import build_design_file
+from coilarray.design.model import DesignFile
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.values import SIDES
 from coilarray.studies.create.arrangement import read_arrangement, read_size
@@ -15,7 +15,6 @@ from coilarray.studies.create.choices import Choices, Shape
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
-from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.work import MOST_COILS, work_on
 
 if TYPE_CHECKING:
@@ -62,13 +61,13 @@ class NewPanel(Panel):
         def failed(problem: str) -> None:
             state.new_problem, state.new_dialog = problem, True
 
-        def done(document: Document) -> None:
+        def done(file: DesignFile) -> None:
             if page.work is not begun and page.work.changed:  # meanwhile
                 state.new_over = True
                 failed(page.work.unsaved)
                 return
             try:
-                page.take(replace(work_on(build_design_file(document, name), path.name), kept={}))
+                page.take(replace(work_on(file, path.name), kept={}))
             except CoilarrayError as error:
                 failed(str(error))
 
@@ -102,8 +101,8 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     return given["name"], choices
 
 
-def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> Document:
-    """Make a design and return its document; runs in a process of its own."""
+def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> DesignFile:
+    """Make a design; runs in a process of its own."""
     from coilarray.studies.create.new_design import new_design
 
-    return new_design(name, **choices).document
+    return new_design(name, **choices)
