@@ -14,7 +14,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import MM, PLAIN
+from coilarray.compute.display_units import MM, PLAIN, true_minus
 from coilarray.compute.recent import Recent
 from coilarray.errors import LARGEST, GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
@@ -244,6 +244,35 @@ def require_kept(margins: Iterable[Margin]) -> None:
     raise RuleViolationError(
         f"{worst.rule} of {worst.feature}{layer} is {value}{place}, margin {margin} to the limit of {limit}{more}."
     )
+
+
+def broken_rules(margins: Iterable[Margin]) -> list[str]:
+    """Return a sentence for each rule that is not kept, about its worst place.
+
+    Examples
+    --------
+    >>> board = Margin("board size", "", "board", -0.01, 0.3, 0.31, None, None)
+    >>> copper = Margin("clearance", "L2", "coil7 – coil12", -0.3e-3, 0.15e-3, -0.15e-3, 0.0, 0.0)
+    >>> for sentence in broken_rules([board, copper]):
+    ...     print(sentence)
+    The board house's limit of board size is broken at board: 310 mm; its limit is 300 mm.
+    The copper of coil7 and coil12 overlaps on L2, by up to 0.15 mm.
+    """
+    worst: dict[str, Margin] = {}
+    for margin in margins:
+        if not margin.kept and (margin.rule not in worst or margin.margin < worst[margin.rule].margin):
+            worst[margin.rule] = margin
+    return [_broken(margin) for margin in worst.values()]
+
+
+def _broken(margin: Margin) -> str:
+    if margin.rule == "clearance" and margin.value < 0:
+        nets = margin.feature.replace(" – ", " and ")
+        return f"The copper of {nets} overlaps on {margin.layer}, by up to {MM.text(-margin.value, '.4')}."
+    unit = MM if margin.unit else PLAIN
+    value, limit = (true_minus(unit.text(number, ".4")) for number in (margin.value, margin.limit))
+    where = f"{margin.feature} on {margin.layer}" if margin.layer else margin.feature
+    return f"The board house's limit of {margin.rule} is broken at {where}: {value}; its limit is {limit}."
 
 
 def _margin(rule: str, layer: str, feature: str, value: float, limit: float, place: npt.ArrayLike) -> Margin:

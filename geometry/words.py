@@ -17,7 +17,7 @@ _MOST_POINTS = 10_000  # of traces, which are drawn in about a second
 
 
 def array_words(array: CoilArray) -> str:
-    """Return number, shape and size of the coils, and the distance of the nearest neighbours.
+    """Return number, shape and size of the coils, without ways to a connector, and how far apart the nearest are.
 
     Examples
     --------
@@ -25,6 +25,7 @@ def array_words(array: CoilArray) -> str:
     >>> array_words(load_design("gast2020").array)
     '6 hexagonal coils of 23 × 26.56 mm, neighbours 13.28 mm apart'
     """
+    array = array if array.led_out is None else array.led_out.array
     outlines = [place.coil.outline for place in array.placements]
     shapes = {_shape(place.coil) for place in array.placements}
     shape = shapes.pop() if len(shapes) == 1 else ""

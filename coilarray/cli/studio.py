@@ -110,7 +110,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
         scan = None
     bounds = None if response is None else position_bounds(response)
     table = summary_table(coupling, scan, margins, response, bounds=bounds)
-    return Summary(table.headers, table.cells(), verdicts(scan, margins))
+    return Summary(table.headers, table.cells(), verdicts(scan, ()))  # the page says itself which rules are broken
 
 
 # These run in processes of their own, and are therefore functions of a module with plain arguments.

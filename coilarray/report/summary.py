@@ -12,7 +12,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit, true_minus
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
-from coilarray.geometry.rules import KEPT_WITHIN
+from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.report.tables import Column, Table, Value, cell
@@ -71,15 +71,7 @@ def summary_table(
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
     """Return one line for each kind of limit of the board house and of the converter that is broken: the worst one."""
-    lines = []
-    for rule in dict.fromkeys(margin.rule for margin in margins if not margin.kept):
-        worst = min((m for m in margins if m.rule == rule and not m.kept), key=lambda m: m.margin)
-        shown = display_unit(worst.unit)
-        where = f"{worst.feature} on {worst.layer}" if worst.layer else worst.feature
-        lines.append(
-            f"The board house's limit of {rule} is broken at {where}: "
-            f"{shown.text(worst.value, '.4')}; its limit is {shown.text(worst.limit, '.4')}."
-        )
+    lines = broken_rules(margins)
     broken = [] if scan is None else broken_limits(scan)
     for name in dict.fromkeys(limit.name for _, limit in broken):
         state, limit = next(one for one in broken if one[1].name == name)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coilarray.design.model import build_design, load_design_file
+from coilarray.design.model import build_design, build_design_file, load_design_file
 from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
 from coilarray.response.coordinates import on_board, origin_attributes
@@ -316,7 +316,9 @@ def quick_run(folder):
 def quick_new(name, choices, progress):
     """The starter design with as many coils in a row as are asked for."""
     document = load_design_file("starter").document
-    return {**document, "name": name, "array": {**document["array"], "columns": int(choices["coils"])}}
+    return build_design_file(
+        {**document, "name": name, "array": {**document["array"], "columns": int(choices["coils"])}}
+    )
 
 
 def slow_report(document, name, folder, progress):

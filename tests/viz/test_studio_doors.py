@@ -36,7 +36,7 @@ TRIGGERS = {
     "compare": [], "compute_table": [], "enter": ["array.pitch_mm", "12"], "export_board": ["svg"], "keep_study": [],
     "list_recordings": [], "look_at_board": [], "look_at_shelf": [], "look_for_runs": [], "look_from": ["top"],
     "make_design": [CHOICE, True], "move_target": [0], "open_design": ["starter", "starter"], "pause_board": [],
-    "place_coil": ["coil1", "0", "1", "30"], "place_target": ["0", "1"], "press": [0.5, 0.5],
+    "place_coil": ["coil1", "x_mm", "1"], "place_target": ["0", "1"], "press": [0.5, 0.5],
     "press_at": ["0", "1", "0.5"], "read_runs": ["run"], "redo": [], "remove_body": ["target"],
     "remove_coil": ["coil2"], "remove_sheet": [0], "respond": [], "save_design": ["mine.toml", "mine.toml"],
     "set_base": ["frictionless"], "set_connector": ["left"], "set_lattice": ["square"], "set_layers": ["4"],

@@ -16,12 +16,13 @@ from support.studio_tasks import count_to, fail, never_listen, tell_on_and_on, w
 
 from coilarray.design.model import load_design_file
 from coilarray.errors import GeometryError
+from coilarray.viz.studio import structure
 from coilarray.viz.studio.calculator import Calculator, Step
 from coilarray.viz.studio.job import Job
 from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.work import work_on
+from coilarray.viz.studio.work import Work, work_on
 
 
 class Watched:
@@ -90,11 +91,12 @@ def test_a_job_ends_with_its_studio_even_if_that_is_killed():
     script = """
 import time
 from support.studio_tasks import never_listen
+from coilarray.viz.studio import structure
 from coilarray.viz.studio.job import Job
 from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.work import work_on
+from coilarray.viz.studio.work import Work, work_on
 
 if __name__ == "__main__":
     Job(never_listen, None, lambda pid: print(pid, flush=True), lambda outcome: None)
@@ -203,33 +205,105 @@ def test_a_step_that_fails_is_told_and_the_next_one_done(capfd):
     assert "KeyError" in capfd.readouterr().err
 
 
-@pytest.mark.slow
-def test_an_error_in_what_follows_a_job_is_told_on_the_page(tmp_path, monkeypatch, capfd):
+@pytest.fixture
+def on_a_page(tmp_path, monkeypatch):
+    """Run a coroutine of a page of the starter design, which computes nothing by itself."""
     pytest.importorskip("trame")
     monkeypatch.setenv("TRAME_ARGS", "")
     from coilarray.viz.studio.page import Page, Setup
 
+    async def whole(use):
+        with ThreadPoolExecutor(1) as threads:
+            setup = Setup(Shelf(tmp_path), Services(alone=True), ReportPages(), threads, "no picture")
+            page = Page(setup, work_on(load_design_file("starter"), "starter"))
+            try:
+                return await use(page)
+            finally:
+                await page.close()
+
+    return lambda use: asyncio.run(asyncio.wait_for(whole(use), PATIENCE))
+
+
+@pytest.mark.slow
+def test_an_error_in_what_follows_a_job_is_told_on_the_page(on_a_page, capfd):
     def broken(result):
         raise KeyError(f"a result of {result}")
 
     async def later(result):
         raise KeyError(f"a picture of {result}")
 
-    async def problems():
-        with ThreadPoolExecutor(1) as threads:
-            services = Services(alone=True)  # such a page computes nothing by itself
-            setup = Setup(Shelf(tmp_path), services, ReportPages(), threads, "no picture")
-            page = Page(setup, work_on(load_design_file("starter"), "starter"))
-            told = []
-            for done in (broken, lambda result: page.begin(later, result)):
-                page.say("")
-                assert page.start_bar("sum", "a sum", count_to, 2, done, page.say)
-                while not page.state.problem:
-                    await asyncio.sleep(0.02)
-                told.append((page.state.problem, page.state.job["running"]))
-            await page.close()
+    async def problems(page):
+        told = []
+        for done in (broken, lambda result: page.begin(later, result)):
+            page.say("")
+            assert page.start_bar("sum", "a sum", count_to, 2, done)
+            while not page.state.problem:
+                await asyncio.sleep(0.02)
+            told.append((page.state.problem, page.state.job["running"]))
+        assert page.start_bar("sum", "a sum", fail, "gone", broken)  # whatever tab is open by then
+        assert page.state.problem == ""
+        while not page.state.problem:
+            await asyncio.sleep(0.02)
+        told.append((page.state.problem, page.state.job["running"]))
         return told
 
-    expected = [("KeyError: 'a result of 4'", False), ("KeyError: 'a picture of 4'", False)]
-    assert asyncio.run(asyncio.wait_for(problems(), PATIENCE)) == expected
-    assert capfd.readouterr().err.count("Traceback") == len(expected)
+    expected = [
+        ("KeyError: 'a result of 4'", False), ("KeyError: 'a picture of 4'", False),
+        ("a sum: the work ended with exit code 7; is there memory enough?", False),
+    ]  # fmt: skip
+    assert on_a_page(problems) == expected
+    assert capfd.readouterr().err.count("Traceback") == 2
+
+
+@pytest.mark.slow
+def test_coils_are_led_out_beside_the_page_and_what_is_changed_meanwhile_waits(on_a_page, monkeypatch):
+    gate, with_document = threading.Event(), Work.with_document
+
+    def led_out(work, document):
+        assert gate.wait(PATIENCE)  # for ever, if the page itself waited here
+        return with_document(work, document)
+
+    monkeypatch.setattr(Work, "with_document", led_out)
+
+    def connector(work):
+        return structure.set_connector(work.opened.document, work.design, "top")
+
+    async def changes(page):
+        told = []
+
+        def enter(key, value):
+            page.change(lambda work: work.document_with({key: value}), told.append, entry=key, typed=True)
+
+        async def done():
+            while not page._changing.done():
+                await asyncio.sleep(0.02)
+
+        first = page.work
+        page.change(connector, told.append)
+        await asyncio.sleep(0)  # the first one has begun
+        for value in (5.0, 4.0):  # of which only the last counts
+            enter("board.margin_mm", value)
+        enter("array.columns", 1000)
+        assert page.work is first
+        saved = page.work = page.work.saved_as("saved.toml")
+        gate.set()
+        await done()
+        values, array = page.work.opened.values, page.work.design.array
+        assert (values["board.margin_mm"], array.led_out.connector.side, page.work.file) == (4.0, "top", "saved.toml")
+        assert page.state.array_words.startswith("3 hexagonal coils of 16 × 18.5 mm")
+        assert told == ["array.columns must leave at most 64 coils for the studio to follow; got 1000."]
+        for expected in ({"connector.side": "top"}, {}):
+            page._follow_trail(back=True)
+            assert {key: page.work.opened.values[key] for key in expected} == expected
+        assert page.work.opened is saved.opened
+        gate.clear()
+        page.change(connector, told.append)
+        await asyncio.sleep(0)
+        page._follow_trail(back=False)  # another design meanwhile: the change is of none that is on show
+        redone = page.work
+        gate.set()
+        await done()
+        assert page.work is redone
+        return len(told)
+
+    assert on_a_page(changes) == 1

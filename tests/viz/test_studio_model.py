@@ -31,11 +31,12 @@ from coilarray.studies.sweep import parse_axis
 from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, structure, studying
+from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel, choices_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.numbers_panel import NumbersPanel
-from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
+from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders, run_lines
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel, _legend
 from coilarray.viz.studio.shelf import Shelf
@@ -127,11 +128,13 @@ def test_a_design_is_built_piece_by_piece(starter):
     assert [place.name for place in more.placements] == ["coil1", "coil2", "coil3", "coil4"]
     np.testing.assert_allclose(more.centres[3], more.centres[2] + (more.centres[2] - more.centres[1]), atol=1e-9)
     assert more.placements[3].layers == more.placements[1].layers != more.placements[2].layers
-    moved = then(structure.place_coil, "coil4", 5.0, -7.5, 30.0).array.placements[3]
+    for key, value in (("x_mm", 5.0), ("y_mm", -7.5), ("rotation_deg", 30.0)):
+        moved = then(structure.place_coil, "coil4", key, value).array.placements[3]
     assert (moved.x, moved.y, moved.rotation) == pytest.approx((5e-3, -7.5e-3, math.pi / 6))
     assert list(then(structure.remove_coil, "coil1").array.names) == ["coil2", "coil3", "coil4"]
     counts = {"square": 4, "hexagonal": 4, "linear": 4, "triangle": 6, "rings": 7, "single": 1, "free": 1}
     for kind, count in counts.items():
+        assert structure.lattice_sizes(kind, len(work.design.array.names))[1] == count  # which is said before
         assert len(then(structure.set_lattice, kind).array.names) == count
         assert work.opened.document["array"]["lattice"] == kind
     thick = sum(work.design.array.stackup.dielectric_thickness)
@@ -585,15 +588,14 @@ class State(SimpleNamespace):
 
 
 @pytest.mark.parametrize(
-    ("meanwhile", "document", "problem"),
+    ("meanwhile", "problem"),
     [
-        (lambda work: work, OPENED.document, ""),
-        (lambda work: work.with_entry("array.pitch_mm", "12"), OPENED.document, "The changes of starter are not saved"),
-        (lambda work: work.with_entry("array.pitch_mm", "12").saved_as("saved.toml"), OPENED.document, ""),
-        (lambda work: work, {}, "mine: schema is missing"),
+        (lambda work: work, ""),
+        (lambda work: work.with_entry("array.pitch_mm", "12"), "The changes of starter are not saved"),
+        (lambda work: work.with_entry("array.pitch_mm", "12").saved_as("saved.toml"), ""),
     ],
 )
-def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, document, problem):
+def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, problem):
     called, ends, taken = {}, [], []
     page = SimpleNamespace(
         state=State(), trigger=called.__setitem__, work=work_on(OPENED, "starter"), take=taken.append,
@@ -602,10 +604,26 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     NewPanel(page)
     called["make_design"]({"name": "mine", "coils": "2", "shape": "circle", "size": "16"})
     page.work = meanwhile(page.work)
-    ends[0](document)
+    ends[0](OPENED)
     assert page.state.new_problem.startswith(problem)
     assert page.state.new_dialog == bool(problem)
     assert len(taken) == (not problem)
+
+
+def test_a_field_that_is_left_as_it_was_changes_nothing(tmp_path):
+    """It shows twelve digits of a value that may have more."""
+    called, taken = {}, []
+    page = SimpleNamespace(
+        state=State(client_only=lambda *_: None, errors={}), trigger=called.__setitem__,
+        change=lambda *_, **__: taken.append(1),
+        setup=SimpleNamespace(shelf=Shelf(tmp_path), services=SimpleNamespace(write_report=None)),
+        work=work_on(OPENED, "starter").with_entries({"array.pitch_mm": 11 + 1 / 3}),
+    )  # fmt: skip
+    DesignPanel(page)
+    called["enter"]("array.pitch_mm", "11.3333333333")
+    assert taken == []
+    called["enter"]("array.pitch_mm", "11.3")
+    assert taken == [1]
 
 
 @pytest.mark.parametrize("wanted", [True, False])
@@ -629,8 +647,8 @@ def test_the_circuit_is_solved_beside_the_numbers_once_they_are_accurate(starter
     """For it takes minutes of 64 coils, and numbers of a later design must not wait for it."""
     asked, current = [], [starter]
     page = SimpleNamespace(
-        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, calculator=None,
-        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend),
+        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, failed=lambda *_: None,
+        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend), calculator=None,
     )  # fmt: skip
     panel = NumbersPanel(page)
     panel._show((starter, numbers_of(starter, "screen")))
@@ -649,6 +667,26 @@ def test_a_front_shows_the_first_point_unless_it_is_the_start():
     for start in (False, True):
         points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))
         assert Run("mine", (False,), points, 2).front == (() if start else (0,))
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "target", "name", "found"),
+    [
+        ("k[a,b]", (-0.03, 0.04), 0.0, "|k[a,b]|", "None is better than the start, which has |k[a,b]| 0.03."),
+        ("q", (30.1, 30.4), 30.6, "|q − 30.6|", "The best has |q − 30.6| 0.2, the start 0.5."),
+    ],
+)
+def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key, values, target, name, found):
+    points = [
+        RunPoint(f"search {k}", {"span_mm": 7.0, key: value}, {}, (abs(value - target),), True, k == 0)
+        for k, value in enumerate(values)
+    ]
+    run = Run("mine", (False,), tuple(points), 3, refined=1)
+    assert run.objectives == (name,)
+    assert run.values(name) == [point.scores[0] for point in points]
+    lines = run_lines(run)
+    assert lines[:2] == ["3 points computed, 1 of them to refine the best; 2 keep all bounds", found]
+    assert lines[2].startswith(f"{key}: ")
 
 
 def test_a_run_is_said_to_be_of_another_design_or_of_the_one_before_it_was_changed():

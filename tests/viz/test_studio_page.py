@@ -224,6 +224,19 @@ def test_rules_that_break_are_red(page):
     page.wait_for_selector("#rules:has-text('rules broken')")
     assert "spacing within net" in page.locator("#margins tr.broken").first.inner_text()
     browser.picture(page, "broken_rules")
+    page.click("#tab-build")
+    page.wait_for_selector("#broken >> text=The board house's limit of spacing within net is broken at coil")
+    browser.enter(page, "array.pitch_mm", "7")
+    page.wait_for_selector("#broken >> text=The copper of coil1 and coil3 overlaps on L1, by up to ")
+    place = page.locator("[data-coil=coil3] input").first
+    place.fill(page.locator("[data-coil=coil1] input").first.input_value())  # where both have no inductances
+    page.evaluate("trame.trigger('add_sheet')")  # as a change whose answer comes while the next one is typed
+    page.wait_for_selector("#sheet-list tr >> nth=2")
+    place.press("Enter")
+    page.wait_for_selector("#broken [role=alert]:has-text('two coils are in the same place')")
+    assert page.inner_text("#accuracy") == "not computed"
+    page.click("#undo")  # until which there is no rest
+    page.wait_for_selector("#broken [role=alert]", state="detached")
 
 
 @scenes
@@ -330,8 +343,13 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
 
 
 def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page, folder):
+    (folder / "there.toml").write_text("another's", encoding="utf-8")
     change(page, "array.pitch_mm", "12")
     page.click("#new")
+    page.fill("#new-name", "there")
+    page.click("#make")
+    page.wait_for_selector("#new-problem:has-text('there.toml is there already; give the new design another name.')")
+    assert (folder / "there.toml").read_text(encoding="utf-8") == "another's"
     page.fill("#new-name", "pair")
     page.fill("#new-coils", "2")
     page.click("#make")
@@ -349,6 +367,12 @@ def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page
     page.wait_for_selector("#changed")  # it is in no file yet
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 4")
     assert not (folder / "pair.toml").exists()
+    compare = page.locator(":disabled:is(#compare, #beside)")  # with nothing
+    assert compare.count() == 2
+    why = "pair.toml is not saved yet: there is nothing to compare with"
+    assert compare.evaluate_all("all => all.map(one => one.parentElement.title)") == [why] * 2
+    page.reload()
+    page.wait_for_selector("#compare:disabled")
 
 
 def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
@@ -408,6 +432,30 @@ def test_dialogs_are_worked_by_keys_alone(page, folder):
     page.keyboard.press("Escape")
 
 
+def test_a_field_undoes_its_own_text_until_the_design_has_it(page):
+    pitch = browser.field(page, "array.pitch_mm")
+    change(page, "array.pitch_mm", "12")  # which leaves the focus in the field
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("#changed", state="detached")
+    assert pitch.input_value() == "11"
+    page.keyboard.press("Control+Shift+z")
+    page.wait_for_selector("#changed")
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("#changed", state="detached")
+    page.keyboard.press("Control+y")
+    page.wait_for_selector("#changed")
+    page.keyboard.type("3")
+    assert pitch.input_value() == "123"
+    page.keyboard.press("Control+z")
+    assert pitch.input_value() == "12"
+    page.keyboard.press("Control+s")
+    page.wait_for_selector(".v-overlay--active #save-name")
+    page.keyboard.press("Control+z")  # not of the design behind
+    page.keyboard.press("Escape")
+    browser.heard(page)
+    assert page.query_selector("#changed") is not None
+
+
 def test_leads_that_were_turned_off_come_back_as_they_were(page):
     length = "coils.hexagon.leads.length_mm"
     change(page, length, "3.25")
@@ -443,7 +491,7 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
     page.wait_for_selector("#pareto")
-    assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
+    assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points computed")
     assert page.locator("#front tbody tr").count() == len(result.front)
     shown = [page.evaluate(f"trame.state.get('{name}')") for name in ("run_x", "run_y")]
     assert shown == ["board_area_mm2", "span_mm"]  # two that differ from point to point
@@ -624,7 +672,7 @@ def test_a_page_of_another_origin_and_a_planted_one_reach_nothing(chromium, stud
     page.click("#open")
     page.click("#shelf >> text=hostile.toml")
     page.wait_for_selector("#file:has-text('hostile.toml')")
-    assert hostile in page.inner_text("body")
+    assert page.get_attribute("#array-words", "title") == hostile
     assert dialogs == []
     context.close()
 

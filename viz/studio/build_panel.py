@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
-from coilarray.errors import CoilarrayError
 from coilarray.geometry.values import SIDES
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.entries import number_of, text_of
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 
+_PLACE = ("x_mm", "y_mm", "rotation_deg")  # of a coil
 _BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
 
 
@@ -27,10 +28,11 @@ class BuildPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         values = {
-            "build": {"coils": [], "sheets": []}, "build_problem": "", "build_lattices": list(structure.LATTICES),
+            "build": {"coils": [], "sheets": []}, "placing": {}, "build_problem": "", "build_lattices": [],
             "build_bases": [{"value": base, "title": _BASES[base]} for base in structure.BASES],
             "build_edges": ["none", *SIDES],
         }  # fmt: skip
+        page.state.client_only("placing")
         super().__init__(
             page, values, add_coil=lambda: self._change(structure.add_coil), remove_coil=self._remove_coil,
             place_coil=self._place, set_lattice=self._set_lattice, set_layers=self._set_layers,
@@ -45,11 +47,14 @@ class BuildPanel(Panel):
         array = array if array.led_out is None else array.led_out.array
         state = self._page.state
         state.build_problem = ""
+        state.build_lattices = [
+            _offered(kind, document["array"]["lattice"], len(array.names)) for kind in structure.LATTICES
+        ]
         state.build = {
             "coils": [
                 {
-                    "name": place.name, "x": text_of(place.x * 1e3), "y": text_of(place.y * 1e3),
-                    "turn": text_of(math.degrees(place.rotation)),
+                    "name": place.name, "x_mm": _shown(place.x * 1e3), "y_mm": _shown(place.y * 1e3),
+                    "rotation_deg": _shown(math.degrees(place.rotation)),
                 }
                 for place in array.placements
             ],
@@ -82,23 +87,35 @@ class BuildPanel(Panel):
     def _set_base(self, base: str) -> None:
         self._change(structure.set_base, base, before=self._page.earlier)
 
-    def _place(self, name: str, x: str, y: str, turn: str) -> None:
-        try:
-            numbers = [number_of(key, text) for key, text in (("x", x), ("y", y), ("turn", turn))]
-        except CoilarrayError as error:
-            self._page.state.build_problem = str(error)
+    def _place(self, name: str, key: str, text: str) -> None:
+        """Set a coil's place in one direction, or its turn."""
+        if key not in _PLACE:
             return
-        self._change(structure.place_coil, name, *numbers)
+        self._change(_with_place, name, key, text)
 
     def _change(self, function: Callable[..., Document], *arguments: Any, **named: Any) -> None:
         """Change the document of the design; what cannot be gives one line and changes nothing."""
-        page = self._page
-        try:
-            document = function(page.work.opened.document, page.work.design, *arguments, **named)
-            page.take(page.work.with_document(document))
-        except CoilarrayError as error:
-            page.state.build_problem = str(error)
+
+        def made(work: Work) -> Document:
+            return function(work.opened.document, work.design, *arguments, **named)
+
+        self._page.change(made, partial(setattr, self._page.state, "build_problem"))
+
+
+def _with_place(document: Document, design: Design, name: str, key: str, text: str) -> Document:
+    return structure.place_coil(document, design, name, key, number_of(f"{key} of {name}", text))
 
 
 def _with_layers(document: Document, design: Design, text: str) -> Document:
     return structure.set_layers(document, design, number_of("copper layers", text))
+
+
+def _shown(value: float) -> str:
+    """Return the text of a place in mm or °, to the nanometre as in a file."""
+    return text_of(round(value, 6) + 0.0)  # and not −0
+
+
+def _offered(kind: str, present: str, count: int) -> dict[str, str]:
+    """Return a lattice as the page offers it, with the number of coils that it has or would have."""
+    number = count if kind == present else structure.lattice_sizes(kind, count)[1]
+    return {"value": kind, "title": f"{kind}, {number} coil{'' if number == 1 else 's'}"}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.export_formats import SUFFIXES, Format
 from coilarray.errors import CoilarrayError, DesignError, OutputError
-from coilarray.viz.studio.entries import Entry, entries_of, text_of
+from coilarray.geometry.words import array_words
+from coilarray.viz.studio.entries import Entry, entries_of, number_of, text_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.searching import write_board
@@ -24,8 +26,9 @@ class DesignPanel(Panel):
         page.state.client_only("texts")
         self._exported: set[Path] = set()
         values = {
-            "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
-            "save_name": "", "save_over": "", "open_over": "", "file_problem": "", "file_note": "",
+            "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "array_words": "", "changed": False,
+            "shelf": [],
+            "save_name": "", "save_over": "", "open_over": "", "opening": "", "file_problem": "", "file_note": "",
             "open_dialog": False, "save_dialog": False, "report_url": "",
             "can_report": page.setup.services.write_report is not None, "formats": list(SUFFIXES),
         }  # fmt: skip
@@ -45,21 +48,22 @@ class DesignPanel(Panel):
             state.dirty("texts")  # the page may hold others, which this side does not know
             self._page.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
-        state.title = work.design.title or work.design.name
-        state.trame__title = f"{work.design.name} – coilarray studio"
+        state.title, state.array_words = work.design.title, array_words(work.design.array)
+        state.trame__title = f"{work.file} – coilarray studio"
         state.report_url = ""
 
     def _enter(self, key: str, text: str) -> None:
         """Set an entry to a typed value; an impossible one gives an error at its field and changes nothing."""
         page = self._page
-        try:
-            work = page.work.with_entry(key, str(text))
-        except CoilarrayError as error:
-            page.state.errors = {**page.state.errors, key: str(error)}
-            return
+        present = next((one for one in entries_of(page.work.opened) if one.key == key), None)
+        if present is not None and key not in page.state.errors and text == text_of(present.value):
+            return  # a field that was only left: it shows twelve digits of a value that may have more
         page.state.errors = {name: line for name, line in page.state.errors.items() if name != key}
-        if work.design.digest != page.work.design.digest:
-            page.take(work, typed=True)
+
+        def refused(line: str) -> None:
+            page.state.errors = {**page.state.errors, key: line}
+
+        page.change(lambda work: work.document_with({key: number_of(key, text)}), refused, entry=key, typed=True)
 
     def _look(self) -> None:
         self._page.state.shelf = self._page.setup.shelf.names()
@@ -72,14 +76,21 @@ class DesignPanel(Panel):
             page.state.file_problem = page.work.unsaved
             page.state.open_over = name
             return
+        page.state.file_problem, page.state.opening = "", name
+        page.begin(self._read, name)
+
+    async def _read(self, name: str) -> None:
+        """Read a file, which takes seconds where coils are led to a connector, and show its design."""
+        page = self._page
         try:
-            work = page.setup.shelf.open(name)
+            work = await asyncio.to_thread(page.setup.shelf.open, name)
         except CoilarrayError as error:
-            page.state.file_problem = str(error)
+            with page.state as state:
+                state.file_problem, state.opening = str(error), ""
             return
-        page.state.open_dialog = False
-        page.state.open_over = ""
-        page.take(work)
+        with page.state as state:
+            state.open_dialog, state.open_over, state.opening = False, "", ""
+            page.take(work)
 
     def _save(self, name: str, replaced: str = "") -> None:
         """Save under a name; to replace another file its name must be given a second time, as `replaced`."""
@@ -120,7 +131,7 @@ class DesignPanel(Panel):
             page.state.file_note = line
 
         item = (write_board, page.work.opened.document, page.work.design.name, path, to)
-        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done, page.say)
+        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done)
 
     def _report(self) -> None:
         page = self._page
@@ -141,7 +152,7 @@ class DesignPanel(Panel):
                 page.state.file_note = f"wrote {result}, of the design before it was changed"
 
         item = (write, page.work.opened.document, design.name, folder)
-        page.start_bar("report", f"report of {design.name}", with_progress, item, done, page.say)
+        page.start_bar("report", f"report of {design.name}", with_progress, item, done)
 
 
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:

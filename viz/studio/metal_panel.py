@@ -25,6 +25,7 @@ from coilarray.viz.studio.metal import (
 )
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, metal_scene
+from coilarray.viz.studio.services import Document
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
@@ -97,7 +98,7 @@ class MetalPanel(Panel):
     def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:
             state.target_problem, state.target_rows = problem, []
-            self._page.arrived("target", design)
+            self._page.failed("target", design, problem)
 
     def _move(self, step: int) -> None:
         if self._moved is None or not 0 <= int(step) < len(self._moved.distances):
@@ -125,15 +126,10 @@ class MetalPanel(Panel):
         self._page.redraw()
 
     def _add(self, form: Mapping[str, Any]) -> None:
-        self._change(lambda work: work.with_document(with_body(work.opened.document, form)))
+        self._change(lambda work: with_body(work.opened.document, form))
 
     def _remove(self, key: str) -> None:
-        self._change(lambda work: work.with_document(without_body(work.opened.document, str(key))))
+        self._change(lambda work: without_body(work.opened.document, str(key)))
 
-    def _change(self, change: Callable[[Work], Work]) -> None:
-        try:
-            work = change(self._page.work)
-        except CoilarrayError as error:
-            self._page.state.body_problem = str(error)
-            return
-        self._page.take(work)
+    def _change(self, made: Callable[[Work], Document]) -> None:
+        self._page.change(made, partial(setattr, self._page.state, "body_problem"))

@@ -7,15 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.compute.threads import Progress
-from coilarray.design.model import build_design_file
-from coilarray.errors import CoilarrayError, DesignError
+from coilarray.design.model import DesignFile
+from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.values import SIDES
 from coilarray.studies.create.arrangement import read_arrangement, read_size
 from coilarray.studies.create.choices import Choices, Shape
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
-from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.work import MOST_COILS, work_on
 
 if TYPE_CHECKING:
@@ -40,13 +39,19 @@ class NewPanel(Panel):
     def _make(self, texts: Mapping[str, Any], discard: bool = False) -> None:
         """Make a design; where that loses changes, `discard` must say that they may be lost."""
         page, state = self._page, self._page.state
+        try:
+            path = page.setup.shelf.path(f"{str(texts.get('name', '')).strip()}.toml")
+            if path.exists():
+                raise OutputError(f"{path.name} is there already; give the new design another name.")
+        except OutputError as error:
+            state.new_problem = str(error)
+            return
         state.new_over = bool(page.work.changed) and not discard
         if state.new_over:
             state.new_problem = page.work.unsaved
             return
         try:
             name, choices = choices_of(texts)
-            file = page.setup.shelf.path(f"{name}.toml").name
         except CoilarrayError as error:
             state.new_problem = str(error)
             return
@@ -56,18 +61,20 @@ class NewPanel(Panel):
         def failed(problem: str) -> None:
             state.new_problem, state.new_dialog = problem, True
 
-        def done(document: Document) -> None:
+        def done(file: DesignFile) -> None:
             if page.work is not begun and page.work.changed:  # meanwhile
                 state.new_over = True
                 failed(page.work.unsaved)
                 return
             try:
-                page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+                page.take(replace(work_on(file, path.name), kept={}))
             except CoilarrayError as error:
                 failed(str(error))
 
         state.new_problem = ""
-        state.new_dialog = not page.start_bar("new", name, with_progress, (make_design, name, choices), done, failed)
+        state.new_dialog = not page.start_bar(
+            "new", f"new design {name}", with_progress, (make_design, name, choices), done, failed
+        )
 
 
 def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -94,8 +101,8 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     return given["name"], choices
 
 
-def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> Document:
-    """Make a design and return its document; runs in a process of its own."""
+def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> DesignFile:
+    """Make a design; runs in a process of its own."""
     from coilarray.studies.create.new_design import new_design
 
-    return new_design(name, **choices).document
+    return new_design(name, **choices)

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design, build_design
-from coilarray.geometry.rules import Margin
+from coilarray.geometry.rules import Margin, broken_rules
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.numbers import (
     Circuit,
@@ -40,8 +40,7 @@ class NumbersPanel(Panel):
         values = {
             "matrix_of": "k", "matrix": {"names": [], "k": [], "L": [], "most": {}, "dense": False},
             "matrix_digits": False, "accuracy": "", "coil_rows": [],
-            "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "", "saved_rows": [],
-            "saved_line": "", "can_compare": True,
+            "margins": [], "broken": [], "saved_rows": [], "saved_line": "", "can_compare": True,
         }  # fmt: skip
         super().__init__(page, values, compare=self._compare)
 
@@ -70,13 +69,13 @@ class NumbersPanel(Panel):
             saved = build_design(work.kept, work.design.name)
             return coil_rows(numbers_of(saved), circuit_of(saved))
 
-        def show(rows: tuple[tuple[str, ...], ...]) -> None:
-            with self._page.state as state:
-                state.saved_line, state.saved_rows = f"{work.file} as saved", [list(row) for row in rows]
+        def show(rows: tuple[tuple[str, ...], ...], line: str = f"{work.file} as saved") -> None:
+            if self._page.work.kept is work.kept:  # still
+                with self._page.state as state:
+                    state.saved_line, state.saved_rows = line, [list(row) for row in rows]
 
         def fail(problem: str) -> None:
-            with self._page.state as state:
-                state.saved_line, state.saved_rows = problem, []
+            show((), problem)
 
         self._page.slow.ask([Step("saved", compute, show, fail)])
 
@@ -107,7 +106,7 @@ class NumbersPanel(Panel):
 
     def rules(self, design: Design) -> Step:
         """Return the step that computes the margins."""
-        fail = partial(self._fail_rules, design)
+        fail = partial(self._page.failed, "rules", design)
         return Step(
             "rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST, patience=_PATIENCE
         )
@@ -129,7 +128,6 @@ class NumbersPanel(Panel):
             }
             state.accuracy = numbers.accuracy if self._page.is_current(design) else "screen"
             state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]
-            state.numbers_problem = ""
             self._page.arrived("numbers", design)
         if numbers.accuracy == "full":
             self._solve(design)
@@ -148,30 +146,23 @@ class NumbersPanel(Panel):
             self._page.redraw()
 
     def _fail_circuit(self, design: Design, problem: str) -> None:
-        self._page.switches.fail(problem)
-        with self._page.state as state:
-            state.summary_problem = problem
-            self._page.arrived("circuit", design)
-            self._page.arrived("summary", design)
+        if self._page.is_current(design):
+            self._page.switches.fail(problem)
+        for name in ("circuit", "summary"):  # which is made of it
+            self._page.failed(name, design, problem)
 
     def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:
-            state.numbers_problem, state.accuracy = problem, ""
-            self._page.arrived("numbers", design)
+            if self._page.is_current(design):
+                state.accuracy = "none"
+            self._page.failed("numbers", design, problem)
         self._solve(design)
 
     def _show_margins(self, found: tuple[Design, tuple[Margin, ...]]) -> None:
         design, margins = found
         with self._page.state as state:
             self._page.arrived("rules", design)
-            state.margins = [list(row) for row in margin_rows(margins)]
-            state.rules_kept = all(margin.kept for margin in margins)
-            state.rules_problem = ""
-
-    def _fail_rules(self, design: Design, problem: str) -> None:
-        with self._page.state as state:
-            self._page.arrived("rules", design)
-            state.rules_problem = problem
+            state.margins, state.broken = [list(row) for row in margin_rows(margins)], broken_rules(margins)
 
 
 def _plain(cells: Any) -> list[list[dict[str, str]]]:

@@ -59,7 +59,17 @@ _PARTS = (
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 _NUMBERS_FIRST = 0.015  # s for which the scene waits: of two threads of Python each makes the other one slow
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
+_NOTICED = 0.3  # s after which the page says that coils are being led out
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A change of the design that waits until those before it are made."""
+
+    made: Callable[[Work], Document]
+    refused: Callable[[str], None]
+    typed: bool
 
 
 class Page:
@@ -71,6 +81,8 @@ class Page:
         self.setup = setup
         self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes all letters small
         self.work, self._trail, self._changed_at = work, Trail(), -math.inf
+        self._changes: dict[object, _Change] = {}  # that wait
+        self._changing: asyncio.Task[None] | None = None
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
@@ -80,8 +92,11 @@ class Page:
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
         self.state.update(
-            {"problem": "", "job": _NO_JOB, "stale": [], "shown_accuracy": "", "can_undo": False, "can_redo": False}
-        )
+            {
+                "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "can_undo": False,
+                "can_redo": False, "leading_out": False,
+            }
+        )  # fmt: skip
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
         self.trigger("undo", lambda: self._follow_trail(back=True))
         self.trigger("redo", lambda: self._follow_trail(back=False))
@@ -107,6 +122,7 @@ class Page:
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
         )  # fmt: skip
+        self.numbers.forget_saved(work)
         self.take(work)
 
     # ---------------------------------------------------------------- for the server
@@ -120,6 +136,8 @@ class Page:
         self.scenes.close()
         self.slow.close()
         self.runs.close()
+        if self._changing is not None:
+            self._changing.cancel()
         jobs = list(self._jobs.values())
         for job in jobs:
             job.stop()
@@ -153,10 +171,66 @@ class Page:
         """Show another or a changed design; `typed` where it comes from the fields."""
         if work.file != self.work.file:
             self._trail = Trail()
+            self._changes.clear()
         elif work is not self.work and not (typed and time.monotonic() - self._changed_at < _JOINED):
             self._trail = self._trail.left(self.work)
         self._changed_at = time.monotonic() if typed else -math.inf
         self._show(work, typed=typed)
+
+    def change(
+        self,
+        made: Callable[[Work], Document],
+        refused: Callable[[str], None],
+        *,
+        entry: str = "",
+        typed: bool = False,
+    ) -> None:
+        """Show the design of a document made of the present one; `refused` is called with one line where it cannot be.
+
+        To lead all coils to a connector takes seconds: that is done beside the page, and what is changed meanwhile
+        waits for it, of several changes of one `entry` the last. `typed` is as in `take`.
+        """
+        change = _Change(made, refused, typed)
+        if self._changing is None or self._changing.done():
+            try:
+                document = made(self.work)
+                if "connector" not in document:
+                    self._take_change(self.work.with_document(document), change)
+                    return
+            except CoilarrayError as error:
+                refused(str(error))
+                return
+            self._changing = self.begin(self._lead_out)
+        self._changes.pop(entry, None)
+        self._changes[entry or change] = change
+
+    async def _lead_out(self) -> None:
+        """Make the changes that wait, unless the design is undone or another one opened meanwhile."""
+
+        def say(leading_out: bool) -> None:
+            with self.state:
+                self.state.leading_out = leading_out
+
+        saying = self._loop.call_later(_NOTICED, say, True)
+        try:
+            while self._changes:
+                change = self._changes.pop(next(iter(self._changes)))
+                begun = self.work
+                try:
+                    work = await asyncio.to_thread(lambda: begun.with_document(change.made(begun)))  # noqa: B023
+                except CoilarrayError as error:
+                    with self.state:
+                        change.refused(str(error))
+                    continue
+                if self.work.opened.document is begun.opened.document:
+                    self._take_change(work.of_file(self.work), change)
+        finally:
+            saying.cancel()
+            say(False)
+
+    def _take_change(self, work: Work, change: _Change) -> None:
+        if not change.typed or work.design.digest != self.work.design.digest:
+            self.take(work, typed=change.typed)
 
     @property
     def earlier(self) -> list[Document]:
@@ -168,6 +242,7 @@ class Page:
         if self._trail.before if back else self._trail.after:
             self._trail, work = (self._trail.undo if back else self._trail.redo)(self.work)
             self._changed_at = -math.inf
+            self._changes.clear()
             self._show(work, typed=False)
 
     def _show(self, work: Work, *, typed: bool) -> None:
@@ -177,6 +252,8 @@ class Page:
             self.numbers.forget_saved(work)
         self.work = work
         with self.state:
+            if not work.kept and self.state.scene_saved:
+                self.scene.show_saved(False)
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
             self.build.show(work)
             self.design.show(work, typed=typed)
@@ -193,6 +270,7 @@ class Page:
                 "summary": self.setup.services.summarize is not None,
             }  # fmt: skip
             self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
+            self.state.failures = {}
             self._say_accuracy()
         self.follow()
 
@@ -219,10 +297,19 @@ class Page:
         return design is self.work.design
 
     def arrived(self, name: str, design: Design) -> None:
-        """Remove the mark of stale results where they are those of the current design, and say how accurate all are."""
+        """Remove the marks of what is stale or failed where it is of the current design; say how accurate all are."""
         if self.is_current(design):
             self.state.stale = [one for one in self.state.stale if one != name]
+            self.state.failures = {one: why for one, why in self.state.failures.items() if one != name}
         self._say_accuracy()
+
+    def failed(self, name: str, design: Design, problem: str) -> None:
+        """Say beside the picture, whatever tab is open, that results of the current design will not come."""
+        with self.state:
+            self.arrived(name, design)
+            if self.is_current(design):
+                self.state.failures = {**self.state.failures, name: problem}
+                self._say_accuracy()
 
     def say(self, problem: str) -> None:
         """Show one line above the page; an empty one removes it."""
@@ -262,13 +349,14 @@ class Page:
         task: Task,
         item: Any,
         done: Callable[[Any], None],
-        failed: Callable[[str], None],
+        failed: Callable[[str], None] = lambda problem: None,
         cancelled: Callable[[], None] = lambda: None,
         watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
         """Start a job with a progress bar; exactly one of `done`, `failed` and `cancelled` is called at its end.
 
-        Messages other than (done, total) go to `watch`.
+        A failure is said above the page too, whatever tab is open by then. Messages other than (done, total) go to
+        `watch`.
         """
         begun = time.monotonic()
 
@@ -285,12 +373,14 @@ class Page:
             if outcome.kind == "done":
                 done(outcome.result)
             elif outcome.kind == "failed":
+                self.say(f"{text}: {outcome.problem}")
                 failed(outcome.problem)
             else:
                 cancelled()
 
         started = self.start_job(name, task, item, on_message=heard, on_end=ended)
         if started:
+            self.say("")
             progress()
         return started
 
@@ -316,7 +406,9 @@ class Page:
     def _say_accuracy(self) -> None:
         """Say "full accuracy" only where all numbers on show are those of the design."""
         stale, accuracy = self.state.stale, self.state.accuracy
-        if "numbers" in stale or accuracy not in ("screen", "full"):
+        if self.state.failures:
+            self.state.shown_accuracy = "not computed"
+        elif "numbers" in stale or accuracy not in ("screen", "full"):
             self.state.shown_accuracy = "computing"
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
+from coilarray.design.units import entry_unit
 from coilarray.errors import OutputError
 from coilarray.studies.optimize.study_file import FILE, is_whole, quiet
 from coilarray.studies.optimize.trials import unbeaten
+from coilarray.studies.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from optuna.study import Study
@@ -41,6 +47,7 @@ class Run:
     maximized: tuple[bool, ...]  # for each objective
     points: tuple[RunPoint, ...]  # with a possible board, in the order in which they were written
     tried: int  # number of all points
+    refined: int = 0  # of which the local solver tried, about the best one
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -49,19 +56,29 @@ class Run:
 
     @property
     def objectives(self) -> tuple[str, ...]:
-        """Names of the quantities that equal the scores at all points; "score 1" and so on where there is none."""
+        """Names of the scores: the quantity that each is at all points, or whose distance to a value it is."""
+        return self._scored
+
+    @cached_property
+    def _scored(self) -> tuple[str, ...]:
         return tuple(self._objective(k) for k in range(len(self.maximized)))
 
     def _objective(self, k: int) -> str:
-        for name in self.quantities:
-            if self.points and all(point.quantities.get(name) == point.scores[k] for point in self.points):
+        scores = np.array([point.scores[k] for point in self.points])
+        for name in self.quantities if len(scores) else ():
+            values = np.array([point.quantities.get(name, math.nan) for point in self.points])
+            if np.array_equal(values, scores):
                 return name
+            for target in (0.0, *(values[0] + sign * scores[0] for sign in (-1, 1))):
+                # the distance is known to rounding only
+                if np.allclose(abs(values - target), scores, rtol=1e-9, atol=1e-12 * abs(values).max()):
+                    return f"|{name} − {target:.6g}|" if target else f"|{name}|"
         return f"score {k + 1}"
 
     def values(self, name: str) -> list[float]:
-        """Return a quantity, an entry that is a number, or a score of every point; NaN where a point has none."""
-        if name.startswith("score "):
-            k = int(name.removeprefix("score ")) - 1
+        """Return a score, a quantity, or an entry that is a number of every point; NaN where a point has none."""
+        if name in self._scored:
+            k = self._scored.index(name)
             return [point.scores[k] for point in self.points]
         return [point.quantities.get(name, point.entries.get(name, float("nan"))) for point in self.points]
 
@@ -72,11 +89,63 @@ class Run:
         return tuple(name for name in varied if all(isinstance(value, int | float) for value in self.values(name)))
 
     @property
+    def start(self) -> int | None:
+        """Index of the point from which the search began; None where it is not known or no possible board."""
+        return next((k for k, point in enumerate(self.points) if point.start), None)
+
+    @property
     def front(self) -> tuple[int, ...]:
         """Indices of the points, but for the start, that keep all bounds and that no other beats in all objectives."""
         signs = [-1 if maximized else 1 for maximized in self.maximized]
         scores = {k: point.scores for k, point in enumerate(self.points) if point.feasible}
         return tuple(k for k in unbeaten(scores, signs) if not self.points[k].start)
+
+
+def axis_label(name: str) -> str:
+    """Return the name of a quantity, a distance to its target, or an entry, with its unit.
+
+    Examples
+    --------
+    >>> axis_label("array.pitch_mm"), axis_label("worst_k"), axis_label("|effective_inductance_uH[coil2] − 18|")
+    ('array.pitch_mm (mm)', 'worst_k', '|effective_inductance_uH[coil2] − 18| (µH)')
+    """
+    bare = _quantity(name)
+    known = QUANTITIES.get(bare.partition("[")[0])
+    unit = known.unit if known is not None else entry_unit(bare.rpartition(".")[2])
+    return name if unit == "1" else f"{name} ({unit})"
+
+
+def run_lines(run: Run) -> list[str]:
+    """Say in words how far a run has come, what it has found, and what its scores are."""
+    kept = sum(point.feasible for point in run.points)
+    points = f"{run.tried} point{'' if run.tried == 1 else 's'} computed"
+    refined = f", {run.refined} of them to refine the best" if run.refined else ""
+    lines = [f"{points}{refined}; {kept} keep{'s' if kept == 1 else ''} all bounds"]
+    start = None if run.start is None else run.points[run.start]
+    if len(run.objectives) > 1:
+        lines.append(f"{len(run.front)} on the front." if run.front else "None is better than the start.")
+    else:
+        name = run.objectives[0]
+        of_start = "" if start is None else f" {value_text(start.scores[0])}"
+        broken = "" if start is None or start.feasible else ", which breaks a bound"
+        if run.front:
+            best = value_text(run.points[run.front[0]].scores[0])
+            lines.append(f"The best has {name} {best}" + (f", the start{of_start}{broken}." if of_start else "."))
+        elif kept:
+            lines.append("None is better than the start" + (f", which has {name}{of_start}." if of_start else "."))
+        else:
+            lines.append("None keeps all bounds.")
+    for name in run.objectives:
+        quantity = _quantity(name)
+        base = quantity.partition("[")[0]
+        if base in QUANTITIES:
+            lines.append(f"{quantity}: {QUANTITIES[base].says}.")
+    return lines
+
+
+def _quantity(name: str) -> str:
+    """Return the quantity of a score that may be its distance to a target."""
+    return name.strip("|").partition(" − ")[0]
 
 
 def run_folders(folder: Path) -> list[str]:
@@ -139,7 +208,8 @@ def _run(study: Study) -> Run:
     trials = [trial for trial in study.get_trials(deepcopy=False) if is_whole(trial)]
     maximized = tuple(direction == StudyDirection.MAXIMIZE for direction in study.directions)
     points = tuple(_point(trial) for trial in trials if trial.values is not None)
-    return Run(study.study_name, maximized, points, len(trials))
+    refined = sum(trial.user_attrs.get("point", {}).get("kind") == "polish" for trial in trials)
+    return Run(study.study_name, maximized, points, len(trials), refined)
 
 
 def _point(trial: FrozenTrial) -> RunPoint:

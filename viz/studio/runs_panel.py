@@ -14,7 +14,7 @@ from coilarray.studies.optimize.study_file import FILE
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel, image_of
-from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
+from coilarray.viz.studio.runs import Run, axis_label, front_rows, read_runs, run_folders, run_lines
 from coilarray.viz.studio.searching import search_goal
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _EVERY = 3.0  # s
 _MOST_TRIALS = 10_000
+_SIZE = (4.6, 3.3)  # of the picture in inches: its letters are to be read beside the board
 
 
 class RunsPanel(Panel):
@@ -38,7 +39,7 @@ class RunsPanel(Panel):
         self._starting: asyncio.Task[None] | None = None
         values = {
             "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
-            "run_y": "", "run_picture": "", "run_summary": "", "run_of": "", "run_front": [], "run_scores": [],
+            "run_y": "", "run_picture": "", "run_lines": [], "run_of": "", "run_front": [], "run_scores": [],
             "runs_problem": "",
             "run_goals": list(NAMES), "run_goal": NAMES[0], "run_trials": "40",
         }  # fmt: skip
@@ -143,13 +144,10 @@ class RunsPanel(Panel):
         second = y if y in axes else usual[-1]
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
         state = self._page.state
-        kept = sum(point.feasible for point in run.points)
-        front = len(run.front)
-        found = f"{front} on the front" if len(run.objectives) > 1 else "the best below" if front else "none is better"
         with state:
             state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
             state.run_picture = picture
-            state.run_summary = f"{run.tried} points tried, {kept} keep all bounds, {found}"
+            state.run_lines = run_lines(run)
             state.run_front, state.run_scores = front_rows(run), list(run.objectives)
             self.show(self._page.work.design)
 
@@ -157,12 +155,10 @@ class RunsPanel(Panel):
         """Set the entries of the design to those of a point."""
         run = next((one for one in self._runs if one.name == self._page.state.run_name), None)
         point = None if run is None else next((one for one in run.points if one.name == name), None)
-        if point is None:
-            return
-        try:
-            self._page.take(self._page.work.with_entries(point.entries))
-        except CoilarrayError as error:
-            self._page.state.runs_problem = str(error)
+        if point is not None:
+            entries = point.entries
+            refused = partial(setattr, self._page.state, "runs_problem")
+            self._page.change(lambda work: work.document_with(entries), refused)
 
 
 def _stamp(folder: Path) -> tuple[int, ...]:
@@ -179,9 +175,13 @@ def _stamp(folder: Path) -> tuple[int, ...]:
 def _picture(run: Run, x: str, y: str) -> str:
     """Draw the points over two quantities as an image in a data URL."""
     from coilarray.viz.plots.optimize import plot_front
+    from coilarray.viz.plots.style import new_axes
 
     values: Any = list(zip(run.values(x), run.values(y), strict=True))
     two = (x, y) == run.objectives[:2] and len(run.maximized) == 2
     stairs: Any = ("pre" if run.maximized[0] else "post") if two else None
-    axes = plot_front(values, [point.feasible for point in run.points], run.front, labels=(x, y), stairs=stairs)
+    axes = plot_front(
+        values, [point.feasible for point in run.points], run.front, labels=(axis_label(x), axis_label(y)),
+        start=None if run.start is None else values[run.start], stairs=stairs, ax=new_axes(*_SIZE),
+    )  # fmt: skip
     return image_of(cast("Figure", axes.figure))

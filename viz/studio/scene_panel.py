@@ -64,11 +64,11 @@ class ScenePanel(Panel):
             return design, number, self._scene(design, tab, sheets)
 
         steps = [Step("scene", compute, self._show, self._fail)]
+        work = self._page.work
         if self._page.state.scene_saved:
-            work = self._page.work
 
             def compute_saved() -> tuple[str, Scene]:
-                saved = build_design(work.kept or work.opened.document, design.name)
+                saved = build_design(work.kept, design.name)
                 return f"{work.file} as saved", _scene_alone(saved, sheets)
 
             steps.append(Step("saved scene", compute_saved, self._show_saved, self._fail))
@@ -112,6 +112,8 @@ class ScenePanel(Panel):
         self._view.show(scene, sent)
 
     def _show_saved(self, found: tuple[str, Scene]) -> None:
+        if not self._page.state.scene_saved:  # any more
+            return
         with self._page.state as state:
             state.saved_name, self._saved = found
             if self._view is not None:
@@ -123,12 +125,16 @@ class ScenePanel(Panel):
         if self._view is not None and self._saved is not None and self._page.state.scene_saved:
             self._page.state.saved_picture = png_url(self._view.picture(self._saved))
 
-    def _toggle_saved(self) -> None:
-        self._page.state.scene_saved = not self._page.state.scene_saved
+    def show_saved(self, there: bool) -> None:
+        """Show the design as saved beside that on show, or not; a design that is in no file has none."""
+        self._page.state.scene_saved = there and bool(self._page.work.kept)
         self._saved = None
         if self._view is not None:
             self._view.make_room_for(None)
         self._page.state.saved_picture = ""
+
+    def _toggle_saved(self) -> None:
+        self.show_saved(not self._page.state.scene_saved)
         self._page.redraw()
 
     def _fail(self, problem: str) -> None:

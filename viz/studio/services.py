@@ -94,7 +94,7 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a design comes to: a table of texts, and a line for each limit that is broken."""
+    """What a design comes to: a table of texts, and a line for each limit of the converter that is broken."""
 
     headers: Sequence[str]
     rows: Sequence[Sequence[str]]

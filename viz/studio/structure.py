@@ -59,9 +59,9 @@ def remove_coil(document: Document, design: Design, name: str) -> Document:
     return no_longer_assumed({**changed, "coils": coils}, [f"coils.{shape}" for shape in unused])
 
 
-def place_coil(document: Document, design: Design, name: str, x: float, y: float, turn: float) -> Document:
-    """Place a coil at x and y in mm, turned by an angle in degrees; the array is then one of free places."""
-    new = {"x_mm": x, "y_mm": y, "rotation_deg": turn}
+def place_coil(document: Document, design: Design, name: str, key: str, value: float) -> Document:
+    """Set ``x_mm``, ``y_mm`` or ``rotation_deg`` of a coil's place; the array is then one of free places."""
+    new = {key: value}
     places = _placements(document, design)
     return _free(document, [{**place, **new} if place["name"] == name else place for place in places])
 
@@ -71,23 +71,14 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     if kind == "free":
         return _free(document, _placements(document, design))
     places, old = _placements(document, design), document["array"]
-    count, root = len(places), max(1, round(math.sqrt(len(places))))
-    sizes: Mapping[str, dict[str, Any]] = {
-        "single": {}, "linear": {"columns": count}, "square": {"columns": root, "rows": math.ceil(count / root)},
-        "hexagonal": {"columns": root, "rows": math.ceil(count / root)}, "rings": {"rings": 1},
-        "triangle": {"columns": math.ceil(math.sqrt(2 * count + 0.25) - 0.5)},
-    }  # fmt: skip
-    if kind not in sizes:
+    if kind not in LATTICES:
         raise DesignError(f"array.lattice must be one of {', '.join(LATTICES)}; got {kind!r}.")
+    sizes, points = lattice_sizes(kind, len(places))
     layers = list(dict.fromkeys(tuple(place["layers"]) for place in places))
     pitch = old.get("pitch_mm", round(_APART * _width(design) * 1e3, 2))
-    table = {"lattice": kind, "coil": places[0]["coil"], **sizes[kind]} | (
-        {} if kind == "single" else {"pitch_mm": pitch}
-    )
+    table = {"lattice": kind, "coil": places[0]["coil"], **sizes} | ({} if kind == "single" else {"pitch_mm": pitch})
     table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
     table |= {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
-    columns = table.get("columns", 1)
-    points = {"rings": 7, "triangle": columns * (columns + 1) // 2}.get(kind, columns * table.get("rows", 1))
     usual = [f"coil{k + 1}" for k in range(points)]
     names = [place["name"] for place in places][:points]
     names += [name for name in (*usual, *(f"coil{points + k + 1}" for k in range(points))) if name not in names]
@@ -100,6 +91,34 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     )
     changed = _without_coils(changed, design, names)
     return changed if kind == "single" or "pitch_mm" in old else _made_up(changed, "array.pitch_mm")
+
+
+def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
+    """Return the entries of a lattice of a kind for about so many coils, and how many coils it then has.
+
+    Examples
+    --------
+    >>> lattice_sizes("square", 7), lattice_sizes("rings", 16), lattice_sizes("single", 3)
+    (({'columns': 3, 'rows': 3}, 9), ({'rings': 2}, 19), ({}, 1))
+    """
+    if kind in ("single", "free"):
+        return {}, 1 if kind == "single" else count
+    if kind == "linear":
+        return {"columns": count}, count
+    if kind == "rings":
+        rings = min(range(1, 2 + math.isqrt(count)), key=lambda n: abs(_in_rings(n) - count))
+        return {"rings": rings}, _in_rings(rings)
+    if kind == "triangle":
+        columns = math.ceil(math.sqrt(2 * count + 0.25) - 0.5)
+        return {"columns": columns}, columns * (columns + 1) // 2
+    columns = max(1, round(math.sqrt(count)))
+    rows = math.ceil(count / columns)
+    return {"columns": columns, "rows": rows}, columns * rows
+
+
+def _in_rings(rings: int) -> int:
+    """Return how many coils rings of hexagons about one coil have, with it."""
+    return 3 * rings * (rings + 1) + 1
 
 
 def set_layers(document: Document, _: Design, number: float) -> Document:

@@ -142,12 +142,10 @@ class StudiesPanel(Panel):
     def _take(self, point: int) -> None:
         """Set the entries of the design to those of a point of the sweep."""
         found = self._found
-        if not isinstance(found, SweepResult) or not 0 <= point < len(found.points):
-            return
-        try:
-            self._page.take(self._page.work.with_entries(found.points[point]))
-        except CoilarrayError as error:
-            self._page.state.study_problem = str(error)
+        if isinstance(found, SweepResult) and 0 <= point < len(found.points):
+            entries = found.points[point]
+            refused = partial(setattr, self._page.state, "study_problem")
+            self._page.change(lambda work: work.document_with(entries), refused)
 
     def _keep(self) -> None:
         """Write all numbers into the folder; what this page has not written itself is not replaced."""

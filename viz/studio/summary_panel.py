@@ -24,7 +24,7 @@ class SummaryPanel(Panel):
     def __init__(self, page: Page) -> None:
         self._response: tuple[str, xr.Dataset] | None = None  # of the design with this hash
         values = {
-            "summary": {"headers": [], "rows": [], "verdicts": []}, "summary_problem": "", "summary_lacks": False,
+            "summary": {"headers": [], "rows": [], "verdicts": []}, "summary_lacks": False,
             "can_summarize": page.setup.services.summarize is not None,
         }  # fmt: skip
         super().__init__(page, values, respond=self._respond)
@@ -44,15 +44,10 @@ class SummaryPanel(Panel):
                         "headers": list(summary.headers), "rows": [list(row) for row in summary.rows],
                         "verdicts": list(summary.verdicts),
                     }  # fmt: skip
-                    state.summary_problem = ""
                     state.summary_lacks = response is None and design.indentation is not None
                 self._page.arrived("summary", design)
 
-        def fail(problem: str) -> None:
-            with self._page.state as state:
-                state.summary_problem = problem
-                self._page.arrived("summary", design)
-
+        fail = partial(self._page.failed, "summary", design)
         return [Step("summary", lambda: summarize(design, coupling, response), show, fail)]
 
     def _respond(self) -> None:
@@ -66,6 +61,5 @@ class SummaryPanel(Panel):
             if circuit is not None:
                 page.slow.ask(self.steps(page.work.design, circuit.coupling))
 
-        failed = partial(setattr, page.state, "summary_problem")
         item = (map_of, page.work.opened.document, design.name)
-        page.start_bar("response", f"response of {design.name}", with_progress, item, done, failed)
+        page.start_bar("response", f"response of {design.name}", with_progress, item, done)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from coilarray.viz.studio.work import Work
 
@@ -22,12 +22,8 @@ class Trail:
 
     def undo(self, work: Work) -> tuple[Trail, Work]:
         """Return the trail and the design before `work`, which is of the same file; there must be one."""
-        return Trail(self.before[:-1], (work, *self.after)), _of_file(self.before[-1], work)
+        return Trail(self.before[:-1], (work, *self.after)), self.before[-1].of_file(work)
 
     def redo(self, work: Work) -> tuple[Trail, Work]:
         """Return the trail and the design that was undone last; there must be one."""
-        return Trail((*self.before, work), self.after[1:]), _of_file(self.after[0], work)
-
-
-def _of_file(work: Work, other: Work) -> Work:
-    return replace(work, file=other.file, kept=other.kept, kept_text=other.kept_text)
+        return Trail((*self.before, work), self.after[1:]), self.after[0].of_file(work)

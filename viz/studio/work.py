@@ -69,8 +69,12 @@ class Work:
 
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
+        return self.with_document(self.document_with(changes))
+
+    def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the document with several entries set, which no board has been made of yet; errors likewise."""
         _require_few_coils(self.opened.values, changes)
-        return self.with_document(vary_chosen(self.opened.document, changes))
+        return vary_chosen(self.opened.document, changes)
 
     def with_document(self, document: Mapping[str, Any]) -> Work:
         """Return it with another document; errors as in `with_entry`."""
@@ -87,6 +91,10 @@ class Work:
         return replace(
             self, opened=replace(self.opened, text=text), file=file, kept=self.opened.document, kept_text=text
         )
+
+    def of_file(self, other: Work) -> Work:
+        """Return it as the changed contents of the file of another one."""
+        return replace(self, file=other.file, kept=other.kept, kept_text=other.kept_text)
 
     def text(self) -> str:
         """Return the design file, with its comments."""
