@@ -23,19 +23,19 @@ def array_words(array: CoilArray) -> str:
     --------
     >>> from coilarray import load_design
     >>> array_words(load_design("gast2020").array)
-    '6 hexagonal coils of 23 × 26.6 mm, neighbours 13.3 mm apart'
+    '6 hexagonal coils of 23 × 26.56 mm, neighbours 13.28 mm apart'
     """
     array = array if array.led_out is None else array.led_out.array
     outlines = [place.coil.outline for place in array.placements]
     shapes = {_shape(place.coil) for place in array.placements}
     shape = shapes.pop() if len(shapes) == 1 else ""
-    sizes = {tuple(f"{side:.3g}" for side in MM.of(np.ptp(outline, axis=0))) for outline in outlines}
+    sizes = {tuple(f"{side:.4g}" for side in MM.of(np.ptp(outline, axis=0))) for outline in outlines}
     size = f" of {' × '.join(sizes.pop())} mm" if len(sizes) == 1 else ""
     if len(outlines) == 1:
         return f"1 {shape}coil{size}"
     apart = np.hypot(*(array.centres[:, None] - array.centres).transpose(2, 0, 1))
     np.fill_diagonal(apart, np.inf)
-    return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.3g} mm apart"
+    return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.4g} mm apart"
 
 
 def array_facts(array: CoilArray) -> list[tuple[str, str]]:
@@ -57,7 +57,7 @@ def array_picture(array: CoilArray, title: str = "") -> str:
         return f"<p>not drawn here, as its traces have {points} points; coilarray.export draws it</p>"
     from coilarray.geometry.export.svg import svg_text
 
-    drawing = base64.b64encode(svg_text(array, title=title).encode()).decode()
+    drawing = base64.b64encode(svg_text(array, title=title, coarse=True).encode()).decode()
     return f'<p><img alt="the board" src="data:image/svg+xml;base64,{drawing}"></p>'
 
 

@@ -8,8 +8,17 @@ of the closed switches s,
 
     Y v + A i + B s = j,    Aᵀv = Z i,    Bᵀv = R s.
 
-The coils' currents are eliminated, i = Z⁻¹Aᵀv, and the voltage of a terminal behind a closed switch is that of its net
-plus R s, so that s takes its place among the unknowns: exact for any R, zero included.
+The voltage of a terminal behind a closed switch is that of its net plus R s, so that s takes its place among the
+unknowns: exact for any R, zero included.
+
+First comes what is around the coils: the impedances N between the coils' places c and the converter p of all the rest,
+with the tank's capacitance C across each coil, so that nothing floats. With the capacitances C_w across the coils the
+currents for one ampere from the converter are those of
+
+    (Z + N_cc (1 + jω(C_w − C) Z)) i = N_cp.
+
+Capacitors and resistors have no resonance: N is as smooth over ω as 1/ω, and a few frequencies serve thousands of
+circuits that differ in their inductances and, a little, in their frequency.
 """
 
 from __future__ import annotations
@@ -19,6 +28,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -34,7 +44,8 @@ from coilarray.errors import NetworkError
 _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
-_MATRIX_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
+_ROUNDING = 1e-17  # error of what is interpolated
+_MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once: more do not fit into the caches of a processor
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
 SLOPE_STEP = 1e-4
 """Of the frequency: step of the differences that give a slope; they err by 1e-8."""
@@ -52,13 +63,13 @@ class SampledMatrix:
     frequencies: FloatArray
     matrices: FloatArray
 
-    def __call__(self, frequency: float) -> FloatArray:
-        """Return the matrix at a frequency in Hz, shape (n, n)."""
+    def __call__(self, frequency: float | FloatArray) -> FloatArray:
+        """Return the matrices at frequencies in Hz, shape (…, n, n); one of a single sample is that of all."""
         f, values = self.frequencies, self.matrices
         if len(f) == 1:
             return np.asarray(values[0])
-        k = min(max(int(f.searchsorted(frequency)) - 1, 0), len(f) - 2)
-        share = min(max(float((frequency - f[k]) / (f[k + 1] - f[k])), 0.0), 1.0)
+        k = np.clip(f.searchsorted(frequency) - 1, 0, len(f) - 2)
+        share = np.clip((frequency - f[k]) / (f[k + 1] - f[k]), 0.0, 1.0)[..., None, None]
         return np.asarray((1 - share) * values[k] + share * values[k + 1])
 
 
@@ -66,11 +77,12 @@ class SampledMatrix:
 class Network:
     """Coils and switches, to be solved in any state at any frequency.
 
-    The inductance matrix (n, n) is in H; `resistance` takes a frequency in Hz and returns the resistance matrix (n, n)
-    in Ω; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n, n) C_ij in F between two
-    coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what of the board's circuit is
-    not in it. `dispersion` is the inductance at a frequency minus `inductance`, in H; None if it is the same at all
-    frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, are a NetworkError.
+    The inductance matrix (n, n) is in H; `resistance` takes frequencies in Hz and returns the resistance matrices (…,
+    n, n) in Ω, or one (n, n) for all; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n,
+    n) C_ij in F between two coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what
+    of the board's circuit is not in it. `dispersion` is the inductance at a frequency minus `inductance`, in H; None if
+    it is the same at all frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, are a
+    NetworkError.
 
     Notes
     -----
@@ -82,7 +94,7 @@ class Network:
 
     names: tuple[str, ...]
     inductance: FloatArray
-    resistance: Callable[[float], FloatArray]
+    resistance: Callable[[float | FloatArray], FloatArray]
     winding_capacitance: FloatArray
     mutual_capacitance: FloatArray
     switches: Switches
@@ -188,7 +200,9 @@ def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple
     switches = network.switches
     at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
     across = network.winding_capacitance + at_coil
-    impedance, currents = _solve(network, _wire(network, state), frequencies, across, network.inductance)
+    wiring = _wire(network, state)
+    around = _around(network, wiring, frequencies)
+    impedance, currents = _solve(network, wiring, around, frequencies, across, network.inductance)
     tank = 0.0 if at_coil else 2j * math.pi * frequencies * switches.tank_capacitance
     return 1 / impedance + tank, currents / impedance[:, None]
 
@@ -213,13 +227,14 @@ def _solve_with_tank(
     winding = network.winding_capacitance if winding_capacitances is None else winding_capacitances
     at_coil = np.full(len(network.names), switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     bare_tank = np.array([0.0 if name in measured else c for name, c in zip(network.names, at_coil, strict=True)])
-    impedance, currents = _solve(network, wiring, frequencies, winding + bare_tank, inductances)
+    around = _around(network, wiring, frequencies)
+    impedance, currents = _solve(network, wiring, around, frequencies, winding + bare_tank, inductances)
     if not impedance.all():
         raise NetworkError(f"state {state.name} shorts the converter at {frequencies[0]:.6g} Hz.")
     if switches.tank_at == "converter":
         admittance = 1 / impedance + 2j * math.pi * frequencies * switches.tank_capacitance
     else:
-        admittance = 1 / _solve(network, wiring, frequencies, winding + at_coil, inductances)[0]
+        admittance = 1 / _solve(network, wiring, around, frequencies, winding + at_coil, inductances)[0]
     return impedance, currents, admittance
 
 
@@ -379,9 +394,9 @@ class _Wiring:
     """A state's nodes; the terminals of coil k are the nodes 2k and 2k + 1.
 
     A switch or load joins each of the terminals `closed` (k,) to the node of `nets` (k,) with a `resistance` (k,) in Ω.
-    `capacitance` (nodes, nodes) in F is the Maxwell matrix of all capacitors but those across the coils; `port` the
-    nodes of the converter. `kept` are the nodes without one of every part of the circuit that nothing joins to the
-    others: no current can leave there.
+    `capacitance` (nodes, nodes) in F is the Maxwell matrix of all capacitors, with the tank's across every coil in
+    place of those that are there; `port` the nodes of the converter. `kept` are the nodes without one of every part of
+    the circuit that nothing joins to the others: no current can leave there.
     """
 
     state: ScanState
@@ -396,52 +411,75 @@ class _Wiring:
 def _solve(
     network: Network,
     wiring: _Wiring,
+    around: ComplexArray,
     frequencies: FloatArray,
     across: FloatArray,
     inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
 
-    `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,); imaginary
-    parts of the former are losses, −ΔR/ω.
+    `around` is that of `_around`. `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more
+    axis in front, (f,); imaginary parts of the former are losses, −ΔR/ω.
     """
-    omega = 2 * math.pi * frequencies
-    n, nodes = len(network.names), len(wiring.capacitance)
-    entries = len(omega) * (nodes**2 + n**2)
-    require_memory(_BYTES_AN_ENTRY * entries, f"the circuit of {n} coils at {len(omega)} frequencies")
-    # in units of the first coil's reactance all entries are of order one
-    unit = omega * network.inductance[0, 0]
-    R = np.array([network.resistance(frequency) for frequency in frequencies.tolist()])
-    if network.dispersion is not None:
-        inductances = inductances + np.array([network.dispersion(frequency) for frequency in frequencies.tolist()])
-    source = np.zeros((nodes, 1), dtype=np.complex128)
-    source[wiring.port, 0] = 1, -1
-    kept, closed, nets = wiring.kept, wiring.closed, wiring.nets
-    solution = np.zeros((len(omega), nodes), dtype=np.complex128)
+    jw = 2j * math.pi * frequencies[:, None]
+    L = inductances if network.dispersion is None else inductances + network.dispersion(frequencies)
+    Z = network.resistance(frequencies) + jw[..., None] * L
+    more = jw * (across - network.switches.tank_capacitance)
+    seen, to_port, at_port = around[:, :-1, :-1], around[:, :-1, -1:], around[:, -1, -1]
     try:
-        coils = np.linalg.inv((R + 1j * omega[:, None, None] * inductances) / unit[:, None, None])
-        matrix = (1j * omega * unit)[:, None, None] * wiring.capacitance
-        between = coils.copy()
-        between[:, range(n), range(n)] += (1j * omega * unit)[:, None] * across
-        first, second = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
-        matrix[:, first, first] += between
-        matrix[:, second, second] += between
-        matrix[:, first, second] -= between
-        matrix[:, second, first] -= between
-        for net in np.unique(nets):
-            matrix[:, :, net] += matrix[:, :, closed[nets == net]].sum(axis=2)
-        matrix[:, :, closed] *= wiring.resistance / unit[:, None, None]
-        matrix[:, closed, closed] += 1
-        matrix[:, nets, closed] -= 1
-        solution[:, kept] = np.linalg.solve(matrix[:, kept[:, None], kept], source[kept])[..., 0]
+        currents = np.linalg.solve(Z + seen + seen @ (more[..., None] * Z), to_port)
     except np.linalg.LinAlgError:
-        raise NetworkError(f"state {wiring.state.name} gives a singular network at {frequencies[0]:.6g} Hz.") from None
+        raise _singular(wiring, frequencies) from None
+    taken = currents + more[..., None] * (Z @ currents)
+    leads = jw[:, 0] * 2 * network.switches.lead_inductance  # in series with the converter
+    return np.asarray(at_port - (to_port * taken).sum(axis=(1, 2)) + leads), np.asarray(currents[..., 0])
+
+
+def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> ComplexArray:
+    """Impedances (f, n + 1, n + 1) in Ω between the coils' places and, last, the converter: see the module."""
+    n, nodes = len(network.names), len(wiring.capacitance)
+    low, high = float(frequencies.min()), float(frequencies.max())
+    half, middle = (high - low) / 2, (high + low) / 2
+    # the nearest pole is at the frequency zero: the error is ρ to the power of −points
+    rho = math.inf if high == low else (middle + math.sqrt(low * high)) / half
+    points = 1 - math.floor(math.log(_ROUNDING) / math.log(rho))
+    few = points < len(frequencies)
+    angle = math.pi * (np.arange(points) + 0.5) / points
+    at = middle + half * np.cos(angle) if few else frequencies
+    require_memory(
+        _BYTES_AN_ENTRY * (len(at) * nodes**2 + len(frequencies) * n**2),
+        f"the circuit of {n} coils at {len(frequencies)} frequencies",
+    )
+    # in units of the tank's reactance all entries are of order one
+    tank, kept, closed, nets = network.switches.tank_capacitance, wiring.kept, wiring.closed, wiring.nets
+    unit = 1 / (2 * math.pi * at * tank)[:, None, None]
+    flat = 1j / tank * wiring.capacitance
+    for net in np.unique(nets):
+        flat[:, net] += flat[:, closed[nets == net]].sum(axis=1)
+    matrix = np.repeat(flat[None], len(at), axis=0)
+    matrix[:, :, closed] *= wiring.resistance / unit
+    matrix[:, closed, closed] += 1
+    matrix[:, nets, closed] -= 1
+    plus, minus = (np.append(np.arange(end, 2 * n, 2), wiring.port[end]) for end in (0, 1))
+    source = np.zeros((nodes, n + 1))
+    source[plus, range(n + 1)], source[minus, range(n + 1)] = 1, -1
+    solution = np.zeros((len(at), *source.shape), dtype=np.complex128)
+    try:
+        solution[:, kept] = np.linalg.solve(matrix[:, kept[:, None], kept], source[kept])
+    except np.linalg.LinAlgError:
+        raise _singular(wiring, frequencies) from None
     # from the currents of closed switches to the voltages behind them; a net is behind none
-    solution[:, closed] = solution[:, nets] + solution[:, closed] * wiring.resistance / unit[:, None]
-    currents = coils @ (solution[:, first] - solution[:, second])[..., None]
-    plus, minus = wiring.port
-    leads = 2j * omega * network.switches.lead_inductance  # in series with the converter
-    return (solution[:, plus] - solution[:, minus]) * unit + leads, currents[..., 0]
+    solution[:, closed] = solution[:, nets] + solution[:, closed] * (wiring.resistance[:, None] / unit)
+    found = (solution[:, plus] - solution[:, minus]) * unit
+    if not few:
+        return found
+    weights = (-1.0) ** np.arange(points) * np.sin(angle)
+    shares = BarycentricInterpolator(at, np.eye(points), wi=weights)(frequencies)
+    return np.asarray(np.einsum("fk,kab->fab", shares, found))
+
+
+def _singular(wiring: _Wiring, frequencies: FloatArray) -> NetworkError:
+    return NetworkError(f"state {wiring.state.name} gives a singular network at {frequencies[0]:.6g} Hz.")
 
 
 def _wire(network: Network, state: ScanState) -> _Wiring:
@@ -462,14 +500,14 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
         capacitors.append((terminal, number[_GROUND], switches.terminal_capacitance))
     loads = [k for k, name in enumerate(network.names) if _passive(state, name) == "load"]
     joined += [(2 * k, 2 * k + 1, state.load_resistance) for k in loads]
-    nodes = 2 * n + len(number)
+    nodes, coils = 2 * n + len(number), np.arange(2 * n).reshape(n, 2)
+    capacitors += [(first, second, switches.tank_capacitance) for first, second in coils.tolist()]
     capacitance = np.zeros((nodes, nodes))
     capacitance[: 2 * n, : 2 * n] = between_coils(network.mutual_capacitance)
     a, b, farads = (np.array(column) for column in zip(*capacitors, strict=True))
     for rows, columns, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
         np.add.at(capacitance, (rows, columns), sign * farads)
     terminals, ends, resistance = (np.array(column) for column in zip(*joined, strict=True))
-    coils = np.arange(2 * n).reshape(n, 2)
     pairs = np.concatenate((coils, np.stack((terminals, ends), axis=1), np.argwhere(capacitance)))
     return _Wiring(
         state, terminals, ends, resistance, capacitance, (number[_SIDE_A], number[_SIDE_B]),

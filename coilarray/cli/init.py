@@ -207,7 +207,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{standard}")
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     lines.append(
-        f"board: {x_max - x_min:.1f} × {y_max - y_min:.1f} mm, {len(design.array.stackup.names)} copper layers; "
+        f"board: {x_max - x_min:.4g} × {y_max - y_min:.4g} mm, {len(design.array.stackup.names)} copper layers; "
         f"every limit of {values['fab.profile']} is kept"
     )
     return [*lines, _read_by_converter(broken_limits(scan), len(scan.state))]

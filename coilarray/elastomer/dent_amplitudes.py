@@ -20,15 +20,15 @@ from scipy.interpolate import NdBSpline, make_interp_spline
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
-from coilarray.compute.threads import run_blocks
+from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.dent import STILL, Motion
 from coilarray.elastomer.scattering import Scattering
-from coilarray.electromagnetics.coil_spectrum import CoilSpectra
+from coilarray.electromagnetics.coil_spectrum import CoilSpectra, coil_harmonics
 
 _STEPS_PER_CLEARANCE = 3  # of a table: the splines err by 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
 _DEGREE = 5  # of the splines
-_SPARE_ANGLES = 20  # on half a circle, as in coil_spectrum
+_OFFSETS = 512  # at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,14 @@ def dent_amplitudes(
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)
     require_memory(24.0 * count * len(spectra.wavenumbers) * orders, f"the field of coils at {count} offsets")
-    incident = [_incident(spectra, shape, points, orders, motion) for shape, points in enumerate(offsets)]
+    incident = [np.empty((orders, 2, len(spectra.wavenumbers), len(points))) for points in offsets]
+
+    def fill(block: tuple[int, slice]) -> None:
+        shape, some = block
+        incident[shape][..., some] = incident_waves(spectra, shape, offsets[shape][some], orders, motion)
+
+    blocks = [(k, slice(*part)) for k, points in enumerate(offsets) for part in ranges(len(points), _OFFSETS)]
+    run_blocks(fill, blocks)
     weighted = [patterns * scattering.weights for patterns in scattering.patterns]
     axes, strengths = [], []
     largest = 0.0
@@ -91,34 +98,14 @@ def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
     return NdBSpline((along.t, across.t), np.ascontiguousarray(np.moveaxis(across.c, 0, 1)), _DEGREE)
 
 
-def _incident(spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int, motion: Motion) -> FloatArray:
-    """Harmonics c_m k/2π of one coil's potential about offsets from it, (harmonics, real or imaginary, k, offsets).
+def incident_waves(
+    spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int, motion: Motion = STILL
+) -> FloatArray:
+    """Harmonics c_m k/2π of one shape of coil about offsets (n, 2) in m of the indenter's axis from its centre.
 
-    As `coilarray.electromagnetics.coil_spectrum.harmonics_about`, with the waves of distinct x and of distinct y
-    multiplied. In opposite directions S e^{ik·p} are conjugates, so half a circle does: 2 Re for even m and 2i Im for
-    odd m.
+    As `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, where the `motion` brings the dent.
     """
     up = motion.lift - offsets @ motion.slope
-    offsets = offsets + np.array(motion.slope) * motion.pivot
-    (x, of_x), (y, of_y) = (np.unique(np.round(values, 12), return_inverse=True) for values in offsets.T)  # to 1 pm
-    distance = float(np.hypot(*offsets.T).max(initial=0.0))
-    harmonics = np.empty((orders, 2, len(spectra.wavenumbers), len(offsets)))
-
-    def at(index: int) -> None:
-        k = float(spectra.wavenumbers[index])
-        series = spectra.series[shape][index]
-        half = int(np.ceil(k * (distance + spectra.radius))) + orders + _SPARE_ANGLES
-        alpha = np.pi * np.arange(half) / half
-        spectrum = np.exp(1j * np.outer(alpha, np.fft.fftfreq(len(series), 1 / len(series)))) @ series
-        along_x = spectrum * np.exp(1j * np.outer(x, k * np.cos(alpha)))
-        wave = along_x[of_x] * np.exp(1j * np.outer(y, k * np.sin(alpha)))[of_y]
-        if motion != STILL:
-            wave *= np.exp(-k * up)[:, None]
-        for odd, part in enumerate((wave.real, wave.imag)):
-            m = np.arange(odd, orders, 2)
-            factor = (-1.0) ** ((m + odd) // 2) * k / (2 * np.pi * half)  # of them i^m, or i^(m+1)
-            turns = np.stack((np.cos(np.outer(m, alpha)), -np.sin(np.outer(m, alpha))), axis=1) * factor[:, None, None]
-            harmonics[m, :, index] = (turns.reshape(-1, half) @ part.T).reshape(len(m), 2, -1)
-
-    run_blocks(at, range(len(spectra.wavenumbers)))
-    return harmonics
+    waves = coil_harmonics(spectra, shape, offsets + np.array(motion.slope) * motion.pivot, orders - 1)
+    waves *= (spectra.wavenumbers / (2 * np.pi))[:, None] * np.exp(-np.outer(spectra.wavenumbers, up))
+    return waves

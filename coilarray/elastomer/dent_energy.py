@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
-from coilarray.compute.threads import Progress, ranges
+from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.elastomer.dent import Dent, Motion
+from coilarray.elastomer.dent_amplitudes import incident_waves
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
 from coilarray.electromagnetics.coil_spectrum import (
     Segments,
-    harmonics_about,
     segment_centres,
     segment_spectra,
 )
@@ -25,7 +25,8 @@ from coilarray.errors import ElastomerError
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
 """Solves a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
 
-_POSITIONS = 128  # at a time, which bounds the memory
+# of positions and coils, and of dents, and offsets between the former, at a time, which bounds the memory
+_PAIRS, _OFFSETS = 1 << 15, 512
 _DISTANCES = 5  # numbers for every position and coil, to find the farthest
 
 
@@ -62,8 +63,7 @@ def dent_energies(
         "compute them in pieces",
     )
     count = sum(coil.count for coil in coils)
-    # energies between the fields of currents in phase with those of the coils, and of those a quarter of a period ahead
-    parts = None if backing is None or backing.eddies is None else np.hstack((np.eye(count), 1j * np.eye(count)))
+    currents = None if backing is None or backing.eddies is None else backing.currents(count)
     change: npt.NDArray[Any] = np.zeros((len(dents), len(points), count, count), dtype=kind)
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(points):
@@ -73,7 +73,7 @@ def dent_energies(
         float(np.hypot(*(points[:, None] - centres).T).max()) + radius + max(dents[index].width for index in moving)
     )
     wavenumbers, weights = wavenumber_rule(clearance, extent, mesh)
-    blocks = ranges(len(points), _POSITIONS)
+    blocks = ranges(len(points), max(1, _PAIRS // (len(centres) * len(moving))))
     total = len(moving) + len(blocks)
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
     report = progress or (lambda done, total: None)
@@ -94,24 +94,51 @@ def dent_energies(
         slope: [segment_spectra(those, wavenumbers, slope) for those in seen]
         for slope in dict.fromkeys(one.slope for one in motions)
     }
-    k = np.tile(wavenumbers, len(seen))[:, None, None]
+    # coils of one kind have the same shape in all that is seen of them
+    kinds, kind_of = np.unique([one.shape_of for one in next(iter(spectra.values()))], axis=1, return_inverse=True)
     factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
-        at = points[start:stop]
-        turned: tuple[tuple[float, float], float] | None = None
-        for motion, those in motions.items():
-            if turned != (motion.slope, motion.pivot):
-                turned = motion.slope, motion.pivot
-                axis = at + np.array(motion.slope) * motion.pivot
-                waves = np.concatenate([harmonics_about(one, axis, mesh.harmonics) for one in spectra[motion.slope]])
-                level: npt.NDArray[Any] = np.moveaxis(waves, -1, 0) * (k / (2 * np.pi))
-            up = motion.lift + (centres - at[:, None]) @ motion.slope
-            incident: npt.NDArray[Any] = np.ascontiguousarray(level * np.exp(-k * up))
-            if parts is not None:
-                of_coils, in_phase, ahead = np.split(incident, 3, axis=-1)
-                incident = np.concatenate((of_coils + in_phase, ahead), axis=-1)
-            for index, one in those:
-                energy = one.change(incident, factors)
-                change[index, start:stop] = energy if parts is None else parts @ energy @ parts.T
+        offsets, kind_of_offset, of_pair = _distinct(points[start:stop, None] - centres, kind_of.ravel())
+
+        def amplitudes(
+            some: IntArray, offsets: FloatArray = offsets, kind: IntArray = kind_of_offset
+        ) -> dict[int, list[FloatArray | ComplexArray]]:
+            """Return those of every dent, at offsets of one kind of coil."""
+            shapes = kinds[:, kind[some[0]]].tolist()
+            found: dict[int, list[FloatArray | ComplexArray]] = {}
+            for motion, those in motions.items():
+                waves = [
+                    incident_waves(one, shape, offsets[some], mesh.harmonics + 1, motion)
+                    for one, shape in zip(spectra[motion.slope], shapes, strict=True)
+                ]
+                found |= {index: one.amplitudes(np.concatenate(waves, axis=2)) for index, one in those}
+            return found
+
+        near_first = np.lexsort((np.hypot(*offsets.T), kind_of_offset))  # which need fewer angles
+        bounds = np.flatnonzero(np.diff(kind_of_offset[near_first])) + 1
+        work = [
+            part
+            for of_kind in np.split(near_first, bounds)
+            for part in np.split(of_kind, range(_OFFSETS, len(of_kind), _OFFSETS))
+        ]
+        results = run_blocks(amplitudes, work)
+        place = np.argsort(np.concatenate(work))[of_pair]
+        for index, one in zip(moving, solved, strict=True):
+            of_offsets = [np.concatenate(of, axis=2) for of in zip(*(result[index] for result in results), strict=True)]
+            energy = one.energy(of_offsets, place, factors)
+            change[index, start:stop] = energy if currents is None else currents.T @ energy @ currents
         report(len(moving) + done, total)
     return change
+
+
+def _distinct(offsets: FloatArray, kind_of: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Find the offsets (positions, coils, 2) in m that occur, apart for every kind of coil (coils,), each once.
+
+    Returns them, shape (n, 2), their kinds (n,), and the number of each pair's (positions, coils).
+    """
+    (x, of_x), (y, of_y) = (
+        np.unique(np.round(values, 12), return_inverse=True) for values in np.moveaxis(offsets, -1, 0)
+    )
+    code = (kind_of * len(x) + of_x.reshape(offsets.shape[:2])) * len(y) + of_y.reshape(offsets.shape[:2])
+    _, first, of_pair = np.unique(code, return_index=True, return_inverse=True)
+    return offsets.reshape(-1, 2)[first], kind_of[first % len(kind_of)], of_pair.reshape(code.shape)

@@ -100,11 +100,12 @@ def line_dent_inductance(
     k, weights = wavenumber_rule(min(dents[index].clearance for index in moving), extent, mesh)
     amplitude = _spectrum(wires, k)[:, None] * np.exp(1j * np.outer(k, x)) / np.pi
     # Ψ = ∫ (Re c cos kx − Im c sin kx) g dk/π about the indenter: an even and an odd part
-    incident = np.stack((amplitude.real, -amplitude.imag))[..., None].astype(np.complex128)
+    incident = np.stack((amplitude.real, -amplitude.imag))[:, None]
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
     for index in moving:
         scattering = scatter(dents[index], k, weights, mesh, deepest)
-        change[index] = MU_0 * scattering.change(incident, np.array([2.0, 2.0]))[:, 0, 0].real
+        energy = scattering.energy(scattering.amplitudes(incident), np.arange(len(x))[:, None], np.array([2.0, 2.0]))
+        change[index] = MU_0 * energy[:, 0, 0].real
     return change
 
 

@@ -47,7 +47,7 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.special import j0, j1, jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.tensor_grid import TensorGrid, energies
@@ -147,26 +147,30 @@ class Scattering:
             tuple(map(energies, self.patterns, self.energies)),
         )
 
-    def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray | ComplexArray:
+    def amplitudes(self, waves: FloatArray) -> list[FloatArray | ComplexArray]:
+        """Amplitudes of the patterns, (parts, rank, n) for each of the first harmonics.
+
+        `waves`, shape (harmonics, parts, k, n), are the amplitudes of potentials per wavenumber, their real and
+        imaginary parts or whatever shares no energy.
+        """
+        return [(patterns * self.weights) @ own for patterns, own in zip(self.patterns, waves, strict=False)]
+
+    def energy(
+        self, amplitudes: Sequence[FloatArray | ComplexArray], of_coils: IntArray, factors: FloatArray
+    ) -> FloatArray | ComplexArray:
         """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
 
-        It is real without layers below the coils.
-
-        `incident`, shape (harmonics, k, positions, coils), is the amplitude of every coil's potential per wavenumber;
-        `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
+        It is real without layers below the coils. `of_coils`, shape (positions, coils), says which of the `amplitudes`
+        are those of a coil; `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves
+        in plane strain.
         """
-        orders, wavenumbers, positions, coils = incident.shape
 
         def of(m: int) -> FloatArray | ComplexArray:
-            waves = incident[m].reshape(wavenumbers, -1).view(np.float64)
-            b = (self.patterns[m] * self.weights) @ waves  # real and imaginary parts are columns of their own
-            one, two = (
-                values.reshape(-1, positions, coils, 2).transpose(1, 2, 0, 3).reshape(positions, coils, -1)
-                for values in (factors[m] * b, self.energies[m].T @ b)
-            )
+            b = amplitudes[m][..., of_coils].transpose(2, 3, 0, 1)
+            one, two = (values.reshape(*b.shape[:2], -1) for values in (factors[m] * b, b @ self.energies[m]))
             return np.asarray(one @ two.transpose(0, 2, 1))
 
-        total = np.sum(run_blocks(of, range(orders)), axis=0)
+        total = np.sum(run_blocks(of, range(len(amplitudes))), axis=0)
         return np.asarray((total + total.transpose(0, 2, 1)) / 2)
 
 

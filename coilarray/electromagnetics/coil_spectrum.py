@@ -28,6 +28,7 @@ from coilarray.electromagnetics.source import Source, as_conductors
 
 _SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
 _AT_ONCE = 16  # wavenumbers of a grid, which bounds the memory
+_OFFSETS = 512  # positions from coils at a time, likewise
 _SPARE_ANGLES = 40  # above the bandwidth: the rest decays like the Bessel functions beyond their turning point
 
 
@@ -120,27 +121,49 @@ def _turned(points: FloatArray, slope: tuple[float, float]) -> FloatArray:
     return np.column_stack((points[:, :2] + points[:, 2:] * np.array(slope), points[:, 2] - points[:, :2] @ slope))
 
 
-def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:
-    """Harmonics c_m(k) in m per A of every coil's potential about points (points, 2) in m, m from 0 to `highest`.
+def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highest: int) -> FloatArray:
+    """Harmonics c_m(k) in m per A of the potential of one shape of coil about points (n, 2) in m from its centre.
 
-    Shape (k, points, coils, highest + 1); those of −m are the conjugates.
+    Their real and imaginary parts, shape (highest + 1, 2, k, n), m from 0 to `highest`. Those of −m are the conjugates.
+
+    Notes
+    -----
+    The waves of distinct x and of distinct y are multiplied. In opposite directions S e^{ik·p} are conjugates, so half
+    a circle does: 2 Re for even m and 2i Im for odd m.
     """
-    distance = np.hypot(*(points[:, None] - spectra.centres).T).max()
-    order = np.arange(highest + 1)
+    (x, of_x), (y, of_y) = (np.unique(values, return_inverse=True) for values in offsets.T)
+    distance = float(np.hypot(*offsets.T).max(initial=0.0))
+    harmonics = np.empty((highest + 1, 2, len(spectra.wavenumbers), len(offsets)))
+    for index, k in enumerate(spectra.wavenumbers.tolist()):
+        half = _angles(k * (distance + spectra.radius) + highest) // 2
+        alpha = np.pi * np.arange(half) / half
+        spectrum = _on_angles(spectra.series[shape][index], 2 * half)[:half]
+        wave = (spectrum * np.exp(1j * np.outer(x, k * np.cos(alpha))))[of_x]
+        wave *= np.exp(1j * np.outer(y, k * np.sin(alpha)))[of_y]
+        for odd, part in enumerate((wave.real, wave.imag)):
+            m = np.arange(odd, highest + 1, 2)
+            factor = (-1.0) ** ((m + odd) // 2) / half  # of them i^m, or i^(m+1)
+            turns = np.stack((np.cos(np.outer(m, alpha)), -np.sin(np.outer(m, alpha))), axis=1) * factor[:, None, None]
+            harmonics[m, :, index] = (turns.reshape(-1, half) @ part.T).reshape(len(m), 2, len(offsets))
+    return harmonics
 
-    def at(index: int) -> ComplexArray:
-        k = float(spectra.wavenumbers[index])
-        n = _angles(k * (distance + spectra.radius) + highest)
-        alpha = 2 * np.pi * np.arange(n) / n
-        along = k * np.array([np.cos(alpha), np.sin(alpha)])
-        own = [_on_angles(spectra.series[shape][index], n) for shape in range(len(spectra.series))]
-        waves = np.array([own[shape] for shape in spectra.shape_of]) * np.exp(-1j * (spectra.centres @ along))
-        turns = (1j**order / n)[:, None] * np.exp(-1j * np.outer(order, alpha))
-        table = waves[:, None] * turns
-        values = np.exp(1j * (points @ along)) @ table.reshape(-1, n).T
-        return np.asarray(values.reshape(len(points), len(spectra.centres), -1))
 
-    return np.array(run_blocks(at, range(len(spectra.wavenumbers))))
+def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:
+    """`coil_harmonics` of every coil about points (points, 2) in m; shape (k, points, coils, highest + 1)."""
+    shapes = np.array(spectra.shape_of)
+    found = np.empty((len(spectra.wavenumbers), len(points), len(shapes), highest + 1), dtype=np.complex128)
+
+    def about(block: tuple[int, int]) -> None:
+        some = slice(*block)
+        for shape in range(len(spectra.series)):
+            of_shape = np.flatnonzero(shapes == shape)
+            offsets = points[some, None] - spectra.centres[of_shape]
+            real, imaginary = np.moveaxis(coil_harmonics(spectra, shape, offsets.reshape(-1, 2), highest), 1, 0)
+            values = (real + 1j * imaginary).reshape(*real.shape[:2], *offsets.shape[:2])
+            found[:, some, of_shape] = values.transpose(1, 2, 3, 0)
+
+    run_blocks(about, ranges(len(points), max(1, _OFFSETS // len(shapes))))
+    return found
 
 
 def gradients_on_grid(

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _ALIKE = 1e-9  # of a number: what rounding makes different
-_SHOWN = {"ppm": PER_MILLION, "ohm": KILOHM}
+_PPM = "ppm"  # a pure number, shown in parts per million
+_SHOWN = {_PPM: PER_MILLION, "ohm": KILOHM}
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
@@ -64,7 +65,8 @@ def summary_table(
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
     units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
-    return Table("summary", "Summary", columns, tuple(found), units)
+    rows = tuple((*values, "1" if unit == _PPM else unit, where) for *values, unit, where in found)
+    return Table("summary", "Summary", columns, rows, units)
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
@@ -100,7 +102,7 @@ def _rows(
         yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))
-        yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
+        yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, _PPM)
 
 
 def position_bounds(response: xr.Dataset) -> xr.Dataset | None:
@@ -135,7 +137,7 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
 
 def _place(sigma: xr.DataArray, value: float) -> str:
     place = sigma.where(sigma == value).stack(place=("y", "x")).dropna("place")[0]
-    return true_minus(f"x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm")
+    return true_minus(f"x {float(place.x) * 1e3:.4g}, y {float(place.y) * 1e3:.4g} mm")
 
 
 def _metal_rows(
@@ -143,13 +145,13 @@ def _metal_rows(
 ) -> Iterator[tuple[Value, ...]]:
     if scan is not None and without is not None:
         change = scan.effective_inductance.values / without.effective_inductance.values - 1
-        yield _row("change of the effective inductance by the plates", scan.state.values.tolist(), change, "ppm")
+        yield _row("change of the effective inductance by the plates", scan.state.values.tolist(), change, _PPM)
     if target is None:
         return
     states = target.state.values.tolist()
     nearest = target.delta.isel(distance=0).transpose("state", "y", "x").values.reshape(len(states), -1)
     largest = nearest[np.arange(len(states)), np.abs(nearest).argmax(axis=1)]
-    yield _row(f"δ of the target, {float(target.distance[0]) * 1e3:g} mm away", states, largest, "ppm")
+    yield _row(f"δ of the target, {float(target.distance[0]) * 1e3:g} mm away", states, largest, _PPM)
     ranges = target["range"].values
     if np.isfinite(ranges).all():
         at_least = ", at least" if target.range_is_least.values.any() else ""

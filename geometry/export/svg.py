@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -14,6 +15,7 @@ from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 
 _MM = 1e3
+_ON_SCREEN = 3000  # parts of the board that a screen shows
 _DIGITS = 4  # of a coordinate in mm: 0.1 µm, a thousandth of the finest trace
 _TEXT_HEIGHT = 1.5  # mm
 _BASELINE = "0.5"  # mm below the middle of the text: half the height of a capital
@@ -61,9 +63,14 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
     write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
 
 
-def svg_text(array: CoilArray, *, title: str = "") -> str:
-    """Return the drawing that `write_svg` writes, as the text of its element ``svg``."""
+def svg_text(array: CoilArray, *, title: str = "", coarse: bool = False) -> str:
+    """Return the drawing that `write_svg` writes, as the text of its element ``svg``.
+
+    A `coarse` one, for the screen, is to a three-thousandth of the board and a fraction as long.
+    """
     outline = board_outline(array)
+    within = max(np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0)) / _ON_SCREEN if coarse else 0.0
+    digits = max(-math.floor(math.log10(within * _MM)), 0) if coarse else _DIGITS
     x_min, y_min, x_max, y_max = (np.array(outline.bounds) * _MM + np.array([-1, -1, 1, 1]) * _MARGIN).tolist()
     width, height = _number(x_max - x_min), _number(y_max - y_min)
     namespaces = {"xmlns": "http://www.w3.org/2000/svg", "xmlns:inkscape": _INKSCAPE}
@@ -73,14 +80,16 @@ def svg_text(array: CoilArray, *, title: str = "") -> str:
         ET.SubElement(root, "title").text = title
     board = ET.SubElement(root, "g", {"id": "board", "transform": "scale(1 -1)"})
     edge = _layer(board, "outline", "outline", fill=_LAMINATE, stroke="#202020", stroke_width="0.1")
-    ET.SubElement(edge, "path", {"d": _path_data(outline)})
+    ET.SubElement(edge, "path", {"d": _path_data(outline, digits)})
     names = array.stackup.names
     copper_of = copper_by_layer(array)
     for k in reversed(range(len(names))):
         colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
         copper = _layer(board, f"copper-{k + 1}", names[k], fill=colour, fill_rule="evenodd", fill_opacity="0.75")
         for net, shape in copper_of[names[k]].items():
-            trace = ET.SubElement(copper, "path", {"d": _path_data(shape)})
+            trace = ET.SubElement(
+                copper, "path", {"d": _path_data(shape.simplify(within) if coarse else shape, digits)}
+            )
             ET.SubElement(trace, "title").text = net
     holes = _layer(board, "drills", "drills", fill="#FFFFFF", stroke="#202020", stroke_width="0.05")
     for hole in (hole for hole in drills(array) if hole.drilled):
@@ -102,11 +111,13 @@ def _layer(parent: ET.Element, identity: str, label: str, **style: str) -> ET.El
     return ET.SubElement(parent, "g", attributes | {key.replace("_", "-"): value for key, value in style.items()})
 
 
-def _path_data(shape: BaseGeometry) -> str:
+def _path_data(shape: BaseGeometry, digits: int) -> str:
     rings = [shapely.get_coordinates(ring)[:-1] * _MM for ring in shapely.get_rings(shapely.get_parts(shape))]
     # Z closes the ring
-    return " ".join(f"M{' '.join(f'{_number(x)},{_number(y)}' for x, y in ring.tolist())}Z" for ring in rings)
+    return " ".join(
+        f"M{' '.join(f'{_number(x, digits)},{_number(y, digits)}' for x, y in ring.tolist())}Z" for ring in rings
+    )
 
 
-def _number(value: float) -> str:
-    return f"{round(value, _DIGITS) + 0.0:.{_DIGITS}f}".rstrip("0").rstrip(".")
+def _number(value: float, digits: int = _DIGITS) -> str:
+    return f"{round(value, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")

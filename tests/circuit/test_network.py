@@ -11,7 +11,15 @@ from scipy.integrate import simpson
 from support.coil_paths import random_matrix
 
 from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.network import Network, between_coils, loaded_quality, resonate, self_resonance_of, solve_state
+from coilarray.circuit.network import (
+    Network,
+    between_coils,
+    loaded_quality,
+    resonances_near,
+    resonate,
+    self_resonance_of,
+    solve_state,
+)
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError
 
@@ -156,6 +164,16 @@ def test_passivity():
     for state in (measure("a"), measure("b", "-c"), measure("a", "d", connection="parallel", others="open")):
         for f in np.geomspace(1e3, 1e8, 60):
             assert solve_state(circuit, state, f).impedance.real > 0
+
+
+def test_many_circuits_at_once_are_each_by_itself():
+    # what is around the coils is interpolated over the frequencies of all; of one it is computed where it is
+    circuit = network(random_matrix(3, 2), 8.0, C=10e-12, mutual=5e-12, **STRAYS)
+    changed = circuit.inductance * np.linspace(0.7, 1.4, 40)[:, None, None]
+    for state in (measure("a"), measure("b", "-c"), measure("a", others="open"), measure("c", others="load")):
+        together = resonances_near(circuit, resonate(circuit, state), changed)
+        alone = [resonate(replace(circuit, inductance=L), state).frequency for L in changed]
+        np.testing.assert_allclose(together, alone, rtol=2e-12)  # the tolerance of both searches
 
 
 def test_mutual_capacitance_stores_the_energy_of_linear_voltages():

@@ -286,8 +286,9 @@ def spectral(dent, eps, transform):
     filling = Dent((TOP,), (eps,), dent.radius, dent.displacement[:, [0, -1]])
     k, weights = wavenumber_rule(filling.clearance, 40e-3, LayerMesh())
     scattering = scatter(filling, k, weights, LayerMesh(), base="grounded")
-    incident = (transform(k) * k / (2 * np.pi)).astype(complex)[None, :, None, None]
-    return scattering.change(incident, np.array([2 * np.pi * EPSILON_0]))[0, 0, 0]
+    incident = (transform(k) * k / (2 * np.pi))[None, None, :, None]
+    electrode = scattering.amplitudes(incident)
+    return scattering.energy(electrode, np.array([[0]]), np.array([2 * np.pi * EPSILON_0]))[0, 0, 0]
 
 
 @pytest.mark.parametrize("dent", [ringed(), pit()])

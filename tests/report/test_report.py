@@ -179,8 +179,9 @@ def test_the_page_begins_with_a_summary_and_its_contents(made):
     with xr.open_dataset(made.folder / "position_bounds.nc", engine="h5netcdf") as bounds:
         sigma, columns, lines = (values.values for values in (bounds.sigma_x, bounds.x, bounds.y))
     assert (sigma.min(), sigma.max(), sigma.shape) == (resolution["least"], resolution["most"], (len(y), len(x)))
+    assert rows["largest δ, deepest"]["unit"] == "1"  # a fraction as the number; the page shows ppm
     row, column = np.unravel_index(sigma.argmax(), sigma.shape)
-    worst = f"; at x {columns[column] * 1e3:.1f}, y {lines[row] * 1e3:.1f} mm"
+    worst = f"; at x {columns[column] * 1e3:.4g}, y {lines[row] * 1e3:.4g} mm"
     assert resolution["where"].endswith(worst.replace("-", "−"))
     assert rows["the same, median of the map"]["least"] == np.median(sigma)
     lengths = [row["margin"] for row in made.data["rules"] if row["unit"] == "m" and row["feature"] != "board"]

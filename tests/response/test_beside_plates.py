@@ -77,7 +77,7 @@ def test_one_coil_answers_with_its_change_of_inductance_and_loss() -> None:
     dented = replace(
         network,
         inductance=network.inductance + change.real,
-        resistance=lambda f: network.resistance(f) + loss * f / backing.frequency,
+        resistance=lambda f: network.resistance(f) + loss * np.asarray(f)[..., None, None] / backing.frequency,
     )
     flat, pressed_in = (resonate(one, design.plan[0]).frequency for one in (network, dented))
     # 1e-8: digits of both resonances
