@@ -255,7 +255,7 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
     >>> copper = Margin("clearance", "L2", "coil7 – coil12", -0.3e-3, 0.15e-3, -0.15e-3, 0.0, 0.0)
     >>> for sentence in broken_rules([board, copper]):
     ...     print(sentence)
-    The board house's limit of board size is broken at board: 310 mm; its limit is 300 mm.
+    The board house's limit of board size is broken: 310 mm; its limit is 300 mm.
     The copper of coil7 and coil12 overlaps on L2, by up to 0.15 mm.
     """
     worst: dict[str, Margin] = {}
@@ -271,8 +271,9 @@ def _broken(margin: Margin) -> str:
         return f"The copper of {nets} overlaps on {margin.layer}, by up to {MM.text(-margin.value, '.4')}."
     unit = MM if margin.unit else PLAIN
     value, limit = (true_minus(unit.text(number, ".4")) for number in (margin.value, margin.limit))
-    where = f"{margin.feature} on {margin.layer}" if margin.layer else margin.feature
-    return f"The board house's limit of {margin.rule} is broken at {where}: {value}; its limit is {limit}."
+    feature = "" if margin.feature == "board" else f" at {margin.feature}"
+    layer = f" on {margin.layer}" if margin.layer else ""
+    return f"The board house's limit of {margin.rule} is broken{feature}{layer}: {value}; its limit is {limit}."
 
 
 def _margin(rule: str, layer: str, feature: str, value: float, limit: float, place: npt.ArrayLike) -> Margin:

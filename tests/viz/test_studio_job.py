@@ -290,7 +290,7 @@ def test_coils_are_led_out_beside_the_page_and_what_is_changed_meanwhile_waits(o
         await done()
         values, array = page.work.opened.values, page.work.design.array
         assert (values["board.margin_mm"], array.led_out.connector.side, page.work.file) == (4.0, "top", "saved.toml")
-        assert page.state.array_words.startswith("3 hexagonal coils of 16 × 18.5 mm")
+        assert page.state.array_words.startswith("3 hexagonal coils of 16 × ")
         assert told == ["array.columns must leave at most 64 coils for the studio to follow; got 1000."]
         for expected in ({"connector.side": "top"}, {}):
             page._follow_trail(back=True)

@@ -58,6 +58,32 @@ def aim(
     sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
     out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
     along = np.array([-math.sin(towards.azimuth), math.cos(towards.azimuth), 0.0])
+    return _aimed(bounds, size, out, along, left, right, bottom)
+
+
+def aim_again(
+    camera: Camera,
+    bounds: tuple[float, float, float, float, float, float],
+    size: tuple[int, int],
+    left: float,
+    right: float,
+) -> Camera:
+    """Aim a camera at the middle of a box from where it looks, as `aim`."""
+    out = np.array(camera.position) - camera.focus
+    along = np.cross(camera.up, out)
+    return _aimed(bounds, size, out / np.linalg.norm(out), along / np.linalg.norm(along), left, right)
+
+
+def _aimed(
+    bounds: tuple[float, float, float, float, float, float],
+    size: tuple[int, int],
+    out: npt.NDArray[np.float64],
+    along: npt.NDArray[np.float64],
+    left: float,
+    right: float,
+    bottom: float = 0.0,
+) -> Camera:
+    """Aim from a direction, with another one from left to right; both of length 1."""
     up = np.cross(out, along)
     corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
     seen = corners @ np.column_stack((along, up))

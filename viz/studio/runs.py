@@ -133,7 +133,7 @@ def run_lines(run: Run) -> list[str]:
             lines.append(f"The best has {name} {best}" + (f", the start{of_start}{broken}." if of_start else "."))
         elif kept:
             lines.append("None is better than the start" + (f", which has {name}{of_start}." if of_start else "."))
-        else:
+        elif run.points:
             lines.append("None keeps all bounds.")
     for name in run.objectives:
         quantity = _quantity(name)

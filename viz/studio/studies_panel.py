@@ -89,7 +89,7 @@ class StudiesPanel(Panel):
         names = tuple(str(name) for name in quantities)
 
         def cancelled() -> None:
-            state.study_problem = f"{kind}: stopped; what is computed is kept, and Start goes on from it"
+            state.file_note = f"{kind}: stopped; what is computed is kept, and Start goes on from it"
 
         show = partial(self._show, work.design, kind)
         done, watch = partial(show, ended=True), partial(show, ended=False)

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from PIL import Image
 
-from coilarray.viz.scenes.camera import FILLED, Camera, Side, aim, direction
+from coilarray.viz.scenes.camera import FILLED, Camera, Side, aim, aim_again, direction
 from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
 from coilarray.viz.scenes.scene import Scene, Text
 
@@ -50,7 +50,7 @@ class SceneView:
         self._sent: Callable[[], None] | None = None
         self._hidden: set[str] = set()
         self._beside_bounds: tuple[float, ...] = ()
-        self._aimed: tuple[float, ...] = ()
+        self._aimed: Camera | None = None  # as it was aimed last
         self._side: Side = "oblique"
         self._drawn_size = SIZE
         self._timers: dict[str, asyncio.TimerHandle] = {}  # of smoothing, sending and resizing
@@ -62,23 +62,27 @@ class SceneView:
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
 
     def show(self, scene: Scene, sent: Callable[[], None]) -> None:
-        """Draw another scene, and call `sent` with its first picture; a camera that the user has turned stays."""
+        """Draw another scene, and call `sent` with its first picture.
+
+        All of it is seen from where the user looks, unless the user has moved or zoomed the picture.
+        """
         self._sent = sent
         self._show(scene)
 
     def _show(self, scene: Scene) -> None:
-        turned = self._scene is not None and not self._is_aimed()
+        moved = self._scene is not None and not self._is_aimed()
         camera = self._camera()
         self._scene = scene
         self._draw()
-        if turned:
-            _put_camera(self._plotter, camera)
+        if moved:
+            set_camera(self._plotter, camera)
         self._push()
 
     def look_from(self, side: Side) -> None:
         """Turn the camera to a side, and aim it at the whole scene."""
         self._side = side
         if self._scene is not None:
+            self._aimed = None
             self._aim()
             self._push()
 
@@ -103,7 +107,7 @@ class SceneView:
         shown = [part for part in scene.parts if part.group not in self._hidden]
         texts = [text for text in scene.texts if text.group not in self._hidden]
         draw_parts(_fitted(Scene(tuple(shown), tuple(texts)), self._size), plotter)
-        _put_camera(plotter, self._camera())
+        set_camera(plotter, self._camera())
         plotter.render()
         buffer = io.BytesIO()
         Image.fromarray(plotter.screenshot(return_img=True)).save(buffer, format="png", compress_level=3)
@@ -151,11 +155,17 @@ class SceneView:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
+        """Aim at all of the scene, and of the one beside, from the chosen side or as the user has turned it since."""
         if self._scene is not None:
             lowest, highest = np.reshape([*self._scene.bounds, *self._beside_bounds], (-1, 3, 2)).T
             bounds = cast("Any", tuple(np.column_stack([lowest.min(axis=1), highest.max(axis=1)]).ravel().tolist()))
             room = max(0.0, _RULER / self._size[0] - (1.0 - FILLED) / 2)
-            set_camera(self._plotter, aim(bounds, self._size, direction(self._side), left=room, right=room))
+            set_camera(
+                self._plotter,
+                aim(bounds, self._size, direction(self._side), left=room, right=room)
+                if self._aimed is None
+                else aim_again(self._camera(), bounds, self._size, left=room, right=room),
+            )
             self._aimed = self._camera()
 
     def _push(self) -> None:
@@ -241,17 +251,16 @@ class SceneView:
         width, height = self._plotter.window_size
         return width, height
 
-    def _camera(self) -> tuple[float, ...]:
+    def _camera(self) -> Camera:
         camera = self._plotter.camera
-        return (*camera.position, *camera.focal_point, *camera.up, camera.parallel_scale)
+        return Camera(camera.position, camera.focal_point, camera.up, camera.parallel_scale)
 
     def _is_aimed(self) -> bool:
-        return bool(self._aimed) and bool(np.allclose(self._camera(), self._aimed, rtol=_SAME, atol=_SAME))
-
-
-def _put_camera(plotter: Any, numbers: tuple[float, ...]) -> None:
-    position, focus, up = (cast("tuple[float, float, float]", numbers[k : k + 3]) for k in (0, 3, 6))
-    set_camera(plotter, Camera(position, focus, up, numbers[9]))
+        """Whether the user has neither moved nor zoomed the picture since the camera was aimed."""
+        if self._aimed is None:
+            return False
+        now, then = ((*one.focus, one.scale) for one in (self._camera(), self._aimed))
+        return bool(np.allclose(now, then, rtol=_SAME, atol=_SAME))
 
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
