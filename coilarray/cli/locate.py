@@ -28,6 +28,10 @@ Solver = Callable[[Sequence[Reading]], list[Record]]
 
 _MOST_MM, _ADDITION_MM = 10.0, 0.2
 _PUBLISHED = "published"
+_FEWER_UNKNOWNS = (
+    "A map at one place, as of coilarray response --x-mm 0 --y-mm 0 --out map.nc, leaves the depth alone: "
+    "--model map.nc."
+)
 
 
 def locate(
@@ -159,7 +163,8 @@ def _response(source: str | None, table: Path | None, allow_violations: bool) ->
     if is_map(source):
         response = read_map(Path(str(source)), target=True)
         states = tuple(str(name) for name in response.state.values)
-        return _Response(states, 0, lambda: response)  # the map itself shows what is unknown
+        unknowns = sum(response.delta.sizes[name] > 1 for name in response.delta.dims if name != "state")
+        return _Response(states, unknowns, lambda: response)
     design = shared.open_design(source, allow_violations=allow_violations)
     # the table of an indentation has three unknowns; that of a target shows them itself
     unknowns = 3 if design.target is None or design.indentation is not None else 0
@@ -217,7 +222,10 @@ def _with_all_coils(
         others = referenced_names(used, reference, LocalizeError)
     if noise is not None:
         checked_noise(others, noise)
-    require_states(others, response.unknowns)
+    try:
+        require_states(others, response.unknowns)
+    except LocalizeError as error:
+        raise LocalizeError(f"{error} {_FEWER_UNKNOWNS}") from None
     wrong = []
     for one in given:
         try:

@@ -33,7 +33,9 @@ def response(
     thickness_error_mm: Annotated[
         list[str] | None, typer.Option(help="SHEET=VALUE, true minus designed thickness; may be repeated.")
     ] = None,
-    noise: Annotated[float, typer.Option(help="Relative standard deviation of each reading of L.")] = 0.0,
+    noise: Annotated[
+        float, shared.number_option(("--noise",), 0.0, 1.0, "Relative standard deviation of each reading of L.")
+    ] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     ideal: shared.Ideal = False,
     dielectric: Annotated[

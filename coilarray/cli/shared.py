@@ -71,6 +71,17 @@ def number_option(names: Sequence[str], low: float, high: float, text: str) -> A
     return typer.Option(*names, help=text, callback=check)
 
 
+def noise_option(text: str) -> Any:
+    """Return the option --noise for a standard deviation of δ; one that cannot be is refused before any work."""
+
+    def check(value: float | None) -> float | None:
+        if value is not None and not 0 < value <= 1:
+            raise CoilarrayError(f"--noise must be above 0 and at most 1; got {value:g}.")
+        return value
+
+    return typer.Option("--noise", help=text, callback=check)
+
+
 def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
     """Return the option --out with its help text."""
     return file_option(("--out", "-o"), text, suffixes, printed=printed)
@@ -151,7 +162,7 @@ Ideal = Annotated[
 ]
 Noise = Annotated[
     float | None,
-    typer.Option("--noise", help="Standard deviation of δ of a reading; that of the design's noise budget by default."),
+    noise_option("Standard deviation of δ of a reading; that of the design's noise budget by default."),
 ]
 _UNLESS_PRINTED = "with --json only if it is given."
 NumbersFile = Annotated[
@@ -236,10 +247,10 @@ def from_map_origin(
     return tuple(None if row is None else from_board(row, at) for row, at in rows)
 
 
-def lengths(option: str, text: str | None) -> list[float] | None:
+def lengths(option: str, text: str | None, *, positive: bool = False) -> list[float] | None:
     """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError for another text.
 
-    None if the option is not given.
+    None if the option is not given. `positive` lengths are above zero.
     """
     if text is None:
         return None
@@ -255,10 +266,13 @@ def lengths(option: str, text: str | None) -> list[float] | None:
     except ValueError:
         values = []
     rising = all(low < high for low, high in itertools.pairwise(values))
-    if not (0 < len(values) <= _MOST_LENGTHS and rising and np.abs(values).max() <= LONGEST_MM):
+    low = positive and min(values, default=1.0) <= 0
+    far = not all(abs(value) <= LONGEST_MM for value in values)
+    if low or far or not (0 < len(values) <= _MOST_LENGTHS and rising):
+        bound = f", above 0 and at most {LONGEST_MM:g}" if low else f", at most {LONGEST_MM:g}" if far else ""
         raise ElastomerError(
-            f"{option} must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT with 2 to {_MOST_LENGTHS} of "
-            f"them; got {text!r}."
+            f"{option} must be rising numbers of mm{bound}, such as 0.5,1 or START:STOP:COUNT with 2 to "
+            f"{_MOST_LENGTHS} of them; got {text!r}."
         )
     return [value * 1e-3 for value in values]
 

@@ -65,10 +65,8 @@ def target(
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
-    distances, *places = (
-        shared.lengths(option, text)
-        for option, text in (("--distance-mm", distance_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
-    )
+    distances = shared.lengths("--distance-mm", distance_mm, positive=True)
+    places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
     from coilarray.report.figures import map_outlines
     from coilarray.report.target_tables import (
         base_table,

@@ -46,7 +46,7 @@ def tolerance(
     depth_mm: Annotated[
         float | None, typer.Option(help="Depth of the indentation; the design's first depth by default.")
     ] = None,
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of δ in a reading.")] = None,
+    noise: Annotated[float | None, shared.noise_option("Standard deviation of δ in a reading.")] = None,
     table: shared.TableFile = None,
     samples: Annotated[int, typer.Option(help="Number of boards to draw, 0 or at least 8; best a power of 2.")] = 64,
     seed: Annotated[int, typer.Option(help="Seed of the drawn boards.")] = 0,
@@ -141,8 +141,6 @@ def _positions(
         return None
     if design.indentation is None:
         raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
-    if noise is not None and not 0 < noise <= 1:
-        raise GoalError(f"--noise must be above 0 and at most 1; got {noise:g}.")
     depth = depth_in_metres(depth_mm)
     base = given or Positions((), (0.0,), design.indentation.depths[0])
     return Positions(

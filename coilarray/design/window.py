@@ -12,7 +12,8 @@ from coilarray.geometry import CoilArray
 
 MOST_POSITIONS = 100_000
 """Most positions of a map."""
-_PARTS = (12.0, 6.0)  # of the narrowest coil: the step at most and at least resolves its response
+# of the narrowest coil: the step at most and at least resolves its response, to a target a wide one
+_PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
 _PARTS_OF_ONE = (32.0, 12.0)  # of a coil that is alone, and whose map is small
 _POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, as long as the step keeps to that; targets are wide
 _ROUND = 0.1e-3  # a step is a multiple of it, of five times it from there on
@@ -37,8 +38,9 @@ def array_window(
         x and y in m on the board from which positions count.
     step : float, optional
         Distance of the positions in m; by default a twelfth of the narrowest coil, of a single one a thirty-second.
-        Where there would be more than 2000 positions, of a target 500, it is up to a sixth and a twelfth; on a board
-        of thousands of coils it is wider, until 100000 positions suffice.
+        Where there would be more than 2000 positions it is up to a sixth, and where there would be more than 500 of a
+        target up to a quarter; of a single coil up to a twelfth. On a board of thousands of coils it is wider, until
+        100000 positions suffice.
     within : tuple of float, optional
         Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
         where there is no other.
@@ -56,7 +58,7 @@ def array_window(
         A given step that makes more than 100000 positions.
     """
     bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
-    chosen = _default_step(array, np.ptp(bounds, axis=0), _POSITIONS[table]) if step is None else step
+    chosen = _default_step(array, np.ptp(bounds, axis=0), table) if step is None else step
     first, last = _multiples(bounds, chosen, within)
     while math.prod((last - first + 1).tolist()) > MOST_POSITIONS:
         if step is not None:
@@ -73,12 +75,12 @@ def array_window(
     return x, y
 
 
-def _default_step(array: CoilArray, size: FloatArray, positions: float) -> float:
+def _default_step(array: CoilArray, size: FloatArray, table: str) -> float:
     """Return the step in m that resolves the response of the narrowest coil on a map of a size in m."""
     sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
     narrowest = float(min(sides))
-    finest, coarsest = (narrowest / part for part in (_PARTS if len(sides) > 1 else _PARTS_OF_ONE))
-    return _round(min(max(math.sqrt(float(np.prod(size)) / positions), finest), coarsest))
+    finest, coarsest = (narrowest / part for part in (_PARTS[table] if len(sides) > 1 else _PARTS_OF_ONE))
+    return _round(min(max(math.sqrt(float(np.prod(size)) / _POSITIONS[table]), finest), coarsest))
 
 
 def _round(step: float) -> float:

@@ -132,11 +132,14 @@ def test_a_file_that_cannot_be_written_is_refused_before_any_work(capsys, option
 def test_lengths_are_a_rising_list_or_range():
     for text, mm in (("0.5", [0.5]), ("0.1,0.25", [0.1, 0.25]), ("-0.2:0.6:3", [-0.2, 0.2, 0.6])):
         assert lengths("--x-mm", text) == pytest.approx([value * 1e-3 for value in mm], rel=1e-12)
-    refusal = "--x-mm must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT with 2 to 1000 of them; got "
+    refusal = (
+        "--x-mm must be rising numbers of mm{}, such as 0.5,1 or START:STOP:COUNT with 2 to 1000 of them; got {!r}"
+    )
     for text in (
         "1,0.5", "0.5,0.5", "0.1:0.5", "0:5:1", "0.1:0.5:2000", "0.1:0.5:2.5", "nan", "0.1,inf", "1e9", "", "deep",
     ):  # fmt: skip
-        with pytest.raises(ElastomerError, match=re.escape(refusal + repr(text))):
+        bound = ", at most 100000" if text in ("nan", "0.1,inf", "1e9") else ""
+        with pytest.raises(ElastomerError, match=re.escape(refusal.format(bound, text))):
             lengths("--x-mm", text)
 
 

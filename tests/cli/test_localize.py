@@ -449,8 +449,8 @@ def test_the_example_of_the_help_is_located(capsys):
     (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; coil3 is missing"),
     (("coil1=1e-4,coil2=100,coil3=0",), "δ must be a number between -1 and 1; that of coil2 is 100.0"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),
-    (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "3 unknowns need at least as many states"),
-    (("coil1=1e-4,coil2=0,coil3=0", "--noise", "0"), "noise must be positive and finite"),
+    (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "the model has coil1. A map at one place, as of coilarray"),
+    (("coil1=1e-4,coil2=0,coil3=0", "--noise", "0"), "--noise must be above 0"),
     (("two.json",), "there is no reading in two.json: a reading must have one δ for each of 3 states"),
 ])  # fmt: skip
 def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
@@ -473,8 +473,8 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("bytes.csv",), "cannot read bytes.csv: it is not UTF-8 text"),
         (("word.json",), "a reading must be JSON; got 'word'"),
         (("-", "coil1=1e-4"), "a stream (-) must be the only READINGS"),
-        (("GOOD", "--noise", "0"), "noise must be positive and finite; got 0"),
-        (("GOOD", "--noise", "nan"), "noise must be positive and finite"),
+        (("GOOD", "--noise", "0"), "--noise must be above 0 and at most 1; got 0"),
+        (("GOOD", "--noise", "nan"), "--noise must be above 0"),
         (("GOOD", "--coil", "coil9"), "the model has no state 'coil9'"),
         (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
         (("GOOD", "--table", "t.nc"), "--table is for the response table of a design"),

@@ -156,7 +156,7 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
     (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT"),
     (("--depth-mm", "-0.1"), "depth of an indentation must be at least 0"),
     (("--x-mm", "east"), "--x-mm must be rising numbers of mm"),
-    (("--y-mm", "1e9"), "--y-mm must be rising numbers of mm"),
+    (("--y-mm", "2e5"), "--y-mm must be rising numbers of mm, at most 100000,"),
     (("--tilt", "nan", "0"), "tilt, offset, errors, drift and noise must be finite"),
     (("--tilt", "0.1"), "'--tilt'"),
     (("--tilt", "1", "0"), "tilt must be at most 0.1"),

@@ -92,7 +92,11 @@ def test_what_is_wrong_is_one_line(ball, capsys):
     assert "the design gast_fem has no [target]: add one, for example with shape" in line
     assert all(load_design(name).target for name in line.rstrip(".").partition("have one are ")[2].split(", "))
     # without DESIGN: a distance is refused only where there is a target
-    assert "distances of a target must be above zero" in refused(capsys, "target", "--distance-mm", "0,1")
-    assert "distances of a target must be above zero" in refused(capsys, "target", "ball.toml", "--distance-mm", "0,1")
-    assert "noise must be positive" in refused(capsys, "target", "ball.toml", "--ideal", "--noise", "0")
+    assert "rising numbers of mm, above 0" in refused(capsys, "target", "--distance-mm", "0,1")
+    assert "--noise must be above 0 and at most 1; got 0" in refused(
+        capsys, "target", "ball.toml", "--ideal", "--noise", "0"
+    )
+    assert "--distance-mm must be rising numbers of mm, above 0" in refused(
+        capsys, "target", "ball.toml", "--distance-mm", "0,1"
+    )
     assert "--out must end in .nc or .csv" in refused(capsys, "target", "ball.toml", "--out", "t.txt")

@@ -25,3 +25,11 @@ def test_a_wide_board_has_wider_steps_rather_than_too_many_positions():
     array = lattice_array(many_layers(2), LARGE, Lattice("linear", 100.0, 2))  # m
     x, y = array_window(array, (0.0, 0.0))
     assert 0.5 * MOST_POSITIONS < len(x) * len(y) <= MOST_POSITIONS
+
+
+def test_a_map_of_a_target_over_a_pad_has_some_hundred_positions():
+    coil = spiral_coil(round_spiral(5e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    array = lattice_array(many_layers(2), coil, Lattice("square", 13e-3, 4, 4))
+    counts = {table: len(x) * len(y) for table in ("indentation", "target")
+              for x, y in [array_window(array, (0.0, 0.0), table=table)]}  # fmt: skip
+    assert counts["indentation"] > 1500 > 800 > counts["target"] > 300
