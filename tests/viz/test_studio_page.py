@@ -415,6 +415,13 @@ def test_dialogs_are_worked_by_keys_alone(page, folder):
             # as Vuetify does where the dialog appears before its field can be seen
             page.eval_on_selector(".v-overlay--active .v-overlay__content", "one => one.focus()")
             assert page.evaluate(focus, first)
+        if name == "new":
+            page.focus("#new-connector")
+            page.keyboard.press("Enter")  # which opens its list, and makes nothing
+            page.wait_for_function("document.activeElement.matches('.v-list-item')")
+            page.keyboard.press("Escape")
+            page.wait_for_function(focus, arg="new-connector")
+            assert page.locator(".v-overlay--active .v-card").count() == 1
         page.keyboard.press("Escape")
         page.wait_for_function(focus, arg=name)
         page.wait_for_selector(".v-overlay--active .v-card", state="detached")
