@@ -11,7 +11,7 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.maps import is_recording, read_ellipses, read_map, recorded_map
 from coilarray.cli.replacing import remember, require_own
-from coilarray.errors import GoalError
+from coilarray.errors import DesignError, GoalError, LocalizeError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,7 +88,15 @@ def calibrate(
         shared.open_pool(workers, cluster) as pool,
         shared.progress_bar("calibration") as show,
     ):
-        found = fit_to(opened, measured, chosen, keep=kept.folder, pool=pool, progress=counting(show))
+        try:
+            found = fit_to(opened, measured, chosen, keep=kept.folder, pool=pool, progress=counting(show))
+        except (DesignError, GoalError, LocalizeError) as error:
+            if data != _PAPER or plan is not None or unknown:
+                raise
+            raise GoalError(
+                f"the design {opened.design.name} is not the board of `published`, whose data or plan do not fit it "
+                f"({str(error).rstrip('.')}): give DATA of its own, and --plan or --unknown."
+            ) from None
     result = found.dataset
     tables, notes = report.calibration_tables(result), report.calibration_notes(result)
     written = [] if out is None else _write(found, out, data)

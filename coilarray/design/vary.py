@@ -114,7 +114,8 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     """Copy a table or list with one entry set; what lies beside it is shared."""
     if isinstance(table, list):
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
-            raise DesignError(f"{key} must have a number from 0 to {len(table) - 1} for {parts[0]!r}.")
+            numbers = "0" if len(table) == 1 else f"a number from 0 to {len(table) - 1}"
+            raise DesignError(f"{key} must have {numbers} for {parts[0]!r}.")
         place = int(parts[0])
         return [*table[:place], _set(table[place], parts[1:], value, key), *table[place + 1 :]]
     if not isinstance(table, Mapping):
