@@ -95,7 +95,8 @@ def view(
     noise: shared.Noise = None,
     table: shared.TableFile = None,
     path_mm: Annotated[
-        str | None, typer.Option(help='Path of the film on the board, as "X,Y X,Y ..."; along x by default.')
+        str | None,
+        typer.Option(help='Path of the film on the board, as "X,Y X,Y ..."; along x over the middle coil by default.'),
     ] = None,
     frames: Annotated[int, shared.number_option(("--frames",), 2, 1000, "Number of pictures of the film.")] = 48,
     rate: Annotated[float, typer.Option(help="Pictures of the film per second.")] = 12.0,

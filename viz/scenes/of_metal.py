@@ -117,7 +117,7 @@ def target_at(
 
 
 def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
-    """Return what a target at one place does: a line about the state of a coil, and one with δ of the others."""
+    """Return what a target at one place does: a line about the state of a coil, and one with the largest other δ."""
     states = [str(name) for name in at.state.values]
     first = coil if coil in states else states[0]
     one = at.sel(state=first)
@@ -127,10 +127,13 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
         f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}, "
         f"f = {float(one.frequency) * 1e-6:.4f} MHz"
     )
-    others = [name for name in states if name != first][:_SHOWN_STATES]
+    others = [name for name in states if name != first]
     if not others:
         return (line,)
-    return line, "δ of the others: " + ", ".join(f"{name} {percent(at.delta.sel(state=name))}" for name in others)
+    largest = sorted(others, key=lambda name: -abs(float(at.delta.sel(state=name))))[:_SHOWN_STATES]
+    shown = [name for name in others if name in largest]
+    which = "δ of the others" if shown == others else f"the {len(shown)} largest δ of the others"
+    return line, f"{which}: " + ", ".join(f"{name} {percent(at.delta.sel(state=name))}" for name in shown)
 
 
 def percent(delta: xr.DataArray) -> str:

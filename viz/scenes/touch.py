@@ -80,7 +80,7 @@ def touch_along(
     """Compute δ along a path of the indenter over the board.
 
     The path has `count` places at equal steps along its `corners` on the board in m, by default a straight line along x
-    over all coils in the middle of the map; `depth` in m is by default the deepest of the design.
+    over all coils through the middle one; `depth` in m is by default the deepest of the design.
     ElastomerError if the design has no indenter or the indentation is impossible, GeometryError if the path
     leaves the board or has no length, or there are fewer than two places.
     """
@@ -124,7 +124,8 @@ def dent_of_design(design: Design, depth: float) -> xr.Dataset:
 
 def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]]:
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
-    y = (setup.y[0] + setup.y[-1]) / 2 + setup.origin_point[1]
+    low, high = (end + setup.origin_point[1] for end in (setup.y[0], setup.y[-1]))
+    y = float(np.clip(design.array.centres[design.array.names.index(design.array.middle_coil), 1], low, high))
     return [(float(x), y) for x in (outlines[:, 0].min(), outlines[:, 0].max())]
 
 
