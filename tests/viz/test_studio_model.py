@@ -51,6 +51,16 @@ from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 OPENED = load_design_file("starter")
 
 
+def with_entries(work, changes):
+    """A design with other values, as of a point of a sweep."""
+    return work.with_document(work.document_with(changes))
+
+
+def with_entry(work, key, text):
+    """A design as after a number is typed."""
+    return with_entries(work, {key: number_of(key, text)})
+
+
 @pytest.fixture(scope="module")
 def starter():
     return OPENED.design
@@ -70,24 +80,24 @@ def test_every_slider_reaches_its_value_and_every_value_can_be_entered(name):
     for entry in entries:
         assert entry.low <= entry.value <= entry.high
         assert entry.step > 0
-        again = work.with_entry(entry.key, text_of(entry.value))
+        again = with_entry(work, entry.key, text_of(entry.value))
         assert again.design.digest == file.design.digest  # its own value changes nothing
         assert entry.value == pytest.approx(file.values.get(entry.key, entry.value))
 
 
 def test_a_change_is_what_the_library_makes_of_it_and_is_no_longer_assumed(starter):
     work = work_on(OPENED, "starter")
-    wider = work.with_entry("array.pitch_mm", " 12.5 ")
+    wider = with_entry(work, "array.pitch_mm", " 12.5 ")
     document = {**OPENED.document, "array": {**OPENED.document["array"], "pitch_mm": 12.5}}
     assert wider.design.digest == build_design(document).digest
     assert (work.changed, wider.changed) == (False, True)
     assert work.design is starter  # values, not states
-    assert wider.with_entry("array.pitch_mm", text_of(OPENED.values["array.pitch_mm"])).design.digest == starter.digest
+    assert with_entry(wider, "array.pitch_mm", text_of(OPENED.values["array.pitch_mm"])).design.digest == starter.digest
     design = load_design_file("gast2020")
     assert "array.pitch_mm" in design.assumed
-    work = work_on(design, "gast2020").with_entry("array.pitch_mm", "13.28")
+    work = with_entry(work_on(design, "gast2020"), "array.pitch_mm", "13.28")
     assert set(design.assumed) - set(work.opened.assumed) == {"array.pitch_mm"}
-    layer = work_on(design, "gast2020").with_entry("stackup.dielectric_thickness_mm.1", "0.3")
+    layer = with_entry(work_on(design, "gast2020"), "stackup.dielectric_thickness_mm.1", "0.3")
     assert layer.opened.values["stackup.dielectric_thickness_mm"] == [0.215, 0.3, 0.215]
     assert "stackup.dielectric_thickness_mm" not in layer.opened.assumed
 
@@ -108,7 +118,7 @@ def test_a_change_is_what_the_library_makes_of_it_and_is_no_longer_assumed(start
 def test_a_wrong_value_is_one_line_without_the_name_of_the_design(starter, key, text, line):
     work = work_on(OPENED, "starter")
     with pytest.raises(DesignError) as refused:
-        work.with_entry(key, text)
+        with_entry(work, key, text)
     assert str(refused.value).startswith(line)
     assert "\n" not in str(refused.value)
     assert not work.changed
@@ -232,8 +242,8 @@ def test_what_names_a_coil_stays_possible_without_it():
 
 def test_steps_are_undone_and_done_again(starter):
     first = work_on(load_design_file("starter"), "starter")
-    second = first.with_entry("board.margin_mm", "3")
-    third = second.with_entry("board.margin_mm", "4")
+    second = with_entry(first, "board.margin_mm", "3")
+    third = with_entry(second, "board.margin_mm", "4")
     trail = Trail().left(first).left(second)
     trail, work = trail.undo(third.saved_as("new.toml"))
     assert (work.opened, work.file, work.changed) == (second.opened, "new.toml", True)  # of the file as it is now
@@ -455,7 +465,7 @@ def test_entries_that_a_lattice_has_not_have_no_slider():
 
 
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
-    other = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12").design
+    other = with_entry(work_on(OPENED, "starter"), "array.pitch_mm", "12").design
     with pytest.raises(LocalizeError, match="another design"):
         sensor_of(other, bells(OPENED.document, "starter"))
     bare = {key: table for key, table in OPENED.document.items() if key not in ("indenter", "indentation", "assumed")}
@@ -527,7 +537,7 @@ def test_colours_bars_and_legend_tell_units_and_ends(starter):
 
 def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_path):
     shelf = Shelf(tmp_path)
-    changed = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12.5")
+    changed = with_entry(work_on(OPENED, "starter"), "array.pitch_mm", "12.5")
     saved = shelf.save(changed, "better.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["better.toml"]
     assert (saved.file, saved.changed) == ("better.toml", False)
@@ -552,12 +562,12 @@ def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
 
 def test_files_that_are_no_design_and_what_would_be_lost_are_known(starter, tmp_path):
     shelf, begun = Shelf(tmp_path), work_on(OPENED, "starter")
-    changed = begun.with_entry("array.pitch_mm", "12")
+    changed = with_entry(begun, "array.pitch_mm", "12")
     assert not shelf.would_lose(begun, "mine.toml")  # there is none
     mine = shelf.save(begun, "mine.toml")
     assert shelf.would_lose(begun, "mine.toml")  # it was begun with another one
-    assert not shelf.would_lose(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
-    again = shelf.save(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    assert not shelf.would_lose(with_entry(mine, "array.pitch_mm", "13"), "mine.toml")
+    again = shelf.save(with_entry(mine, "array.pitch_mm", "13"), "mine.toml")
     assert not shelf.would_lose(Trail().left(mine).undo(again)[1], "mine.toml")
     (tmp_path / "mine.toml").write_text(f"{again.text()}# meanwhile, in an editor\n", encoding="utf-8")
     assert shelf.would_lose(again, "mine.toml")
@@ -591,8 +601,8 @@ class State(SimpleNamespace):
     ("meanwhile", "problem"),
     [
         (lambda work: work, ""),
-        (lambda work: work.with_entry("array.pitch_mm", "12"), "The changes of starter are not saved"),
-        (lambda work: work.with_entry("array.pitch_mm", "12").saved_as("saved.toml"), ""),
+        (lambda work: with_entry(work, "array.pitch_mm", "12"), "The changes of starter are not saved"),
+        (lambda work: with_entry(work, "array.pitch_mm", "12").saved_as("saved.toml"), ""),
     ],
 )
 def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, problem):
@@ -617,7 +627,7 @@ def test_a_field_that_is_left_as_it_was_changes_nothing(tmp_path):
         state=State(client_only=lambda *_: None, errors={}), trigger=called.__setitem__,
         change=lambda *_, **__: taken.append(1),
         setup=SimpleNamespace(shelf=Shelf(tmp_path), services=SimpleNamespace(write_report=None)),
-        work=work_on(OPENED, "starter").with_entries({"array.pitch_mm": 11 + 1 / 3}),
+        work=with_entries(work_on(OPENED, "starter"), {"array.pitch_mm": 11 + 1 / 3}),
     )  # fmt: skip
     DesignPanel(page)
     called["enter"]("array.pitch_mm", "11.3333333333")
@@ -725,7 +735,7 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
     assert run_folders(tmp_path) == ["found"]
     assert run_folders(tmp_path / "found") == ["."]
-    work = work_on(OPENED, "starter").with_entries(best.entries)
+    work = with_entries(work_on(OPENED, "starter"), best.entries)
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
 
 
@@ -756,7 +766,7 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
     assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
     work = work_on(OPENED, "starter")
     for row in (rows[0], rows[5]):
-        taken = work.with_entries(found.points[row.point])
+        taken = with_entries(work, found.points[row.point])
         span = evaluate(taken.design, ["span_mm"])["span_mm"]
         assert float(row.cells[2]) == pytest.approx(span, rel=1e-5)  # shown with six digits
     for entry in entries_of(OPENED):

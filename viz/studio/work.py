@@ -10,7 +10,6 @@ from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.save import file_text, keeps_comments
 from coilarray.design.vary import vary_chosen
 from coilarray.errors import DesignError
-from coilarray.viz.studio.entries import number_of
 
 MOST_COILS = 64
 """Largest number of coils of a design in the studio."""
@@ -50,34 +49,26 @@ class Work:
         """True where the comments of its file stay when it is saved."""
         return keeps_comments(self.opened)
 
-    def with_entry(self, key: str, text: str) -> Work:
-        """Set the entry of a dotted key to a typed number in its unit.
+    def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the document with entries set as by `coilarray.design.vary.vary`; no board is made of it yet.
 
-        DesignError where the text is no number or no board is possible with it: one line, not naming the design.
+        DesignError where there is no such entry, or the coils would be too many: one line, not naming the design.
 
         Examples
         --------
         >>> from coilarray.design.model import load_design_file
         >>> work = work_on(load_design_file("gast2020"), "gast2020")
-        >>> work.with_entry("array.pitch_mm", "14").opened.values["array.pitch_mm"]
+        >>> work.with_document(work.document_with({"array.pitch_mm": 14})).opened.values["array.pitch_mm"]
         14.0
-        >>> work.with_entry("array.pitch_mm", "-1")
+        >>> work.with_document(work.document_with({"array.pitch_mm": -1}))
         Traceback (most recent call last):
         coilarray.errors.DesignError: array.pitch_mm must be greater than 0; got -1.
         """
-        return self.with_entries({key: number_of(key, text)})
-
-    def with_entries(self, changes: Mapping[str, Any]) -> Work:
-        """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
-        return self.with_document(self.document_with(changes))
-
-    def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the document with several entries set, which no board has been made of yet; errors likewise."""
         _require_few_coils(self.opened.values, changes)
         return vary_chosen(self.opened.document, changes)
 
     def with_document(self, document: Mapping[str, Any]) -> Work:
-        """Return it with another document; errors as in `with_entry`."""
+        """Return it with another document; DesignError, likewise, where no board is possible with it."""
         try:
             opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
