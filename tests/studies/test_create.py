@@ -300,3 +300,9 @@ def test_one_coil_has_no_pitch():
     refused(
         DesignError, "one coil has no neighbours: pitch and overlap are for several", new_design, "x", "1", pitch=1e-2
     )
+
+
+@pytest.mark.parametrize("layers", [6, 8])
+def test_the_vias_of_many_layers_have_room_between_the_leads(layers):
+    made = new_design("many", inductance=18e-6, layers=layers)
+    assert not [margin for margin in check_rules(made.design.array, made.design.rules) if not margin.kept]

@@ -175,8 +175,10 @@ class Plan:
             "racetrack": {"shape": "racetrack", "outer_width_mm": width, "outer_height_mm": height},
         }
         trace = self.winding.trace_width
-        # the outer vias of four layers lie between the leads, which part at 45 degrees
-        apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + trace + _PAD_STEP)
+        # the outer vias of four layers and more lie between the leads, which part at 45 degrees
+        outer, gap = max(self.winding_layers // 2 - 1, 1), self.winding.gap
+        places = outer + 1 if outer == 2 else outer  # two of them are beside the middle, where the leads are nearer
+        apart = max(_TERMINALS_APART, places * (self.via_pad + gap) + gap + trace + _PAD_STEP)
         apart = max(apart, 2 * trace) if self.winding_layers > 2 else apart
         shape = _ROUGHLY.get(self.shape, self.shape) if self.rough else self.shape
         terminal = max(_TERMINAL, self.rules.min_drill)
