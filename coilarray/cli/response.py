@@ -114,10 +114,16 @@ def response(
     outside = coils_outside(shown) if x is None and y is None else []
     if outside:
         lines.append(f"note: the design's positions do not include the centres of {', '.join(outside)}")
+    lifted = result.attrs.get("lifted_m")
+    if lifted:
+        weightless = opened.indentation is not None and not opened.indentation.unevenness.weight
+        held = "; without seat_weight_Pa only the indenter holds it down" * weightless
+        lines.append(f"note: the sample rises off its seat by up to {lifted * 1e3:.2g} mm{held}")
     data = {
         **shared.design_record(opened),
         "file": out and str(out),
         "error_of_peak": error,
+        "lifted_m": lifted,
         "response": table.records(),
     }
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])

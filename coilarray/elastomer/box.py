@@ -16,6 +16,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,7 @@ from coilarray.compute.threads import serial_algebra
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
+_DIGITS = 12  # of springs, in units of the stack: slabs whose springs differ by less are alike
 _COPIES = 3  # of a slab's matrix at a time, beside those of all widths
 
 _MIRRORED = np.array([1.0, -1.0, 1.0])[:, None, None, None]  # sign of u_x, u_y and u_z of a mirror image in y
@@ -174,36 +176,65 @@ def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatA
 
 
 @dataclass(frozen=True, eq=False)
-class _Factors:
-    """Cholesky factors of a box, slab after slab, or of its half below the middle of y.
+class _Slab:
+    """Cholesky factor of the displacements within a slab of elements, and what it makes of their links to its faces."""
 
-    `kept` are the numbers of the displacements in a plane across x, of shape (3, ny, nz), that are not held.
+    lower: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Factors:
+    """Cholesky factors of a box, or of its half below the middle of y: within its slabs, then of faces between them.
+
+    `kept` are the numbers of the displacements in a plane across x, of shape (3, ny, nz), that are not held. Slabs that
+    are alike are one; `faces` holds the factor of every face but the last with its link to the next one.
     """
 
     kept: IndexArray
-    slabs: tuple[tuple[FloatArray, FloatArray], ...]
+    slabs: tuple[_Slab, ...]
+    faces: tuple[tuple[FloatArray, FloatArray], ...]
     last: FloatArray
 
     def solve(self, loads: FloatArray, degree: int) -> FloatArray:
         """Displacements under loads, both of shape (nx, 3, ny, nz, cases)."""
         nx, cases, p = len(loads), loads.shape[-1], degree
         right = loads.reshape(nx, -1, cases)[:, self.kept]
-        parts = []
-        for k, (lower, coupling) in enumerate(self.slabs):
-            part = solve_triangular(
-                lower, right[k * p : (k + 1) * p].reshape(-1, cases), lower=True, check_finite=False
-            )
-            right[(k + 1) * p] -= coupling.T @ part
-            parts.append(part)
-        found = solve_triangular(self.last, right[-1], lower=True, check_finite=False)
-        found = solve_triangular(self.last, found, lower=True, trans=1, check_finite=False)
+        alike: dict[int, list[int]] = {}
+        for k, slab in enumerate(self.slabs):
+            alike.setdefault(id(slab), []).append(k)
+        groups = [(self.slabs[numbers[0]], numbers) for numbers in alike.values()]
+        n = len(self.kept)
+
+        def within(slab: _Slab, values: FloatArray, trans: Literal[0, 1]) -> FloatArray:
+            """Solve a triangle for values (slabs, inner, cases)."""
+            side_by_side = values.transpose(1, 0, 2).reshape(values.shape[1], -1)
+            found = solve_triangular(slab.lower, side_by_side, lower=True, trans=trans, check_finite=False)
+            return np.asarray(found.reshape(len(found), -1, cases).transpose(1, 0, 2))
+
+        inner = right[:-1].reshape(-1, p, n, cases)[:, 1:].reshape(-1, (p - 1) * n, cases)
+        for slab, numbers in groups:
+            inner[numbers] = part = within(slab, inner[numbers], 0)
+            first = np.array(numbers) * p
+            right[first] -= slab.before.T @ part
+            right[first + p] -= slab.after.T @ part
+        found = right[::p].copy()
+        for k, (lower, link) in enumerate(self.faces):
+            found[k] = solve_triangular(lower, found[k], lower=True, check_finite=False)
+            found[k + 1] -= link.T @ found[k]
+        found[-1] = solve_triangular(self.last, found[-1], lower=True, check_finite=False)
+        found[-1] = solve_triangular(self.last, found[-1], lower=True, trans=1, check_finite=False)
+        for k in reversed(range(len(self.faces))):
+            lower, link = self.faces[k]
+            found[k] = solve_triangular(lower, found[k] - link @ found[k + 1], lower=True, trans=1, check_finite=False)
         solution = np.zeros((nx, int(np.prod(loads.shape[1:-1])), cases))
-        solution[-1, self.kept] = found
-        for k in reversed(range(len(self.slabs))):
-            lower, coupling = self.slabs[k]
-            part = parts[k] - coupling @ solution[(k + 1) * p, self.kept]
-            part = solve_triangular(lower, part, lower=True, trans=1, check_finite=False)
-            solution[k * p : (k + 1) * p, self.kept] = part.reshape(p, -1, cases)
+        for slab, numbers in groups:
+            at = np.array(numbers)
+            part = inner[at] - slab.before @ found[at] - slab.after @ found[at + 1]
+            planes = (at[:, None] * p + np.arange(1, p)).ravel()
+            solution[np.ix_(planes, self.kept)] = within(slab, part, 1).reshape(-1, n, cases)
+        solution[::p, self.kept] = found
         return solution.reshape(loads.shape)
 
 
@@ -224,10 +255,15 @@ class Box:
         x, y, z = (len(axis.nodes) for axis in self.axes)
         return x, 3, y, z
 
+    @property
+    def mirrored(self) -> bool:
+        """Whether the box is its own mirror image in y."""
+        return len(self._parts) == 2
+
     def displacements(self, loads: FloatArray) -> FloatArray:
         """Displacements under nodal loads, both of shape (nx, 3, ny, nz, cases); zero where the box is held."""
         degree = self.axes[0].degree
-        if len(self._parts) == 1:
+        if not self.mirrored:
             return self._parts[0].solve(loads, degree)
         middle = loads.shape[2] // 2
         below, above = loads[:, :, : middle + 1] / 2, _MIRRORED * loads[:, :, : middle - 1 : -1] / 2
@@ -241,13 +277,13 @@ def require_box_memory(axes: tuple[Axis, Axis, Axis], parts: int) -> None:
     """Refuse a box whose factors, in one part or two halves, need too much memory, with MemoryLimitError."""
     x, y, z = axes
     plane = 3 * (len(y.nodes) // parts + 1) * len(z.nodes)
-    inner = x.degree * plane
+    inner = (x.degree - 1) * plane
     widths = np.diff(x.edges)
     shapes = len(np.unique(widths.round(9)))
-    kept = len(widths) * inner * (inner + plane) + plane**2
+    kept = len(widths) * (inner * (inner + 2 * plane) + 2 * plane**2)
     across, along = (float(np.ptp(axis.edges)) for axis in (y, x))
     require_memory(
-        8.0 * (parts * kept + (shapes + _COPIES) * (inner + plane) ** 2),
+        8.0 * (parts * kept + (shapes + _COPIES) * (inner + 2 * plane) ** 2),
         f"a sample of {along:.3g} by {across:.3g} of its thicknesses",
         "take smaller sample_x_mm and sample_y_mm, or leave them out for a wide sample",
     )
@@ -300,25 +336,43 @@ def factorised(
         plane_held = plane.copy()
         plane_held[zero, -1] = True
         kept = np.flatnonzero(~plane_held)
-        planes = (kept + size * np.arange(p + 1)[:, None]).ravel()
-        free = {same: matrix[np.ix_(planes, planes)] for same, matrix in slabs.items()}
-        parts.append(_factors(free, widths, kept, diagonal[:, kept], p))
+        parts.append(_factors(slabs, widths, kept, diagonal[:, kept], p, size))
     return Box(axes, tuple(parts))
 
 
 def _factors(
-    slabs: dict[float, FloatArray], widths: FloatArray, kept: IndexArray, diagonal: FloatArray, p: int
+    slabs: dict[float, FloatArray], widths: FloatArray, kept: IndexArray, diagonal: FloatArray, p: int, size: int
 ) -> _Factors:
-    """Factorise one slab after the other: their stiffness by width, without what is held, and springs by plane."""
-    found, n = [], p * len(kept)
-    carried = np.zeros((len(kept), len(kept)))
+    """Factorise the slabs, given their stiffness by width, and the faces between them, with springs (nx, kept)."""
+    n = len(kept)
+    inner, faces = (kept + size * np.arange(1, p)[:, None]).ravel(), (kept, kept + size * p)
+    known: dict[tuple[float, bytes], tuple[_Slab, tuple[FloatArray, ...]]] = {}
+    in_turn, found = [], []
+    own = np.diag(diagonal[0])
     for k, width in enumerate(widths.round(9).tolist()):
-        matrix = slabs[width].copy(order="F")
-        matrix[: len(kept), : len(kept)] += carried
-        matrix[range(n), range(n)] += diagonal[k * p : (k + 1) * p].ravel()
-        lower = cholesky(matrix[:n, :n], lower=True, overwrite_a=True, check_finite=False)
-        coupling = solve_triangular(lower, matrix[:n, n:], lower=True, check_finite=False)
-        carried = matrix[n:, n:] - coupling.T @ coupling
-        found.append((lower, coupling))
-    last = cholesky(carried + np.diag(diagonal[-1]), lower=True, check_finite=False)
-    return _Factors(kept, tuple(found), last)
+        springs = diagonal[k * p + 1 : (k + 1) * p].ravel()
+        key = width, springs.round(_DIGITS).tobytes()
+        if key not in known:
+            whole = slabs[width]
+            matrix = np.asfortranarray(whole[np.ix_(inner, inner)])
+            matrix[range(len(matrix)), range(len(matrix))] += springs
+            lower = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+            links = np.asfortranarray(whole[np.ix_(inner, np.concatenate(faces))])
+            links = solve_triangular(lower, links, lower=True, overwrite_b=True, check_finite=False)
+            taken = links.T @ links
+            before, across, after = (
+                whole[np.ix_(*pair)] - taken[rows, columns]
+                for pair, rows, columns in (
+                    ((faces[0], faces[0]), slice(n), slice(n)),
+                    ((faces[0], faces[1]), slice(n), slice(n, None)),
+                    ((faces[1], faces[1]), slice(n, None), slice(n, None)),
+                )
+            )
+            known[key] = _Slab(lower, links[:, :n], links[:, n:]), (before, across, after)
+        slab, (before, across, after) = known[key]
+        in_turn.append(slab)
+        lower = cholesky(own + before, lower=True, overwrite_a=True, check_finite=False)
+        link = solve_triangular(lower, across, lower=True, check_finite=False)
+        found.append((lower, link))
+        own = after - link.T @ link + np.diag(diagonal[(k + 1) * p])
+    return _Factors(kept, tuple(in_turn), tuple(found), cholesky(own, lower=True, check_finite=False))

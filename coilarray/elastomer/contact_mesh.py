@@ -38,7 +38,7 @@ class ContactMesh:
         Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite and at least 1.
     """
 
-    elements: int = 24
+    elements: int = 40
     growth: float = 1.3
     extent: float = 25.0
 

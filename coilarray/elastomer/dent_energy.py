@@ -18,6 +18,7 @@ from coilarray.electromagnetics.coil_spectrum import (
     Segments,
     segment_centres,
     segment_spectra,
+    turned_spectra,
 )
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError
@@ -90,8 +91,9 @@ def dent_energies(
     }
     for index, one in zip(moving, solved, strict=True):
         motions[dents[index].motion].append((index, one))
+    level_spectra = [segment_spectra(those, wavenumbers) for those in seen]
     spectra = {
-        slope: [segment_spectra(those, wavenumbers, slope) for those in seen]
+        slope: [turned_spectra(one, slope) for one in level_spectra]
         for slope in dict.fromkeys(one.slope for one in motions)
     }
     # coils of one kind have the same shape in all that is seen of them

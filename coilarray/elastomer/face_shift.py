@@ -35,6 +35,7 @@ from coilarray.geometry import Sheet
 _STEP = 1e-6  # of a difference in heights, over the shortest wavelength
 _SPACING = 0.5  # of the points of the integral, in heights of the lowest magnetic face
 _FADED = 2.5  # thicknesses of the stack beyond the sample where the wide one is still taken away
+_FAINT = 1e-4  # of its largest displacement, where the wide sample counts as still
 _PLACES = 64  # at a time, which bounds the memory
 
 
@@ -53,7 +54,7 @@ def shift_inductance(
     """
     count = len(as_conductors(source))
     pairs = np.triu_indices(count)
-    own, other = (np.eye(count, dtype=np.complex128)[numbers] for numbers in pairs)
+    own, other = (np.eye(count)[numbers] for numbers in pairs)
     change = shift_energy(source, sheets, correction, places, origin, mesh, own, other, backing)
     full = np.zeros((*change.shape[:2], count, count), dtype=np.complex128)
     full[..., pairs[0], pairs[1]] = full[..., pairs[1], pairs[0]] = change
@@ -67,8 +68,8 @@ def shift_energy(
     places: FloatArray,
     origin: tuple[float, float],
     mesh: LayerMesh,
-    own: ComplexArray,
-    other: ComplexArray,
+    own: FloatArray | ComplexArray,
+    other: FloatArray | ComplexArray,
     backing: Backing | None = None,
 ) -> ComplexArray:
     """iᵀ ΔL j in H for currents i and j in the coils, (n, coils) each, by the shifts of a finite sample.
@@ -121,14 +122,24 @@ def shift_energy(
         one, two = (np.tensordot(currents, H, axes=1) for currents in (own, other))
         density = along * (one[:, :2] * two[:, :2]).sum(axis=1) + across * one[:, 2] * two[:, 2]
         density *= wx[:, None] * wy
-        nodal = np.einsum("pab,ax,by->pxy", density[:, inside_x][:, :, inside_y], shapes_x, shapes_y, optimize=True)
-        change += np.einsum("dlxy,pxy->dlp", correction.moved[:, :, face], nodal, optimize=True)
-        lost = density[:, outside].T
+        within = np.ascontiguousarray(density[:, inside_x][:, :, inside_y])
+        nodal = shapes_x.T @ within @ shapes_y
+        change += correction.moved[:, :, face].reshape(depths, count, -1) @ nodal.reshape(len(own), -1).T
+        lost, end = density[:, outside].T, _moved_radius(correction, face)
         for start in range(0, count, _PLACES):
             some = slice(start, start + _PLACES)
             r = np.hypot(at_x - places[some, 0, None], at_y - places[some, 1, None])
-            change[:, some] -= np.moveaxis(correction.beyond(r, face), -1, 0) @ lost
+            wide, near = np.zeros((depths, *r.shape)), r < end
+            wide[:, near] = correction.beyond(r[near], face).T
+            change[:, some] -= wide @ lost
     return change
+
+
+def _moved_radius(correction: SampleCorrection, face: int) -> float:
+    """Radius in m beyond which the wide sample counts as still."""
+    r = correction.wide.x * correction.length
+    size = np.abs(correction.beyond(r, face)).max(axis=1)
+    return float(r[np.flatnonzero(size >= _FAINT * size.max())[-1]])
 
 
 def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:

@@ -58,6 +58,7 @@ from coilarray.errors import ElastomerError
 _MOST_WAVENUMBERS = 2000
 _FACE_NODES = 2  # of a Gauss–Legendre rule between the knots of a dented face
 _SAME = 1e-12  # m; places that are nearer are one
+_ROUNDING = 1e-6  # of an element: a whole number of them stays that number
 
 Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 """Energies of all harmonics as a `TensorGrid` parts them: without and with m²."""
@@ -464,10 +465,12 @@ def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> Mes
     """Rectangles in (r, Z): even over the dent and the moved heights, growing outside; from z = 0 where grounded."""
     heights, _ = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
-    half = float(dent.radius[max(1, np.flatnonzero(moved > moved.max() / 2)[-1])])
+    around = np.flatnonzero(moved > moved.max() / 2)[-1] + np.arange(2)  # between them: the mesh then moves smoothly
+    around = np.minimum(around, len(moved) - 1)
+    half = float(np.interp(-moved.max() / 2, -moved[around], dent.radius[around]))
     fine = mesh.width * min(half, dent.clearance)
     far = 2 * float(heights[-1])
-    core = np.arange(0.0, min(3 * half, dent.extent), fine)
+    core = fine * np.arange(np.ceil(min(3 * half, dent.extent) / fine - _ROUNDING))
     radii = np.concatenate((core, _growing(core[-1], dent.extent + far, fine, mesh.growth)[1:]))
     rows = np.unique(np.concatenate([np.linspace(*pair, mesh.rows + 1) for pair in pairwise(heights.tolist())]))
     first, last = (float(np.diff(rows)[k]) for k in (0, -1))

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import ranges, run_blocks
@@ -89,13 +90,8 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
     return np.repeat(centres, [coil.count for coil in coils], axis=0), radius
 
 
-def segment_spectra(
-    coils: Sequence[Segments], wavenumbers: FloatArray, slope: tuple[float, float] = (0.0, 0.0)
-) -> CoilSpectra:
-    """Compute the spectra of coils at z ≤ 0 at positive wavenumbers in 1/m, each distinct shape once.
-
-    Every coil is turned about its centre so that it falls by a small `slope` along x and y.
-    """
+def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
+    """Compute the spectra of coils at z ≤ 0 at positive wavenumbers in 1/m, each distinct shape once."""
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
@@ -110,15 +106,53 @@ def segment_spectra(
             known[key] = sum(one.count for one in shapes)
             shapes.append(shape)
         shape_of += range(known[key], known[key] + shape.count)
-    shapes = [replace(shape, start=_turned(shape.start, slope), stop=_turned(shape.stop, slope)) for shape in shapes]
     rows = [run_blocks(lambda k, shape=shape: _series(shape, k, radius), wavenumbers.tolist()) for shape in shapes]  # type: ignore[misc]
     series = tuple(tuple(one) for bundle in rows for one in zip(*bundle, strict=True))
     return CoilSpectra(wavenumbers, centres, radius, tuple(shape_of), series)
 
 
-def _turned(points: FloatArray, slope: tuple[float, float]) -> FloatArray:
-    """Turn points (n, 3) about the origin by a small angle."""
-    return np.column_stack((points[:, :2] + points[:, 2:] * np.array(slope), points[:, 2] - points[:, :2] @ slope))
+def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpectra:
+    """Turn every coil about its centre so that it falls by a small `slope` along x and y, to first order in the slope.
+
+    The wavenumbers must be those of `coilarray.electromagnetics.plane_waves.wave_rule`, between which a polynomial
+    gives the derivative by k. With n the direction α, n' that across it and the falls f = slope·n and f' = slope·n',
+    a wave of the turned coil is one of the flat coil with k (1 − i f) and α − i f'. Of harmonic functions k S takes
+    part in it:
+
+        S + δS,   δS = −i (f ∂(k S)/∂k + f' ∂S/∂α).
+    """
+    if slope == (0.0, 0.0):
+        return spectra
+    k = spectra.wavenumbers
+    derivative = _derivative(k)
+    fall = complex(*slope) / 2  # f = fall e^{−iα} + its conjugate, f' = −i fall e^{−iα} + its conjugate
+
+    def turned(series: Sequence[ComplexArray]) -> tuple[ComplexArray, ...]:
+        size = len(series[-1])  # the highest wavenumber has the most orders
+        flat = np.array([_padded(one, size) for one in series])
+        by_k = derivative @ (k[:, None] * flat)
+        by_angle = np.fft.fftfreq(size, 1 / size) * flat  # i times it is the derivative
+        lower, higher = fall * (by_k + by_angle), fall.conjugate() * (by_k - by_angle)
+        falling = flat - 1j * (np.roll(lower, -1, axis=1) + np.roll(higher, 1, axis=1))
+        halves = (len(one) // 2 for one in series)
+        return tuple(np.concatenate((row[:half], row[-half:])) for row, half in zip(falling, halves, strict=True))
+
+    return replace(spectra, series=tuple(map(turned, spectra.series)))
+
+
+def _derivative(nodes: FloatArray) -> FloatArray:
+    """Matrix (n, n) that takes values at Gauss–Legendre nodes of any interval from 0 to their derivatives.
+
+    By the barycentric formula: J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 501 (2004).
+    """
+    x, weights = leggauss(len(nodes))
+    weights = np.sqrt((1 - x**2) * weights) * (-1.0) ** np.arange(len(x))
+    distance = nodes[:, None] - nodes
+    np.fill_diagonal(distance, 1.0)
+    matrix = weights / weights[:, None] / distance
+    np.fill_diagonal(matrix, 0.0)
+    np.fill_diagonal(matrix, -matrix.sum(axis=1))
+    return np.asarray(matrix)
 
 
 def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highest: int) -> FloatArray:
@@ -230,7 +264,12 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
 
 def _on_angles(series: ComplexArray, n: int) -> ComplexArray:
     """Values of a Fourier series at n equal angles, n at least its length."""
+    return np.asarray(np.fft.ifft(_padded(series, n)) * n)
+
+
+def _padded(series: ComplexArray, n: int) -> ComplexArray:
+    """Fourier series with n orders, at least as many as it has; in numpy's order."""
     half = len(series) // 2
     padded = np.zeros(n, dtype=np.complex128)
     padded[:half], padded[-half:] = series[:half], series[-half:]
-    return np.asarray(np.fft.ifft(padded) * n)
+    return padded

@@ -150,7 +150,8 @@ def response_map(
         those of its own. With only near coils, ``delta`` is 0 for the
         states beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out.
         The attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
-        deviation of δ of a reading by the noise budget of the design, which is not in ``delta``.
+        deviation of δ of a reading by the noise budget of the design, which is not in ``delta``; ``lifted_m`` is the
+        farthest that a sample rises off a seat that it can leave.
 
     Raises
     ------
@@ -212,7 +213,7 @@ def response_map(
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
         changes: dict[str, Variable] = {}
-        left_out: dict[str, object] = {
+        attributes: dict[str, object] = {
             "error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils
         }  # fmt: skip
     else:
@@ -224,7 +225,7 @@ def response_map(
         change, _, capacitance_change = cases[0]
         flat = flat or flat_network()
         flats = [resonate(flat, state) for state in design.plan]
-        changes, left_out = {}, {"error_of_peak": 0.0}
+        changes, attributes = {}, {"error_of_peak": 0.0}
         changed = _at_any(change)
         if backings:
             over = ChangeOverFrequency(
@@ -232,7 +233,7 @@ def response_map(
             )
             changed, mean = over.at, _mean_frequency(flat, design.plan)
             change = over.at(mean).real
-            left_out |= {
+            attributes |= {
                 "plate_frequency_Hz": mean, "plate_lowest_Hz": over.band.low, "plate_highest_Hz": over.band.high
             }  # fmt: skip
             changes = _plate_variables(axes, over, mean)
@@ -242,7 +243,7 @@ def response_map(
             share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
             both = _through_circuit(flat, flats, _moved(changed, share), capacitance_change)
             changes |= metal_variables(axes, both - delta, share, frequency)
-            left_out |= metal_attributes(ball, frequency, rest)
+            attributes |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
         budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats])
@@ -256,13 +257,15 @@ def response_map(
                 {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
             ),
         }  # fmt: skip
+    if pressed.correction is not None and indentation_of(design).unevenness.lifts:
+        attributes["lifted_m"] = float(pressed.correction.lifted.max())
     drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")
     delta = delta + drift[..., None]
     if true.noise:
         delta = _noisy(delta, true)
     return response_dataset(
         design, axes, pressed.contact, delta, base, flat.inductance,
-        variables=changes | budget.variables(), attributes=left_out | {"noise": float(budget.independent.max())},
+        variables=changes | budget.variables(), attributes=attributes | {"noise": float(budget.independent.max())},
     )  # fmt: skip
 
 

@@ -25,7 +25,13 @@ from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import CoilSpectra, coil_segments, segment_centres, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import (
+    CoilSpectra,
+    coil_segments,
+    segment_centres,
+    segment_spectra,
+    turned_spectra,
+)
 from coilarray.geometry import Conductor
 from coilarray.response.setup import Experiment, Level
 
@@ -143,7 +149,7 @@ def _solve(
         if dent.shape not in shapes:
             shapes[dent.shape] = scatter(dent, wavenumbers, weights, mesh, deepest[worst])
     slopes = {dent.motion.slope for dent in dents} - {STILL.slope}
-    turned = {slope: segment_spectra(coils, wavenumbers, slope) for slope in slopes}
+    turned = {slope: turned_spectra(spectra, slope) for slope in slopes}
     cutoff = Cutoff(min(cutoff.states, extent), min(cutoff.coils, extent))
     scatterings = tuple(shapes[dent.shape] for dent in dents)
     return _Solved(scatterings, {STILL.slope: spectra, **turned}, clearance, cutoff, error)

@@ -32,9 +32,9 @@ _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _LEVEL = 1e-9  # relative difference of heights that counts as none
 # A finite sample's dent is that of a wide one at another depth, lifted and turned: the parts of the depth solved for
-# that, and the lift in m and the slope for which derivatives by them are taken.
-_DEPTH_PARTS = (1.0, 0.9, 0.8)
-_LIFT, _SLOPE = 1e-4, 1e-2
+# that (at 0 there is no dent), and the lift in m and the slope for which derivatives by them are taken.
+_DEPTH_PARTS = (1.0, 0.85)
+_LIFT, _SLOPE = 1e-5, 1e-3
 # Thicknesses at which a tilted sample is solved; between them a cubic (tests/response/test_response.py).
 _WEDGE_NODES = 4
 
@@ -238,17 +238,17 @@ def _finite(
     is that of the level one.
     """
     setup, sheets = indentation_of(wide.design), wide.design.sheets
-    parts = np.array(_DEPTH_PARTS)
+    parts = np.array([*_DEPTH_PARTS, 0.0])
     contact = wide.contact
     contacts = [contact, *(_at_depths(pressed, depths * part) for part in _DEPTH_PARTS[1:])]
     slope = np.zeros(len(depths))  # F'/F
     loaded = contact.force.values > 0
     force = np.array([one.force.values[loaded] for one in contacts])
-    slope[loaded] = _lagrange_slope(parts) @ force / force[0] / depths[loaded]
+    slope[loaded] = _lagrange_slope(parts)[:-1] @ force / force[0] / depths[loaded]
     given = places, contact.r.values, contact.pressure.values, slope
     correction = _kept_correction(_elastic(sheets), setup.base, sample, *(values.tobytes() for values in given))
     relative = 1 + correction.depth / np.where(depths > 0, depths, 1.0)[:, None]
-    shares = _lagrange(parts, relative.ravel()).reshape(*relative.shape, -1)
+    shares = _lagrange(parts, relative.ravel())[:, :-1].reshape(*relative.shape, -1)
     magnetic = dents_of(contact, sheets)
     rise, slopes = correction.at_indenter(places, magnetic[0].contrasts)
     tip = setup.indenter.radius if isinstance(setup.indenter, Hemisphere | Paraboloid) else 0.0

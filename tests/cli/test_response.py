@@ -150,6 +150,24 @@ def test_large_boards_count_the_coils_near_the_indenter(capsys, monkeypatch, sta
     assert written() == ["all.csv", "r.csv"]
 
 
+def test_how_far_a_sample_rises_off_its_seat_is_said(capsys):
+    seat = """base = "seat"
+seat_stiffness_kPa_per_mm = 4.3
+seat_lifts = true
+sample_x_mm = [-15, 15]
+sample_y_mm = [-15, 15]"""
+    text = read("starter").replace('strain = "finite"', 'strain = "linear"', 1).replace('base = "bonded"', seat, 1)
+    Path("light.toml").write_text(text, encoding="utf-8")
+    Path("heavy.toml").write_text(text.replace(seat, f"{seat}\nseat_weight_Pa = 1e5"), encoding="utf-8")
+    one = ("--x-mm", "4", "--y-mm", "0", "--depth-mm", "0.3", "--ideal", "--out", "r.nc")
+    out = good(capsys, "light.toml", *one)
+    assert "note: the sample rises off its seat by up to " in out
+    assert "mm; without seat_weight_Pa only the indenter holds it down" in out
+    assert answer(capsys, "light.toml", *one)["lifted_m"] > 1e-5
+    assert answer(capsys, "heavy.toml", *one)["lifted_m"] == 0.0
+    assert answer(capsys, *IDEAL, "--out", "wide.nc")["lifted_m"] is None
+
+
 # the first position lies half a millimetre west of the origin, so that a tilt lowers the sample there
 test_mistakes_are_one_line_and_leave_nothing = mistakes(
     runner("response", "starter", "--x-mm", "-0.5,5", *GRID[2:])[1],

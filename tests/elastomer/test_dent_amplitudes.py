@@ -14,7 +14,7 @@ from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_spectra, turned_spectra
 from coilarray.errors import CoilarrayError
 
 MESH = LayerMesh()
@@ -41,8 +41,8 @@ def test_coils_of_one_shape_share_a_spectrum():
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", [STILL, Motion(0.2e-3, (0.01, -0.02), 8e-3)])
 def test_energies_between_amplitudes_are_inductances(solved, motion):
-    scattering, _ = solved
-    spectra = segment_spectra(coil_segments([HEXAGON, OTHER]), scattering.wavenumbers, motion.slope)
+    scattering, level = solved
+    spectra = turned_spectra(level, motion.slope)
     places = np.array([[0, 0], [11e-3, 4e-3], [-6e-3, -12e-3]])  # of a hexagon; the other one beside it
     beside = places + np.array([3e-3, 9e-3])
     coils = [HEXAGON + np.append(place, 0) for place in places] + [OTHER + np.append(place, 0) for place in beside]

@@ -27,7 +27,7 @@ from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh, radial_pattern, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import coil_segments, harmonics_about, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import coil_segments, harmonics_about, segment_spectra, turned_spectra
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.flat_stack import flat_profile, reflection
 from coilarray.errors import ElastomerError
@@ -108,6 +108,29 @@ def test_spectrum_gives_the_field_of_biot_savart():
     for coil, H in zip(PAIR, H_z, strict=True):
         # 1e-9: wavenumbers to e^(−30), harmonics to J_40(k r) far beyond the turning point
         assert magnetic_field(coil, [point])[0, 2] / MU_0 == pytest.approx(H, rel=1e-9)
+
+
+def test_a_turned_spectrum_is_that_of_turned_segments():
+    k, _ = wavenumber_rule(5e-3, 40e-3, LayerMesh())
+    deep = [np.add(coil, [0, 0, -1e-3 * np.sign(coil[0, 0])]) - [0, 0, 1e-3] for coil in PAIR]
+    deep[0][2:5, 2] -= 0.8e-3  # a path that is not flat
+    flat = segment_spectra(coil_segments(deep), k)
+
+    def largest_error(size):
+        slope = np.array([0.8, -0.6]) * size
+        turned = []
+        for coil, centre in zip(deep, np.column_stack((flat.centres, [0, 0])), strict=True):
+            own = coil - centre
+            turned.append(np.column_stack((own[:, :2] + own[:, 2:] * slope, own[:, 2] - own[:, :2] @ slope)) + centre)
+        expected = harmonics_about(segment_spectra(coil_segments(turned), k), PLACES, 4)
+        found = harmonics_about(turned_spectra(flat, tuple(slope)), PLACES, 4)
+        still = harmonics_about(flat, PLACES, 4)
+        return np.array([np.abs(each - expected).max() / np.abs(still).max() for each in (found, still)])
+
+    errors = np.array([largest_error(size) for size in (2e-3, 1e-3)])
+    # to first order: half the slope leaves half of the change, but a quarter of the error
+    np.testing.assert_allclose(errors[0] / errors[1], [4, 2], rtol=0.05)
+    assert errors[0, 0] < 0.02 * errors[0, 1]
 
 
 def test_flat_sheet_in_the_spectrum_is_the_image_series():
