@@ -113,7 +113,7 @@ class Arc:
     bulge: float
 
     def shifted(self, count: int) -> Arc:
-        """Return the arc of the line with so many more vertices before it.
+        """Return the arc of the line with a `count` of more vertices before it.
 
         Returns
         -------

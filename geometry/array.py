@@ -91,7 +91,7 @@ class Placement:
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Points of the coil's frame, shape (n, 2) in m, in the frame of the board.
+        """Turn and shift `points` of the coil's frame, shape (n, 2) in m, to the frame of the board.
 
         Returns
         -------
@@ -345,7 +345,7 @@ class CoilArray:
         return x_min, y_min, x_max, y_max
 
     def nearest_coil(self, x: float, y: float) -> str:
-        """Return the name of the coil whose centre is nearest to a place in m, the first one of several.
+        """Return the name of the coil whose centre is nearest to (x, y) in m, the first one of several.
 
         Returns
         -------
@@ -362,7 +362,7 @@ class CoilArray:
         return self.nearest_coil(x, y)
 
     def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
-        """Return the same board with other coils.
+        """Return the same board with other coils, those of the `placements`.
 
         Returns
         -------

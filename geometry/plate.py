@@ -112,7 +112,7 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class Ring:
-    """An outline between two circles about one centre, by their radii in m."""
+    """An outline between two circles about one centre, of the larger `radius` and the smaller `inner_radius` in m."""
 
     radius: float
     inner_radius: float

@@ -127,7 +127,7 @@ class RoundedSpiral(Winding):
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Middle in m of the side of the outermost turn, shape (2,).
+        """Middle in m of the side number `step` of the outermost turn, shape (2,).
 
         Returns
         -------

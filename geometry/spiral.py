@@ -192,7 +192,7 @@ class Spiral(Winding):
         return self._corners(layer * self.steps + k, apothem)
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return no arc: all corners are sharp.
+        """Return no arc, whichever `layer`: all corners are sharp.
 
         Returns
         -------
@@ -212,7 +212,7 @@ class Spiral(Winding):
         return self._corners(np.arange(self.sides), np.full(self.sides, self.outer_apothem))
 
     def rim(self, step: int) -> FloatArray:
-        """Corner in m of the outermost turn, shape (2,).
+        """Corner number `step` in m of the outermost turn, shape (2,).
 
         Returns
         -------

@@ -108,6 +108,16 @@ def test_everything_public_says_what_it_returns_with_shape_and_unit(name):
         assert UNIT.search(text), text
 
 
+def test_everything_public_says_what_its_parameters_are():
+    unnamed = [
+        f"{name}({one})"
+        for name, parameters, text in name_pages.taking()
+        for one in parameters
+        if not re.search(rf"\b{one}\b", text)
+    ]
+    assert unnamed == []
+
+
 @pytest.mark.parametrize(
     ("text", "name"),
     [

@@ -51,8 +51,9 @@ class PortImpedance:
 class ActiveCoil(PortImpedance):
     """What one active coil sees with its passive neighbours; amounts per ampere of its current.
 
-    `currents` (coils,) are 1 for the active coil and 0 for open ones. `contributions` (coils,) are the parts of the
-    passive coils in Im Z/ω − L in H: Re(M_ak i_k), 0 for the active one.
+    `impedance` is what it sees in Ω at a `frequency` in Hz. `currents` (coils,) are 1 for the active coil and 0 for
+    open ones. `contributions` (coils,) are the parts of the passive coils in Im Z/ω − L in H: Re(M_ak i_k), 0 for the
+    active one.
     """
 
     currents: ComplexArray

@@ -77,12 +77,12 @@ class SampledMatrix:
 class Network:
     """Coils and switches, to be solved in any state at any frequency.
 
-    The inductance matrix (n, n) is in H; `resistance` takes frequencies in Hz and returns the resistance matrices (…,
-    n, n) in Ω, or one (n, n) for all; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n,
-    n) C_ij in F between two coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what
-    of the board's circuit is not in it. `dispersion` is the inductance at a frequency minus `inductance`, in H; None if
-    it is the same at all frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, are a
-    NetworkError.
+    `names` are those of the n coils. The inductance matrix (n, n) is in H; `resistance` takes frequencies in Hz and
+    returns the resistance matrices (…, n, n) in Ω, or one (n, n) for all; `winding_capacitance` (n,) lies across each
+    coil, in F; `mutual_capacitance` (n, n) C_ij in F between two coils, each at one potential, is symmetric, its
+    diagonal is not used. `left_out` says what of the board's circuit is not in it. `dispersion` is the inductance at a
+    frequency minus `inductance`, in H; None if it is the same at all frequencies. Shapes that do not fit, or a
+    capacitance that is negative or not finite, are a NetworkError.
 
     Notes
     -----

@@ -14,7 +14,11 @@ _SHOWN_FAULTS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """Files that were written, and up to three faults in their copper, read back; formats not read back have none."""
+    """What was written.
+
+    `files` are its paths; `net_faults` up to three faults in the copper of the files, read back. Formats that are not
+    read back have none.
+    """
 
     files: tuple[Path, ...]
     net_faults: tuple[str, ...]

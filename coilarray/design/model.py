@@ -469,7 +469,9 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
 
 
 def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
-    """Read a design with what only its file says: which keys are given, which values assumed. As `load_design`.
+    """Read a design with what only its file says: which keys are given, which values assumed.
+
+    `name_or_path` is that of `load_design`, with the same errors.
 
     Returns
     -------

@@ -123,7 +123,7 @@ class Readout:
             raise DesignError(f"rcount of a read-out must be 5 to 65535; got {self.rcount}.")
 
     def size(self, name: str) -> float:
-        """Return one of the sizes of `USUAL`: the given one, or the usual one.
+        """Return the size of a `name` of `USUAL`: the given one, or the usual one.
 
         Returns
         -------

@@ -97,7 +97,7 @@ class Dent:
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 
     def moved(self, motion: Motion) -> Dent:
-        """Return the dent in sheets that have moved with it.
+        """Return the dent in sheets that have moved with it by a `motion`.
 
         Returns
         -------

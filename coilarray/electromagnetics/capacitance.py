@@ -119,7 +119,9 @@ def coil_capacitance(
 
 
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
-    """Self-resonance 1/(2π √(LC)) in Hz of coils of L in H with a capacitance of their own in F; shapes that broadcast.
+    """Self-resonance 1/(2π √(LC)) in Hz of coils of an `inductance` in H and a `capacitance` of their own in F.
+
+    The shapes of the two must broadcast.
 
     Returns
     -------

@@ -175,7 +175,7 @@ class EllipseModel:
         raise LocalizeError(f"the model has no coil {name!r}; it has {', '.join(self.names)}.")
 
     def with_semiaxis_addition(self, addition: float = SEMIAXIS_ADDITION) -> EllipseModel:
-        """Return the model with a constant in m added to every A.
+        """Return the model with an `addition` in m to every A.
 
         Returns
         -------

@@ -127,7 +127,7 @@ class ForwardModel(ResponseSpline):
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Slopes of `delta` by the unknowns among x, y and depth in 1/m, shape (…, states, unknowns).
+        """Slopes of `delta` at `points` (…, 3) in m by the unknowns among x, y and depth.
 
         Returns
         -------

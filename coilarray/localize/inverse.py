@@ -109,7 +109,7 @@ class Mode:
         return tuple(value if value < UNKNOWN_DEVIATION else None for value in values)
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
-        """Test which points (…, 3) in m are in the ellipsoid around the mode that holds the truth with a probability.
+        """Test which points (…, 3) in m lie in the ellipsoid about the mode that holds the truth with `confidence`.
 
         True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
 

@@ -23,7 +23,9 @@ _COILS = ("coil1", "coil2", "coil3")
 
 
 def published_rows(name: str) -> list[dict[str, str]]:
-    """Read a table of the paper as printed: ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1``.
+    """Read the table of a `name` as the paper prints it.
+
+    It is ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1`` (ellipses).
 
     Returns
     -------

@@ -348,9 +348,10 @@ def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> Compl
 
 
 def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
-    """Polarisabilities α_l of a ball for l from 1 to `orders`, shape (f, orders); frequencies (f,) in Hz.
+    """Polarisabilities α_l of a ball of a `radius` a in m and a `material` for l from 1 to `orders`, shape (f, orders).
 
-    r_l comes down the continued fraction r_l = 2l + 1 + x²/r_(l+1), which no skin depth makes overflow.
+    The `frequencies` (f,) are in Hz. r_l comes down the continued fraction r_l = 2l + 1 + x²/r_(l+1), which no skin
+    depth makes overflow.
 
     Returns
     -------

@@ -49,6 +49,7 @@ _ROOMS = {"coilarray.viz": "Pictures", "coilarray.hardware": "Boards"}
 _BEYOND = "Beyond the top level"
 _RETURNED = "What functions return"
 _COMMAND = "command"
+_NO_PARAMETERS = "self", "cls", "args", "kwargs"  # the last two of a protocol, which nobody makes
 _BEYOND_ROW = re.compile(r"^\| `(coilarray\.[\w.]+)\.(\w+)`((?:, `\w+`)*) \|", re.MULTILINE)
 
 
@@ -102,6 +103,17 @@ def returning() -> Iterator[tuple[str, bool, str, str]]:
         annotation = str(inspect.signature(code).return_annotation)
         if annotation not in ("None", "NoReturn"):
             yield name, is_property, annotation, inspect.getdoc(code) or ""
+
+
+def taking() -> Iterator[tuple[str, list[str], str]]:
+    """Yield name, names of the parameters and docstring of all public functions, methods and classes."""
+    public = [*itertools.chain(*names().values())]
+    made = [(full, value, False) for full in public if inspect.isclass(value := _value(full))]
+    for name, code, is_property in (*made, *_code_of(public)):
+        if is_property or (inspect.isclass(code) and issubclass(code, BaseException)):
+            continue
+        parameters = [one for one in inspect.signature(code).parameters if one not in _NO_PARAMETERS and one[0] != "_"]
+        yield name, parameters, inspect.getdoc(code) or ""
 
 
 def _value(full: str) -> object:

@@ -79,7 +79,18 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
 
 
 def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, offset: int = 0) -> int:
-    """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`, with its parameters.
+    """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`.
+
+    Parameters
+    ----------
+    frequency : float
+        Sensor frequency in Hz.
+    reference : float
+        Reference frequency f_ref in Hz (clock by its divider).
+    divider : int
+        FIN_DIVIDER of the channel, 1 to 15.
+    offset : int
+        OFFSET register of the channel, 0 to 65535.
 
     Returns
     -------
@@ -243,9 +254,9 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 class StateTime:
     """Times of the steps of one state, in s.
 
-    The first three are the converter's own; `discarded` are the conversions that are thrown away, with their transfers;
-    `result` is the reading of the two data registers, `control` all other transfers: status, sleep and wake, drive
-    current, switches.
+    `wake`, `settle` and `conversion` are the converter's own; `discarded` are the conversions that are thrown away,
+    with their transfers; `result` is the reading of the two data registers, `control` all other transfers: status,
+    sleep and wake, drive current, switches.
     """
 
     wake: float

@@ -133,7 +133,7 @@ class Limit:
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Return the drive setting for a parallel resistance R_p of the tank at resonance in Ω.
+    """Return the drive setting for a `parallel_resistance` R_p of the tank at resonance in Ω.
 
     Returns
     -------

@@ -70,8 +70,8 @@ class Identity:
     """Identity of the board at a port.
 
     `kind` describes it: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator". Where it is `emulated`, every output for
-    people says so. Then the registers MANUFACTURER_ID and DEVICE_ID of the converter, and the number of the board's
-    session.
+    people says so. `manufacturer` and `device` are the registers MANUFACTURER_ID and DEVICE_ID of the converter, and
+    `boot` is the number of the board's session.
     """
 
     kind: str
@@ -110,7 +110,7 @@ class Reader(Protocol):
         """
 
     def peek(self, address: int) -> int:
-        """Read a register of the converter, which must not be scanning.
+        """Read the register at an `address` (0 to 127) of the converter, which must not be scanning.
 
         Returns
         -------

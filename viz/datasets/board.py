@@ -40,6 +40,8 @@ def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], laye
 def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:
     """Return the surface of all barrels, in mm, with the cell array ``"coil"`` as in `copper_mesh`.
 
+    `parts` and `names` are those of `copper_mesh`; the keys ``"barrel/..."`` are used.
+
     Returns
     -------
     pyvista.PolyData
@@ -56,7 +58,7 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
-    """Return the surface of the laminate in mm; empty if the stack-up has none.
+    """Return the surface of the laminate among the `parts` of a board, in mm; empty if the stack-up has none.
 
     Returns
     -------
@@ -69,7 +71,7 @@ def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
 
 
 def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
-    """Return current paths in mm as one polyline per conductor, with its index in the cell array ``"coil"``.
+    """Return the paths of `conductors` in mm as one polyline each, with its index in the cell array ``"coil"``.
 
     Returns
     -------

@@ -23,16 +23,32 @@ _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
 @dataclass(frozen=True)
 class Scale:
-    """Mapping from the values of an array of points or cells to colours; those beyond its ends have that of the end."""
+    """Mapping from the values of an array of points or cells to colours; those beyond its ends have that of the end.
 
-    array: str  # name
-    title: str  # of the colour bar, without the unit
-    unit: str  # SI without a prefix; empty for none
-    low: float  # at the ends of the colours
+    Parameters
+    ----------
+    array : str
+        Name of the array.
+    title, unit : str
+        Title of the colour bar, and the unit behind it: SI without a prefix, empty for none.
+    low, high : float
+        Values at the ends of the colours, in that unit.
+    colours : str
+        Name of a colour map of Matplotlib.
+    logarithmic : bool
+        Whether equal ratios are equal steps of colour.
+    missing : str
+        Colour of NaN.
+    """
+
+    array: str
+    title: str
+    unit: str
+    low: float
     high: float
-    colours: str = SEQUENTIAL  # name of a colour map of Matplotlib
-    logarithmic: bool = False  # equal ratios are equal steps of colour
-    missing: str = UNKNOWN  # for NaN
+    colours: str = SEQUENTIAL
+    logarithmic: bool = False
+    missing: str = UNKNOWN
 
     def colours_of(self, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Return red, green, blue of values, shape (n, 3).
@@ -157,7 +173,12 @@ class Scene:
         return Scene(self.parts + other.parts, self.texts + other.texts, notes, self.slider or other.slider)
 
     def still(self, step: int | None = None) -> Scene:
-        """Return what is shown at one position of the slider, by default its first one, without the slider.
+        """Return what is shown at one position of the slider, without the slider.
+
+        Parameters
+        ----------
+        step : int, optional
+            Number of the position from 0; the first one that the slider shows by default.
 
         Returns
         -------

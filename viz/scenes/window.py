@@ -59,7 +59,7 @@ def check_window() -> None:
 
 
 def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
-    """Open a window with the board and return when the user closes it; errors as in `show`."""
+    """Open a window with the board of an `array` and `sheets` on it, until the user closes it; errors as in `show`."""
     show(scene_of_lifted_board(array, sheets))
 
 

@@ -246,7 +246,7 @@ class Plan(Table):
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Read a calibration plan from a TOML file, or a bundled one by its name.
+    """Read a calibration plan: `name_or_path` is that of a TOML file, or the name of a bundled plan.
 
     GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
 
