@@ -19,8 +19,8 @@ from coilarray.studies.quantities.quantity import Option, quantity, read_positiv
 from coilarray.studies.quantities.responses import DEPTH
 
 # Against half the spacing and twice the depths the medians of σ_x are right to 1 % and those of σ_h to 3 %
-# (tests/studies/test_quantities.py), which is also how far they scatter from one contact mesh to the next.
-_STEPS = 5  # positions of the table in the thickness of all sheets
+# (tests/studies/test_quantities.py), and from one mesh to the next they scatter by less.
+_STEPS = 6  # positions of the table in the thickness of all sheets
 _DEPTHS = (0.85, 1.0, 1.15)  # of the table, in the depth that is asked for; δ = 0 at the depth 0 too
 _PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
 
