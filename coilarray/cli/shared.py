@@ -60,26 +60,21 @@ def file_option(
     return typer.Option(*names, help=text, callback=check)
 
 
-def number_option(names: Sequence[str], low: float, high: float, text: str) -> Any:
-    """Return an option for a number from `low` to `high`; another one, also NaN, is refused before any work."""
+def number_option(names: Sequence[str], low: float, high: float, text: str, *, above: bool = False) -> Any:
+    """Option for a number from `low`, or `above` it, to `high`; all else, also NaN, is refused before any work."""
+    allowed = f"above {low:.12g} and at most {high:.12g}" if above else f"{low:.12g} to {high:.12g}"
 
     def check(value: float | None) -> float | None:
-        if value is not None and not low <= value <= high:
-            raise CoilarrayError(f"{names[0]} must be {low:.12g} to {high:.12g}; got {value:.12g}.")
+        if value is not None and not (low <= value <= high and (value > low or not above)):
+            raise CoilarrayError(f"{names[0]} must be {allowed}; got {value:.12g}.")
         return value
 
     return typer.Option(*names, help=text, callback=check)
 
 
 def noise_option(text: str) -> Any:
-    """Return the option --noise for a standard deviation of δ; one that cannot be is refused before any work."""
-
-    def check(value: float | None) -> float | None:
-        if value is not None and not 0 < value <= 1:
-            raise CoilarrayError(f"--noise must be above 0 and at most 1; got {value:g}.")
-        return value
-
-    return typer.Option("--noise", help=text, callback=check)
+    """Return the option --noise for a standard deviation of δ."""
+    return number_option(("--noise",), 0.0, 1.0, text, above=True)
 
 
 def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:

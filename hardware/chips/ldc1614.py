@@ -81,16 +81,7 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
 def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, offset: int = 0) -> int:
     """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`.
 
-    Parameters
-    ----------
-    frequency : float
-        Sensor frequency in Hz.
-    reference : float
-        Reference frequency f_ref in Hz (clock by its divider).
-    divider : int
-        FIN_DIVIDER of the channel, 1 to 15.
-    offset : int
-        OFFSET register of the channel, 0 to 65535.
+    `reference`, `divider` and `offset` are those of `code_to_frequency`.
 
     Returns
     -------

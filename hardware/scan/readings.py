@@ -163,20 +163,10 @@ class StateReading:
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan, as `RawScan`, with the readings of its states in the order of the settings.
+    """One scan, with the readings of its `states` in the order of the settings.
 
-    Parameters
-    ----------
-    sequence : int
-        Number of the scan since the stream began; a gap means lost scans.
-    time, received : float
-        Start in s by the board's clock, and arrival in s since the epoch by the computer's.
-    boot : int
-        Number of the board's session.
-    states : tuple of StateReading
-        Readings of the states.
-    temperature : float, optional
-        Temperature of the board in °C, where it is known.
+    `sequence`, `time`, `received` and `boot` are those of its `RawScan`; `temperature` is that of the board in °C,
+    where it is known.
     """
 
     sequence: int

@@ -54,13 +54,9 @@ class Run:
         """Names of all quantities, those of the objectives first."""
         return tuple(dict.fromkeys(name for point in self.points for name in point.quantities))
 
-    @property
+    @cached_property
     def objectives(self) -> tuple[str, ...]:
         """Names of the scores: the quantity that each is at all points, or whose distance to a value it is."""
-        return self._scored
-
-    @cached_property
-    def _scored(self) -> tuple[str, ...]:
         return tuple(self._objective(k) for k in range(len(self.maximized)))
 
     def _objective(self, k: int) -> str:
@@ -77,8 +73,8 @@ class Run:
 
     def values(self, name: str) -> list[float]:
         """Return a score, a quantity, or an entry that is a number of every point; NaN where a point has none."""
-        if name in self._scored:
-            k = self._scored.index(name)
+        if name in self.objectives:
+            k = self.objectives.index(name)
             return [point.scores[k] for point in self.points]
         return [point.quantities.get(name, point.entries.get(name, float("nan"))) for point in self.points]
 
