@@ -21,6 +21,7 @@ from coilarray.circuit.network import (
     self_resonance_of,
     solve_state,
 )
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import kept_dataset
@@ -38,6 +39,7 @@ CLOSE_CHANNELS = 0.03
 # resonances without the tank beside plates are looked for among samples so far around the last guess, and how often
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`
+_TOWARDS = np.geomspace(0.02, 0.3, 14)  # distances from a self-resonance where a curve gets more points, of it
 _BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
 
 
@@ -252,6 +254,20 @@ def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
     own = float(scan.state_self_resonance.max())
     low, high = (share * middle for share in _SWEPT)
     return low, max(high, _BEYOND * own) if own < _SHOWN_BELOW * middle else high
+
+
+def sweep_frequencies(scan: xr.Dataset, points: int) -> FloatArray:
+    """Return frequencies in Hz for curves over the range of `sweep_range`, rising.
+
+    So many `points` evenly on a logarithmic scale, and some more towards the lowest and the highest self-resonance in
+    the range, where a curve bends most.
+    """
+    low, high = sweep_range(scan)
+    own = scan.state_self_resonance.values
+    within = own[(own > low) & (own < high)]
+    ends = within[[within.argmin(), within.argmax()]] if within.size else within
+    near = np.outer(ends, 1 - _TOWARDS).ravel()
+    return np.unique(np.concatenate((np.geomspace(low, high, points), near[near > low])))
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:

@@ -28,8 +28,8 @@ class DisplayUnit:
     (['58.0294', '−2.9825'], 'inductance (µH)')
     >>> display_unit("1").texts([-0.051326, 0.0012]), PER_MILLION.texts([7.9e-4])
     (['−0.05133', '0.00120'], ['790.00'])
-    >>> MM.of([0.0, 13.28e-3]).tolist(), MM.text(13.28e-3)
-    ([0.0, 13.28], '13.28 mm')
+    >>> MM.of([0.0, 13.28e-3]).tolist(), MM.text(-13.28e-3), PER_MILLION.text(3e-7)
+    ([0.0, 13.28], '−13.28 mm', '0.3·10⁻⁶')
     """
 
     symbol: str = ""
@@ -57,7 +57,8 @@ class DisplayUnit:
 
     def text(self, value: Any, digits: str = "") -> str:
         """Return a value in SI as a plain number with its unit; `digits` is a precision as in ``".3"``."""
-        return f"{float(value) * self.factor:{digits}g} {self.symbol}".rstrip()
+        between = "·" if self.symbol.startswith("10") else " "
+        return true_minus(f"{float(value) * self.factor:{digits}g}{between}{self.symbol}".rstrip())
 
 
 def number_text(number: float, digits: int, sign: str = "-") -> str:

@@ -45,6 +45,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import label
 
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.display_units import PER_MILLION
 from coilarray.errors import LocalizeError, require_positive
 from coilarray.response.schema import RESPONSE
 
@@ -373,18 +374,20 @@ def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
 
 def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
     """States whose curves close within the map; where they are required, all of them must."""
-    states: list[str] = []
+    peaks: dict[str, float] = {}  # within the map
     for state in delta.state.values.tolist():
         one = delta.sel(state=state)
-        at_edge = _peaks_at_edge(one)
-        if required and at_edge:
+        if not _peaks_at_edge(one):
+            peaks[state] = float(one.max())
+        elif required:
             raise LocalizeError(f"the curves of {state} do not close: its largest δ is at the edge of the map.")
-        if required or (not at_edge and float(one.max()) >= least):
-            states.append(state)
+    states = [state for state, peak in peaks.items() if required or peak >= least]
     if not states:
-        raise LocalizeError(
-            f"the map has no closed curves: no state has its largest δ within the map and above {least:.3g}."
-        )
+        need = f"the map has no closed curves of δ = {PER_MILLION.text(least, '.3')}, from which ellipses are fitted"
+        if not peaks:
+            raise LocalizeError(f"{need}: the largest δ of every state is at the edge of the map. Take a wider one.")
+        most = max(peaks, key=lambda state: peaks[state])
+        raise LocalizeError(f"{need}: {most} reaches {PER_MILLION.text(peaks[most], '.3')} at most. Press deeper.")
     return states
 
 

@@ -14,6 +14,7 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import writing
 from coilarray.compute.html import png_url
 from coilarray.design.model import Design
@@ -188,7 +189,10 @@ def position_pictures(design: Design, positions: MapPositions, published: Ellips
     coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
     place = positions.example()
-    at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm{positions.axis.removeprefix('x').removesuffix(' (mm)')}"
+    at = (
+        true_minus(f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g})")
+        + f" mm{positions.axis.removeprefix('x').removesuffix(' (mm)')}"
+    )
     parameters = viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published)
     parameters.set_ylabel(f"A, B, $x_0$: {positions.axis}")
     ellipses = viz.plot_ellipses(positions.ellipses(place), positions.found[place], place)

@@ -63,7 +63,9 @@ def summary_table(
         The response's `position_bounds`: of x the least, the most and the median of the map.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
-    columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
+    spread = any(most != "" for _, _, most, *_ in found)
+    least = Column("least", "" if spread else "value", "1")
+    columns = (Column("quantity"), least, Column("most", unit="1"), Column("unit"), Column("where"))
     units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
     rows = tuple((*values, "1" if unit == _PPM else unit, where) for *values, unit, where in found)
     return Table("summary", "Summary", columns, rows, units)
@@ -120,10 +122,10 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     sigma = bounds.sigma_x
     best, worst, median = (float(value) for value in (sigma.min(), sigma.max(), sigma.median()))
     everywhere = math.isfinite(worst)
-    scatter, drift = (max(bounds.attrs[name]) * 1e6 for name in ("noise", "common_noise"))
-    together = f", all drift together by {drift:.2g}·10⁻⁶" if drift else ""
+    scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
+    together = f", all drift together by {PER_MILLION.text(drift, '.2')}" if drift else ""
     yield (
-        f"σ of a located x, deepest, where each reading of δ scatters by {scatter:.2g}·10⁻⁶{together}",
+        f"σ of a located x, deepest, where each reading of δ scatters by {PER_MILLION.text(scatter, '.2')}{together}",
         best,
         worst if everywhere else "",
         "m",

@@ -16,7 +16,7 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
-from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_range
+from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.html import html_card, html_table
@@ -287,14 +287,16 @@ def write_report(
         save_netcdf(content, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     step()
-    return Report(folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0], broken)
+    return Report(
+        folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].telling(), broken
+    )
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
     """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
     try:
         scan = scan_design(design)
-        return scan, sweep_design(design, np.geomspace(*sweep_range(scan), _SWEEP_POINTS)), ""
+        return scan, sweep_design(design, sweep_frequencies(scan, _SWEEP_POINTS)), ""
     except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
         return None, None, str(error)
 

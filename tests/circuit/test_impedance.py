@@ -10,7 +10,14 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple, design_circuit, terminations_of
-from coilarray.circuit.impedance import close_channels, part_switches, scan_design, sweep_design, sweep_range
+from coilarray.circuit.impedance import (
+    close_channels,
+    part_switches,
+    scan_design,
+    sweep_design,
+    sweep_frequencies,
+    sweep_range,
+)
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
@@ -239,3 +246,18 @@ def test_a_sweep_reaches_beyond_a_self_resonance_that_is_near(own, highest):
     """Four times the resonance of 2 MHz, unless the self-resonance lies between that and ten times it."""
     scan = xr.Dataset({"frequency": ("state", [1e6, 4e6]), "state_self_resonance": ("state", [2e6, own])})
     assert sweep_range(scan) == pytest.approx((0.2e6, highest), rel=1e-12)
+
+
+def test_a_sweep_has_more_frequencies_towards_self_resonances():
+    """Straight lines between the points of L/(1 − (f/f_0)²) are within 2 % of it, down to 2 % of f_0 from its pole."""
+    own = np.array([5e6, 7e6, 90e6])  # the last beyond the range
+    scan = xr.Dataset({"frequency": ("state", [2e6] * 3), "state_self_resonance": ("state", own)})
+    f, even = sweep_frequencies(scan, 60), np.geomspace(*sweep_range(scan), 60)
+    assert np.isin(even, f).all()
+    assert (np.diff(f) > 0).all()
+    below = f[(f > 0.5 * own[0]) & (f <= 0.98 * own[0])]
+    curve, middle = 1 / (1 - (below / own[0]) ** 2), (below[1:] + below[:-1]) / 2
+    line = (curve[1:] + curve[:-1]) / 2
+    assert (line * (1 - (middle / own[0]) ** 2)).max() < 1.02
+    scan["state_self_resonance"] = ("state", [np.inf] * 3)
+    np.testing.assert_array_equal(sweep_frequencies(scan, 60), np.geomspace(0.2e6, 8e6, 60))

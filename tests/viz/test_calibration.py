@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from support.plot_results import calibration, curves
 
 from coilarray import viz
+from coilarray.viz.plots import calibration as drawing
 
 
 @pytest.mark.slow
@@ -37,6 +39,18 @@ def test_a_response_is_drawn_along_x_and_by_position():
     whole = of.isel(datum=np.flatnonzero(of.state == "coil1"))
     np.testing.assert_allclose(right.collections[0].get_array(), whole.residual.values)
     figure.draw_without_rendering()
+
+
+@pytest.mark.slow
+def test_of_many_states_those_with_the_largest_values_are_drawn(monkeypatch):
+    data = calibration("response")
+    assert viz.calibration_figure(data).get_suptitle() == ""
+    monkeypatch.setattr(drawing, "_MOST_STATES", 1)
+    larger = data.assign(measured=data.measured * xr.where(data.state == "coil2", 10.0, 1.0))
+    for dataset, drawn in ((data, "coil1"), (larger, "coil2")):
+        figure = viz.calibration_figure(dataset)
+        assert figure.get_suptitle() == "The 1 of 2 states with the largest values"
+        assert [ax.get_title(loc="left").split(",")[0] for ax in figure.axes[:1]] == [drawn]
 
 
 def test_the_posterior_is_the_draws_of_one_combination():

@@ -137,7 +137,7 @@ def test_bounds_are_shown_in_millimetres_and_infinite_ones_grey():
     assert np.ma.getmaskarray(shown).any()  # y = 0, where the board is symmetric
     np.testing.assert_allclose(shown.compressed(), found.sigma_h.values[np.isfinite(found.sigma_h)] * 1e3)
     assert ax.child_axes[0].get_ylabel() == "σ of depth (mm)"
-    assert ax.get_title(loc="left") == "Least standard deviation of depth, 1 mm deep, noise 1e-05 in δ"
+    assert ax.get_title(loc="left") == "Least standard deviation of depth, 1 mm deep, noise 10·10⁻⁶ in δ"
     with pytest.raises(ValueError, match="quantity must be one of sigma_x, sigma_y, sigma_h; got 'condition'"):
         viz.plot_identifiability(found, "condition")
     with pytest.raises(ValueError, match="one finite value"):
@@ -154,7 +154,10 @@ def test_bounds_of_a_square_board_stand_side_by_side_and_no_title_is_cut():
     figure = viz.identifiability_figure(
         xr.Dataset(dict.fromkeys(("sigma_x", "sigma_y", "sigma_h"), sigma), attrs=attributes)
     )
-    assert figure.get_suptitle() == "Least standard deviation, 0.6 mm deep, noise 3e-07 to 4e-07 in δ, 4.6e-06 common"
+    assert (
+        figure.get_suptitle()
+        == "Least standard deviation, 0.6 mm deep, noise 0.3·10⁻⁶ to 0.4·10⁻⁶ in δ, 4.6·10⁻⁶ common"
+    )
     figure.draw_without_rendering()
     maps = [ax for ax in figure.axes if ax.get_xlabel() == "x (mm)"]
     assert [ax.get_title(loc="left") for ax in maps] == ["of x", "of y", "of depth"]

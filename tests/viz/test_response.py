@@ -97,7 +97,7 @@ def test_profiles_of_all_states_or_all_depths_along_x_or_y():
     for name, line in curves(states).items():
         np.testing.assert_allclose(line.get_xdata(), data.x * 1e3)
         np.testing.assert_allclose(line.get_ydata() * 1e-6, row.sel(state=name).isel(depth=1), rtol=1e-12)
-    assert states.get_title(loc="left") == "Response at y = -2 mm, 1 mm deep"
+    assert states.get_title(loc="left") == "Response at y = −2 mm, 1 mm deep"
     depths = plot_response_profile(data, "coil2", None)
     assert list(curves(depths)) == ["0.5 mm", "1 mm"]
     np.testing.assert_allclose(
@@ -219,7 +219,7 @@ def test_a_single_line_is_drawn_as_profiles():
         (ax,) = response_figure(data.isel({name: [k] for name, k in fixed.items()})).axes
         np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data[along] * 1e3)
         np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, state=0, **fixed))
-    assert ax.get_title(loc="left") == "Response at x = -12 mm, 1 mm deep"
+    assert ax.get_title(loc="left") == "Response at x = −12 mm, 1 mm deep"
     (ax,) = response_figure(data.isel(x=[4], y=[1])).axes
     assert curves(ax)["coil1"].get_marker() == "o"  # a line of one point would not be seen
     (ax,) = response_figure(crowd(17).isel(y=[0])).axes

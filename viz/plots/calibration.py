@@ -29,7 +29,8 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     Parameters
     ----------
     calibration : xarray.Dataset
-        Dataset of `coilarray.studies.calibrate.calibrate`.
+        Dataset of `coilarray.studies.calibrate.calibrate`. Of more than six states those with the largest measured
+        values are drawn, which the title says.
     combination : int
         Place of the combination of choices; the most probable one by default.
 
@@ -39,8 +40,13 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
         The figure, which its method `savefig` writes to a file.
     """
     of = calibration.isel(combination=combination)
-    states = list(dict.fromkeys(of.state.values.tolist()))[:_MOST_STATES]
+    every = list(dict.fromkeys(of.state.values.tolist()))
+    measured = np.abs(of.measured.values)
+    by_size = sorted(every, key=lambda state: measured[of.state.values == state].max(), reverse=True)
+    states = [state for state in every if state in by_size[:_MOST_STATES]]
     figure = Figure(figsize=(12.5, 3.4 * len(states)))
+    if len(states) < len(every):
+        style.main_title(figure, f"The {len(states)} of {len(every)} states with the largest values")
     axes = figure.subplots(len(states), 2, squeeze=False)
     plot = _fitted_ellipses if calibration.attrs["kind"] == "ellipses" else _fitted_response
     for state, (left, right) in zip(states, axes, strict=True):

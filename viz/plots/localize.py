@@ -14,7 +14,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
 
-from coilarray.compute.display_units import MILLI_DELTA, MM, true_minus
+from coilarray.compute.display_units import MILLI_DELTA, MM, PER_MILLION, true_minus
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
 from coilarray.viz.datasets.overlays import of_state
@@ -420,9 +420,10 @@ def plot_identifiability(
 def _conditions(bounds: xr.Dataset) -> str:
     """Say at which depth and with which noise the bounds hold."""
     least, most = np.min(bounds.attrs["noise"]), np.max(bounds.attrs["noise"])
-    noise = f"noise {least:.2g} in δ" if least == most else f"noise {least:.2g} to {most:.2g} in δ"
+    shown = " to ".join(PER_MILLION.text(value, ".2") for value in np.unique([least, most]))
     common = np.max(bounds.attrs.get("common_noise", 0.0))
-    return f"{MM.text(bounds.attrs['depth'])} deep, {noise}" + (f", {common:.2g} common" if common else "")
+    beside = f", {PER_MILLION.text(common, '.2')} common" if common else ""
+    return f"{MM.text(bounds.attrs['depth'])} deep, noise {shown} in δ{beside}"
 
 
 @style.styled

@@ -80,7 +80,7 @@ def body_rows(design: Design) -> list[dict[str, str]]:
         {
             "key": str(number),
             "text": f"plate {plate.name}: {'infinite plate of ' if isinstance(plate, Plate) else ''}"
-            f"{plate.material.words}, {MM.text(plate.thickness)}, z = {true_minus(MM.text(plate.heights[0], '.4'))}",
+            f"{plate.material.words}, {MM.text(plate.thickness)}, z = {MM.text(plate.heights[0], '.4')}",
         }
         for number, plate in enumerate(design.plates)
     ]
