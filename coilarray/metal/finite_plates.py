@@ -158,7 +158,7 @@ def moving_plate(
         posed = PosedPlate(body, plate, where[group], impedances)
         matrices, b = around.matrices(posed), around.linked(posed)
         if still is not None:
-            cross = np.concatenate([around.mutual(one, posed) for one in fixed], axis=1)
+            cross, b = np.concatenate([around.mutual(one, posed) for one in fixed], axis=1), b.copy()
             for k, factors in enumerate(still.factors):
                 answer = lu_solve(factors, cross[k], check_finite=False)
                 matrices[k] = matrices[k] - cross[k].T @ answer
