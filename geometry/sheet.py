@@ -53,6 +53,11 @@ class Sheet:
         if not 0 <= self.poissons_ratio <= 0.5:
             raise GeometryError(f"Poisson's ratio of sheet {self.name!r} must be 0 to 0.5; got {self.poissons_ratio}.")
 
+    @property
+    def magnetic(self) -> bool:
+        """Whether the sheet changes a magnetic field."""
+        return self.relative_permeability > 1
+
 
 @dataclass(frozen=True)
 class Seat:

@@ -117,7 +117,7 @@ def _tell_work(design: Design, *given: Sequence[float] | None) -> None:
     own = (target.distances, target.x, target.y)
     counts = [len(axis if one is None else one) for one, axis in zip(given, own, strict=True)]
     if math.prod(counts) > _MANY:
-        magnetic = any(sheet.relative_permeability > 1 for sheet in design.sheets)
+        magnetic = any(sheet.magnetic for sheet in design.sheets)
         how_long = "take minutes over magnetic sheets" if magnetic else "take a while"
         typer.echo(
             f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} positions {how_long}; give fewer with "

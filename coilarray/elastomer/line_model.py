@@ -69,7 +69,7 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
     logs = np.empty((cells.shape[1],) * 2)
     pair_logs(np.ascontiguousarray(cells.T), cells, 0.0, 0.0, logs)
     alone = -MU_0 / (2 * np.pi) * float(wires.senses @ logs @ wires.senses)
-    magnetic = next((k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1), None)
+    magnetic = next((k for k, sheet in enumerate(sheets) if sheet.magnetic), None)
     if magnetic is None:
         return alone
     clearance = sum(sheet.thickness for sheet in sheets[:magnetic]) - float(wires.z.max())

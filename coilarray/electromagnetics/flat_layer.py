@@ -75,7 +75,7 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
     >>> magnetic_slab([Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7)])
     Slab(lower=0.006, thickness=0.002, relative_permeability=2.7)
     """
-    magnetic = [k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1]
+    magnetic = [k for k, sheet in enumerate(sheets) if sheet.magnetic]
     if not magnetic:
         return None
     first, last = magnetic[0], magnetic[-1]

@@ -20,7 +20,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.geometry import Conductor
 from coilarray.geometry.plate import FinitePlate
-from coilarray.metal.field_at_plate import ALONE, field_at
+from coilarray.metal.field_at_plate import ALONE, field_of_images
 from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
 from coilarray.metal.layered_air import ITSELF, Image, LayeredAir
 from coilarray.metal.surface_impedance import SurfaceImpedance
@@ -139,7 +139,12 @@ class PlatesInAir:
         fluxes = linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights[used])
         b = np.zeros((len(weights), *shape[1:]))
         b[used] = np.concatenate(fluxes, axis=1)
-        return np.asarray(b[number[:frequencies]] + 1j * b[number[frequencies:]])
+        real, imaginary = np.split(number, 2)
+        alike = not (np.ptp(real) or np.ptp(imaginary))  # at all frequencies, as behind sheets
+        found = np.empty((1 if alike else frequencies, *shape[1:]), dtype=np.complex128)
+        for k, total in enumerate(found):
+            total.real, total.imag = b[real[k]], b[imaginary[k]]
+        return np.broadcast_to(found, shape)
 
     def images_of_coils(self, plate: PosedPlate) -> list[Image]:
         """Images of the coils that a plate sees, with themselves where nothing lies between."""
@@ -217,15 +222,16 @@ def fields_on(
     """Yield B in T along a plate's own axes at the points of its body, by images of 1 A in each of the paths.
 
     Shape (sums · places · paths, points, 3), for as many of the centres `where` (places, 3) in m at once as memory
-    allows; `weights` (sums, images) are those of `field_at`.
+    allows; `weights` (sums, images) are those of `FieldOfImages`.
     """
     offsets = body.points @ plate.axes
+    field = field_of_images(paths, where, offsets, images, weights)
     for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // (len(offsets) * len(weights)), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
-        B = field_at(paths, points, images, weights).reshape(-1, 3) @ plate.axes.T
-        B = B.reshape(len(weights), len(paths), stop - start, len(offsets), 3)
+        B = field.at(points).reshape(stop - start, len(offsets), len(weights), len(paths), 3)
         # every component of a point at all places side by side, as they are summed over the points
-        yield np.ascontiguousarray(B.transpose(4, 3, 0, 2, 1)).reshape(3, len(offsets), -1).T
+        along = np.ascontiguousarray(B.transpose(4, 1, 2, 0, 3)).reshape(3, len(offsets), -1)
+        yield (along if plate.tilt == 0 else np.tensordot(plate.axes, along, axes=1)).T
 
 
 def both_parities(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:

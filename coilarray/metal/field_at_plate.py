@@ -7,12 +7,14 @@ the fifth order, as far from the copper as it is smooth.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
@@ -23,56 +25,85 @@ ALONE = np.ones((1, 1))
 _STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field
 _MARGIN = 4  # steps around the places
 _AT_ONCE = 16384  # places of the splines a task
+_IMAGES_AT_ONCE = 2**17  # places in all images together
 _SAME_HEIGHT = 1e-9  # of the height
 
 
-def field_at(
-    paths: Sequence[Conductor], points: FloatArray, images: Sequence[Image] = (ITSELF,), weights: FloatArray = ALONE
-) -> FloatArray:
-    """B in T of 1 A in each path's images at points (n, 3) in m, (sums, paths, n, 3).
+@dataclass(frozen=True, eq=False)
+class FieldOfImages:
+    """B of 1 A in each path's images, which lie beyond the copper and are summed with `weights` (sums, images).
 
-    The images lie beyond the copper from there, and are summed with `weights` (sums, images).
+    At heights of many places it comes from `splines`, by their height in units of `unit` in m.
     """
+
+    paths: Sequence[Conductor]
+    images: Sequence[Image]
+    weights: FloatArray
+    unit: float
+    splines: Mapping[int, NdBSpline]
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Return B in T at points (n, 3) in m, (n, sums, paths, 3)."""
+        levels = _levels(points[:, 2], self.unit)
+        total = np.zeros((len(points), len(self.weights), len(self.paths), 3))
+        direct = np.ones(len(points), dtype=bool)
+        for level, spline in self.splines.items():
+            here = np.flatnonzero(levels == level)
+            if not len(here):
+                continue
+            direct[here] = False
+            pieces = [points[here[start:stop], :2] for start, stop in ranges(len(here), _AT_ONCE)]
+            total[here] = np.concatenate(run_blocks(spline, pieces)).reshape(len(here), *total.shape[1:])
+        if direct.any():
+            total[direct] = _summed(self.paths, points[direct], self.images, self.weights)
+        return total
+
+
+def field_of_images(
+    paths: Sequence[Conductor],
+    places: FloatArray,
+    offsets: FloatArray,
+    images: Sequence[Image] = (ITSELF,),
+    weights: FloatArray = ALONE,
+) -> FieldOfImages:
+    """Prepare the field at points with `offsets` (k, 3) in m from all of the `places` (n, 3)."""
     corners = np.concatenate([path.vertices for path in paths])
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
-    levels = np.round(points[:, 2] / (_SAME_HEIGHT * np.abs(points[:, 2]).max())).astype(np.int64)
-    _, first, level = np.unique(levels, return_index=True, return_inverse=True)
-    total = np.zeros((len(weights), len(paths), *points.shape))
-    x0, y0 = points[:, :2].min(axis=0)
-    x1, y1 = points[:, :2].max(axis=0)
-    direct = np.zeros(len(points), dtype=bool)
-    for number, place in enumerate(points[first]):
-        here = np.flatnonzero(level == number)
+    heights = (places[:, None, 2] + offsets[:, 2]).ravel()
+    unit = _SAME_HEIGHT * float(np.abs(heights).max())
+    levels, first, counts = np.unique(_levels(heights, unit), return_index=True, return_counts=True)
+    low = places[:, :2].min(axis=0) + offsets[:, :2].min(axis=0)
+    high = places[:, :2].max(axis=0) + offsets[:, :2].max(axis=0)
+    splines = {}
+    for k in np.flatnonzero(counts > 2 * (2 * _MARGIN) ** 2):  # the smallest grid
+        place = np.array([0.0, 0.0, heights[first[k]]])
         seen = [float(image.back.of(place)[2]) for image in images]
         step = _STEP * min(max(z - top, bottom - z) for z in seen)
-        if ((x1 - x0) / step + 2 * _MARGIN) * ((y1 - y0) / step + 2 * _MARGIN) > 0.5 * len(here):
-            direct[here] = True
+        if np.prod((high - low) / step + 2 * _MARGIN) > 0.5 * counts[k]:
             continue
-        x, y = (low + step * np.arange(-_MARGIN, math.ceil((high - low) / step) + _MARGIN + 1)
-                for low, high in ((x0, x1), (y0, y1)))  # fmt: skip
+        x, y = (start + step * np.arange(-_MARGIN, math.ceil((end - start) / step) + _MARGIN + 1)
+                for start, end in zip(low.tolist(), high.tolist(), strict=True))  # fmt: skip
         grid = np.stack(np.meshgrid(x, y, place[2:], indexing="ij"), axis=-1).reshape(-1, 3)
-        values = np.moveaxis(_summed(paths, grid, images, weights), 2, 0).reshape(len(x), len(y), -1)
+        values = _summed(paths, grid, images, weights).reshape(len(x), len(y), -1)
         along = make_interp_spline(x, values, k=5)
         both = make_interp_spline(y, along.c.swapaxes(0, 1), k=5)
-        spline = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
-        pieces = [here[start:stop] for start, stop in ranges(len(here), _AT_ONCE)]
+        splines[int(levels[k])] = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
+    return FieldOfImages(paths, images, weights, unit, splines)
 
-        def at(some: IntArray, spline: NdBSpline = spline) -> FloatArray:
-            return np.asarray(spline(points[some, :2]))
 
-        found = np.concatenate(run_blocks(at, pieces)).reshape(len(here), len(weights), len(paths), 3)
-        total[:, :, here] = np.moveaxis(found, 0, 2)
-    if direct.any():
-        total[:, :, direct] = _summed(paths, points[direct], images, weights)
-    return total
+def _levels(heights: FloatArray, unit: float) -> npt.NDArray[np.int64]:
+    return np.round(heights / unit).astype(np.int64)
 
 
 def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Image], weights: FloatArray) -> FloatArray:
-    """B (sums, paths, n, 3) in T by sums over the segments."""
-    total = np.zeros((len(weights), len(paths), *points.shape))
-    for image, shares in zip(images, weights.T, strict=True):
-        # where the image sends its field is where the path sends it, mirrored; B is an axial vector
-        seen, turned = image.back.of(points), [image.sign, image.sign, 1.0]
+    """B (n, sums, paths, 3) in T by sums over the segments."""
+    total = np.zeros((len(points), len(weights), len(paths), 3))
+    # B is an axial vector
+    turned = np.array([[image.sign, image.sign, 1.0] for image in images])[:, None]
+    for start, stop in ranges(len(points), max(_IMAGES_AT_ONCE // len(images), 1)):
+        # where the image sends its field is where the path sends it, mirrored
+        seen = np.stack([image.back.of(points[start:stop]) for image in images])
         for number, path in enumerate(paths):
-            total[:, number] += shares[:, None, None] * (magnetic_field(path, seen) * turned)
+            B = np.tensordot(weights, magnetic_field(path, seen) * turned, axes=1)
+            total[start:stop, :, number] = B.swapaxes(0, 1)
     return total

@@ -158,7 +158,7 @@ def moving_plate(
         posed = PosedPlate(body, plate, where[group], impedances)
         matrices, b = around.matrices(posed), around.linked(posed)
         if still is not None:
-            cross = np.concatenate([around.mutual(one, posed) for one in fixed], axis=1)
+            cross, b = np.concatenate([around.mutual(one, posed) for one in fixed], axis=1), b.copy()
             for k, factors in enumerate(still.factors):
                 answer = lu_solve(factors, cross[k], check_finite=False)
                 matrices[k] = matrices[k] - cross[k].T @ answer
@@ -396,10 +396,6 @@ def _meshed(
     return EddyBody(plate_mesh(plate.outline, plate.thickness, fineness, Footprint(area, nearest, radius)))
 
 
-def _magnetic(sheets: Sequence[Sheet]) -> list[Sheet]:
-    return [sheet for sheet in sheets if sheet.relative_permeability > 1]
-
-
 def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
     """Return the magnetic plate with an outline, None without; refuse one beside others with an outline, or thin."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
@@ -425,7 +421,7 @@ def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray,
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
-    if _magnetic(sheets):
+    if any(sheet.magnetic for sheet in sheets):
         top = max(top, math.fsum(sheet.thickness for sheet in sheets))
     inside = (low <= top) & (high >= bottom)
     if inside.any():

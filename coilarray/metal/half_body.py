@@ -189,16 +189,17 @@ class EddyBody:
     def linked(self, B: FloatArray) -> list[FloatArray]:
         """Fluxes b for fields B (fields, points, 3) in T at `points`; those of even and odd currents, (u, fields)."""
         n = self.fluxes[0].shape[1]
-        upper, lower = B[:, :n], B[:, n : 2 * n] * -MIRROR  # B is an axial vector
         starts = np.cumsum([2 * n, *(len(weights) for _, weights in self.mesh.caps)])
         through = [
             2 * B[:, start : start + len(weights), 2] @ weights
             for start, (_, weights) in zip(starts, self.mesh.caps, strict=False)
         ]
+        upper = sum(N @ B[:, :n, axis].T for axis, N in enumerate(self.fluxes))
+        # B is an axial vector
+        lower = sum((-MIRROR[axis] * N) @ B[:, n : 2 * n, axis].T for axis, N in enumerate(self.fluxes))
         made = []
         for parity in self.parities:
-            field = upper + parity.sign * lower
-            b = parity.unknowns.T @ sum(N @ field[..., axis].T for axis, N in enumerate(self.fluxes))
+            b = parity.unknowns.T @ (upper + parity.sign * lower)
             if parity.sign > 0 and through:
                 b[-len(through) :] += through
             made.append(np.asarray(b))

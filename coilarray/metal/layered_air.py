@@ -54,7 +54,7 @@ def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple
     bodies += [
         (low, high, Layer(sheet.thickness, sheet.relative_permeability), f"sheet {sheet.name!r}")
         for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
-        if sheet.relative_permeability != 1
+        if sheet.magnetic
     ]
     bodies.sort(key=lambda body: body[0])
     for (low, high, _, one), (start, _, _, other) in itertools.pairwise(bodies):

@@ -121,7 +121,8 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
         return
     sigma = bounds.sigma_x
     best, worst, median = (float(value) for value in (sigma.min(), sigma.max(), sigma.median()))
-    everywhere = math.isfinite(worst)
+    width = float(np.ptp(bounds.x.values))
+    everywhere = worst < width
     scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
     together = f", all drift together by {PER_MILLION.text(drift, '.2')}" if drift else ""
     yield (
@@ -131,7 +132,7 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
         "m",
         f"at {_place(sigma, best)}; {'at' if everywhere else 'x cannot be determined at'} {_place(sigma, worst)}",
     )
-    if median < float(np.ptp(bounds.x.values)):
+    if median < width:
         yield ("the same, median of the map", median, "", "m", "")
     else:
         yield ("the same, median of the map", "", "", "m", "half of the map does not tell x")

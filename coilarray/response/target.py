@@ -250,7 +250,7 @@ def _changes(
                 found[k] = part.inductance.values - 1j * part.loss.values
     missing = [k for k in range(len(keys)) if k not in found]
     # a plate with an outline between layers is solved at every distance anew; else what costs most serves all
-    magnetic = any(sheet.relative_permeability > 1 for sheet in design.sheets)
+    magnetic = any(sheet.magnetic for sheet in design.sheets)
     apart = isinstance(target.body, FinitePlate) and (magnetic or bool(design.plates))
     blocks = [[k] for k in missing] if apart or not missing else [missing]
     for done, block in enumerate(blocks):

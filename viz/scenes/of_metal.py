@@ -148,7 +148,7 @@ def steps_of(design: Design, distance: float | None = None) -> list[float]:
     """
     target = target_of(design)
     given, wanted = target.distances, [] if distance is None else [distance]
-    layers = any(sheet.relative_permeability > 1 for sheet in design.sheets) or bool(design.plates)
+    layers = any(sheet.magnetic for sheet in design.sheets) or bool(design.plates)
     slow = isinstance(target.body, FinitePlate) and layers
     between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS and not slow else []
     near = {one for one in between if min(abs(one / other - 1) for other in (*given, *wanted)) < _NEAR}

@@ -69,7 +69,7 @@ def error_names(design: Design) -> tuple[str, ...]:
     names += [f"copper.{layer}" for layer in layers]
     if design.indentation is not None:
         names += ["placement_x", "placement_y"]
-    if any(sheet.relative_permeability > 1 for sheet in design.sheets):
+    if any(sheet.magnetic for sheet in design.sheets):
         names.append("permeability")
     names += [*(f"elastomer.{sheet.name}" for sheet in design.sheets), "capacitance"]
     names += [f"{kind}.{plate.name}" for kind in ("plate_distance", "plate_thickness") for plate in design.plates]
@@ -147,7 +147,7 @@ def _scaled(value: float, errors: Mapping[str, float], name: str) -> float:
 
 
 def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
-    magnetic = sheet.relative_permeability > 1
+    magnetic = sheet.magnetic
     return replace(
         sheet,
         thickness=sheet.thickness + errors.get(f"elastomer.{sheet.name}", 0.0),
