@@ -31,8 +31,8 @@ target_figure(response)
 plot_target(response, "delta")
 
 # %%
-# A small change of the distance is seen as long as it changes δ by more than the noise. "At least" says that this holds
-# at the largest distance that was computed, and perhaps further:
+# A small change of the distance is resolved as long as it changes δ by more than the noise. "At least" says that this
+# holds at the largest distance that was computed, and perhaps further:
 
 for step, resolved, beyond in zip(
     response.step.values,
