@@ -11,7 +11,7 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.maps import is_recording, read_ellipses, read_map, recorded_map
 from coilarray.cli.replacing import remember, require_own
-from coilarray.errors import DesignError, GoalError, LocalizeError
+from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,15 +88,7 @@ def calibrate(
         shared.open_pool(workers, cluster) as pool,
         shared.progress_bar("calibration") as show,
     ):
-        try:
-            found = fit_to(opened, measured, chosen, keep=kept.folder, pool=pool, progress=counting(show))
-        except (DesignError, GoalError, LocalizeError) as error:
-            if data != _PAPER or plan is not None or unknown:
-                raise
-            raise GoalError(
-                f"the design {opened.design.name} is not the board of `published`, whose data or plan do not fit it "
-                f"({str(error).rstrip('.')}): give DATA of its own, and --plan or --unknown."
-            ) from None
+        found = fit_to(opened, measured, chosen, keep=kept.folder, pool=pool, progress=counting(show))
     result = found.dataset
     tables, notes = report.calibration_tables(result), report.calibration_notes(result)
     written = [] if out is None else _write(found, out, data)
@@ -133,11 +125,9 @@ def _plan(plan: str | None, unknown: list[str] | None, data: str) -> Plan:
     return load_plan("table_a1" if plan is None else plan)
 
 
-def _measured(data: str, calibration: Path | None) -> xr.Dataset | EllipseModel:
+def _measured(data: str, calibration: Path | None) -> xr.Dataset | EllipseModel | None:
     if data == _PAPER:
-        from coilarray.localize.published import published_model
-
-        return published_model()
+        return None
     if is_recording(data):
         return recorded_map(Path(data), calibration)[0]
     return read_ellipses(Path(data)) if data.lower().endswith(".json") else read_map(Path(data))

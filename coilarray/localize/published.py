@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.design.model import Design
+from coilarray.errors import GoalError, listed
 from coilarray.localize.ellipse import PARAMETERS, closes
 from coilarray.localize.ellipse_model import CoilEllipses, EllipseModel
 
@@ -20,6 +22,7 @@ _FLOOR = -2e-4  # of δ on `published_map`: well below the lowest level
 _HALVINGS = 50  # of a range of 2e-3 in δ: to 2e-18
 _ANGLES = 721  # points on an ellipse, half a degree apart
 _COILS = ("coil1", "coil2", "coil3")
+_SAME = 1e-3  # m: a coil so near to where Table A1 has it is that of the paper; the pitch is 13.3 mm
 
 
 def published_rows(name: str) -> list[dict[str, str]]:
@@ -69,6 +72,34 @@ def published_model() -> EllipseModel:
         x0, A, B = (table[key, name] for key in PARAMETERS)
         coils.append(CoilEllipses(name, x0, A, B, 0.0, min(_vanishes(A), _vanishes(B)), CENTRE_DELTA))
     return EllipseModel(tuple(coils))
+
+
+def require_published_board(design: Design) -> None:
+    """Refuse a design whose coils are not those of Table A1, by their names and by where they lie in its map.
+
+    GoalError for a coil that is missing, or more than 1 mm from the published centre of its ellipses near its peak.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> require_published_board(load_design("gast2020"))
+    """
+    said = f"the design {design.name} is not the board of `published` (Table A1 of the paper): "
+    advice = "; give DATA of its own, and --plan or --unknown."
+    names, setup = design.array.names, design.indentation
+    missing = [name for name in _COILS if name not in names]
+    if missing:
+        raise GoalError(f"{said}it has no {listed(missing)}{advice}")
+    if setup is None:
+        raise GoalError(f"{said}it has no [indentation]{advice}")
+    for coil in published_model().coils:
+        x = float(coil.curves(CENTRE_DELTA)[0])
+        at = design.array.centres[names.index(coil.name)][:2] - setup.origin_point
+        if np.hypot(at[0] - x, at[1]) > _SAME:
+            raise GoalError(
+                f"{said}{coil.name} must be within {_SAME * 1e3:g} mm of x = {x * 1e3:.1f} mm, y = 0 from the origin "
+                f"of the map; it is at {at[0] * 1e3:.4g} and {at[1] * 1e3:.4g} mm{advice}"
+            )
 
 
 def undetermined_levels(

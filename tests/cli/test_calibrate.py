@@ -97,8 +97,8 @@ def test_as_json(capsys, quick):
     (("gast2020", "--calibration", "board.toml"), "--calibration is for a recording; published is not one"),
     (("gast2020", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),
     (("gast2020", "--plot", "fit.gif"), "--plot must end in .png, .svg or .pdf"),
-    (("gast_fem",), "the design gast_fem is not the board of `published`"),
-    (("gast_fem", "--unknown", f"{GAP}=0.05:0.1"), "the scan of gast_fem has no state 'coil2'"),
+    (("gast_fem",), "not the board of `published` (Table A1 of the paper): it has no coil2, coil3;"),
+    (("starter", "--unknown", "array.pitch_mm=9:11"), "coil1 must be within 1 mm of x = -13.4 mm, y = 0"),
 ])  # fmt: skip
 def test_mistakes(capsys, quick, arguments, message):
     save_dataset(published_map(), Path("map.nc"))

@@ -20,7 +20,7 @@ from coilarray.design.vary import no_longer_assumed, plain, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
 from coilarray.localize.ellipse_model import EllipseModel
-from coilarray.localize.published import published_model
+from coilarray.localize.published import published_model, require_published_board
 from coilarray.response.setup import Imperfections
 from coilarray.studies.calibrate.data import Measurement, measurement
 from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
@@ -134,8 +134,8 @@ def calibrate(
     Raises
     ------
     GoalError
-        A plan that does not fit the design or the data; fewer numbers than unknowns; or no combination that has a fit,
-        with the reason of the first.
+        A plan that does not fit the design or the data; no data for a board other than that of the paper; fewer numbers
+        than unknowns; or no combination that has a fit, with the reason of the first.
     LocalizeError, ElastomerError
         Data that are no response; a design without an indentation.
     ClusterError, OutputError
@@ -158,7 +158,10 @@ def calibrate(
     """
     file = as_file(design)
     plan = unknowns if isinstance(unknowns, Plan) else simple_plan(unknowns or {})
-    measured = measurement(published_model() if data is None else data, plan.data, file.design)
+    if data is None:
+        require_published_board(file.design)
+        data = published_model()
+    measured = measurement(data, plan.data, file.design)
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
     fitted = [one for one in cases if isinstance(one, Case)]
     problems = [_problem(case, measured) for case in fitted]

@@ -26,7 +26,8 @@ DRAWS = 1000
 """Draws from the posterior of every combination of choices."""
 
 _FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
-_WEAKEST = 0.15  # of the largest share in a direction: what counts less is not said
+_WEAKEST = 0.15  # of the largest share in a direction: what counts less is not said,
+_FELT = 0.3  # unless it alone changes the data by so much of their noise
 _INTERVAL = (0.025, 0.975)
 
 
@@ -151,7 +152,8 @@ def _undetermined(row: Solution) -> list[str]:
         if square >= 1:
             continue
         direction = either * np.sign(either[int(np.argmax(np.abs(either)))])
-        order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) >= _WEAKEST * np.abs(direction).max()]
+        size, felt = np.abs(direction), np.abs(direction) * np.linalg.norm(rows, axis=0)
+        order = [k for k in np.argsort(-size) if size[k] >= _WEAKEST * size.max() or felt[k] >= _FELT]
         parts = [
             f"{row.case.names[k]} by {direction[k] * prior[k]:+.3g} {_unit(row.case.names[k])}".rstrip() for k in order
         ]
