@@ -78,7 +78,7 @@ plot_response(plane, "coil2")
 # The curves of equal δ look like ellipses, and the paper finds positions where the ellipses of two coils meet
 # (``coilarray fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of places
 # and depths, and searches for the place whose δ agree with a reading. Here the reading is computed too, for (5, 3) mm
-# and a depth of 0.7 mm. The coils stand in a row, so that no reading can tell y from −y, and there are two answers.
+# and a depth of 0.7 mm. The coils are in a row, which cannot distinguish y from −y, so that there are two answers.
 
 table = ca.response_map(
     design,

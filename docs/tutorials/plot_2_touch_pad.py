@@ -22,7 +22,7 @@ print(f"{coil['turns_per_layer']} turns on each of {coil['winding_layers']} laye
 plot_board(design.array)
 
 # %%
-# Number of turns, trace and layers were found such that an LDC1614 can drive the coils; the pitch leaves room for the
+# Number of turns, trace and layers were found so that an LDC1614 can drive the coils; the pitch leaves room for the
 # terminals. What had to be assumed is marked, with the reason:
 
 for key, reason in made.assumed.items():

@@ -47,7 +47,7 @@ for step, resolved, beyond in zip(
 # Aluminium or steel
 # ------------------
 #
-# Steel is magnetic, and conducts less: its losses tell it from aluminium.
+# Steel is magnetic, and conducts less: its larger losses distinguish it from aluminium.
 
 for material in ("aluminium", "steel"):
     other = ca.vary(ca.load_design_file("proximity"), {"target.material": material})
