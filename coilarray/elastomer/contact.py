@@ -64,8 +64,8 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
         force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
     except LinAlgError as error:  # what moves the sheets as a whole drowns what dents them
         raise ElastomerError(
-            f"the contact at a depth of {depth:.3g} thicknesses does not converge: the seat or the lowest sheets are too "
-            "soft to hold the others."
+            f"the contact at a depth of {depth:.3g} thicknesses does not converge: the seat or the lowest sheets are "
+            "too soft to hold the others."
         ) from error
     except RuntimeError as error:
         raise ElastomerError(

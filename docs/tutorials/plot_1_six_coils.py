@@ -16,8 +16,8 @@ from coilarray.viz import plot_copper, plot_coupling, plot_response, plot_respon
 # A design
 # --------
 #
-# A design is a value: coils and their places, sheets, what presses on them, the circuit. It can be read from a file, as
-# here, or made in Python.
+# A design has the coils and their places, the sheets, what presses on them, and the circuit. It can be read from a
+# file, as here, or made in Python. It is never changed in place.
 
 design = ca.load_design("gast2020")
 print(design.title)
@@ -37,8 +37,8 @@ coupling = ca.couple_design(design)
 plot_coupling(coupling)
 
 # %%
-# The converter drives a coil with a capacitor beside it and measures at which frequency both oscillate. It knows that
-# capacitor only, and takes the inductance that belongs to it: the effective inductance. It differs from the inductance
+# The converter drives a coil with a capacitor in parallel and measures the frequency f at which both oscillate. From f
+# and the capacitance C of that capacitor follows the effective inductance, 1/((2πf)²C). It differs from the inductance
 # of the coil by itself:
 
 alone, seen = coupling.open_inductance[2], coupling.effective_inductance[2]
@@ -46,7 +46,7 @@ print(f"coil3 alone {float(alone) * 1e6:.2f} µH, in its circuit {float(seen) * 
 print(f"it oscillates at {float(coupling.frequency[2]) / 1e6:.3f} MHz")
 
 # %%
-# Two effects are in it. The capacitance of the winding adds to the capacitor, so that the coil seems larger; that of
+# It has two causes. The capacitance of the winding adds to the capacitor, so that the coil seems larger; that of
 # the switches would too, but this design takes it as zero. And while one coil is measured, all others are grounded:
 # currents flow in them, which make it seem smaller. The ideal circuit has neither capacitance of windings nor losses,
 # and shows what the neighbours do by themselves:
@@ -65,7 +65,7 @@ response = ca.response_map(design, x=x, y=[0.0])
 plot_response_profile(response)
 
 # %%
-# Every coil answers within about its own width: by 1.1 parts in a thousand, or by 1.5 if it lies on the upper layers,
+# Every coil responds within about its own width: by 1.1 parts in a thousand, or by 1.5 if it lies on the upper layers,
 # which are nearer to the sheet. Over the plane:
 
 plane = ca.response_map(design, x=np.linspace(-26e-3, 26e-3, 27), y=np.linspace(-12e-3, 12e-3, 13))
@@ -77,8 +77,8 @@ plot_response(plane, "coil2")
 #
 # The curves of equal δ look like ellipses, and the paper finds positions where the ellipses of two coils meet
 # (``coilarray fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of places
-# and depths, and looks for the place whose δ are those of a reading. Here the reading is computed too, for (5, 3) mm
-# and a depth of 0.7 mm. The coils stand in a row, so that no reading can tell y from −y, and there are two answers.
+# and depths, and searches for the place whose δ agree with a reading. Here the reading is computed too, for (5, 3) mm
+# and a depth of 0.7 mm. The coils are in a row, which cannot distinguish y from −y, so that there are two answers.
 
 table = ca.response_map(
     design,
@@ -93,4 +93,4 @@ for mode in ca.locate(model, reading, noise=1e-6).modes:
     print(f"x {mode.x * 1e3:.2f} mm, y {mode.y * 1e3:.2f} mm, depth {mode.depth * 1e3:.3f} mm")
 
 # %%
-# What the grounded neighbours do to the centres of the ellipses is a story of its own: :doc:`/paper`.
+# What the grounded neighbours do to the centres of the ellipses has a page of its own: :doc:`/paper`.

@@ -22,7 +22,7 @@ print(f"{coil['turns_per_layer']} turns on each of {coil['winding_layers']} laye
 plot_board(design.array)
 
 # %%
-# Number of turns, trace and layers were found such that an LDC1614 can drive the coils; the pitch leaves room for the
+# Number of turns, trace and layers were found so that an LDC1614 can drive the coils; the pitch leaves room for the
 # terminals. What had to be assumed is marked, with the reason:
 
 for key, reason in made.assumed.items():
@@ -33,8 +33,8 @@ for key, reason in made.assumed.items():
 # ---------------
 #
 # Every width, gap and hole is compared with the limits of the board house (``coilarray check pad.toml``). The picture
-# has a row for each layer: circles mark the places, with their numbers in the table of ``check``, the worst first, and
-# the worst of the layer is enlarged.
+# has a row for each layer. Circles mark the places, numbered as in the table of ``check``, the worst first; the worst
+# of each layer is enlarged.
 
 margins = ca.check_rules(design.array, design.rules)
 worst = min((one for one in margins if one.unit == "m"), key=lambda one: one.margin)

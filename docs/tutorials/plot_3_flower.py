@@ -25,8 +25,8 @@ print(f"{layers} layers for each coil, {len(array.stackup.names)} copper layers 
 plot_board(array)
 
 # %%
-# Coils that overlap must not share a copper layer. Any three neighbours overlap each other, so that it takes three
-# times the layers of one coil. Some neighbours are further apart in height than others: one pitch cannot make all of
+# Coils that overlap must not share a copper layer. Any three neighbours overlap each other, so the board needs three
+# times the layers of one coil. Some neighbours are further apart in height than others, so one pitch cannot make all of
 # their couplings zero at once.
 
 coupling = ca.couple_design(made.design)

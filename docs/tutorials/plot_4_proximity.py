@@ -31,8 +31,8 @@ target_figure(response)
 plot_target(response, "delta")
 
 # %%
-# A small change of the distance is seen as long as it changes δ by more than the noise. "At least" says that this holds
-# at the largest distance that was computed, and perhaps further:
+# A small change of the distance is resolved as long as it changes δ by more than the noise. "At least" says that this
+# holds at the largest distance that was computed, and perhaps further:
 
 for step, resolved, beyond in zip(
     response.step.values,
@@ -47,7 +47,7 @@ for step, resolved, beyond in zip(
 # Aluminium or steel
 # ------------------
 #
-# Steel is magnetic, and conducts less: its losses tell it from aluminium.
+# Steel is magnetic, and conducts less: its larger losses distinguish it from aluminium.
 
 for material in ("aluminium", "steel"):
     other = ca.vary(ca.load_design_file("proximity"), {"target.material": material})

@@ -25,10 +25,10 @@ ca.save_design(strip, folder / "strip.toml")
 # What is to be improved
 # ----------------------
 #
-# The readings of the coils scatter and drift: their noise budget says by how much. ``position_error_mm`` is the least
-# standard deviation of x that any method can reach with such readings (the Cramér–Rao bound), and its median over a
-# region. The region here is the strip itself, 32 mm long, beside the middle line, on which coils in a row say nothing
-# about y.
+# The readings of the coils scatter and drift: their noise budget says by how much. The least standard deviation of x
+# that any unbiased method can reach with such readings is the Cramér–Rao bound; ``position_error_mm`` is its median
+# over a region. The region here is the strip itself, 32 mm long, beside the middle line, on which coils in a row say
+# nothing about y.
 
 error = "position_error_mm[region_mm=-16:16:1:3]"
 
@@ -47,9 +47,9 @@ plot_sweep_lines(around, error)
 # ---------------
 #
 # A goal is a file: what may change and in which range, what is to become small, and what must be kept. ``coilarray
-# optimize strip.toml position_error --template goal.toml`` writes one for the design at hand, with comments. Here are
-# two variables, few trials, and the condition that the board house can still make the board: no margin to its limits
-# is negative, but for rounding.
+# optimize strip.toml position_error --template goal.toml`` writes one for the design at hand, with comments. This one
+# has two variables, few trials, and the condition that the board house can still make the board: no margin to its
+# limits is negative, except for rounding.
 
 goal = f"""
 schema = 1
@@ -82,13 +82,13 @@ accuracy = "screen"
 
 # %%
 # ``coilarray optimize strip.toml goal.toml --out better``. The given design is tried first, so that the result is
-# never worse, and a search that is interrupted goes on where it was.
+# never worse, and the same command resumes a search that was interrupted.
 
 found = folder / "better"
 main(["optimize", str(folder / "strip.toml"), str(folder / "goal.toml"), "--workers", "1", "--out", str(found)])
 
 # %%
-# The folder has a report, the best design, and all trials, which are a dot each:
+# The folder has a report, the best design, and a table of all trials. Each dot is a trial:
 
 with (found / "trials.csv").open(encoding="utf-8") as file:
     trials = list(csv.DictReader(file))
@@ -100,7 +100,7 @@ ax.set(xlabel="pitch (mm)", ylabel="standard deviation of x (mm)")
 figure.colorbar(dots, label="thickness of the lower sheet (mm)")
 
 # %%
-# Where coils overlap more, more of them answer to one touch, and their differences say where it is. The lower sheet,
+# Where coils overlap more, more of them respond to one touch, and their differences say where it is. The lower sheet,
 # between board and magnetic sheet, has a best thickness: a thin one makes a narrow dent, which few coils see, and a
 # thick one lifts the magnetic sheet away from the coils.
 

@@ -31,6 +31,7 @@ plot_shares(spread)
 
 # %%
 # The drawn boards themselves, beside the normal distribution that the slopes predict. ``worst_k`` is the largest
-# coupling of all pairs: errors that lower one pair leave it to another, so that most boards lie above the prediction.
+# coupling of all pairs: where an error lowers the coupling of one pair, another pair has the largest, so that most
+# boards lie above the prediction.
 
 plot_boards(spread, str(spread.output.values[0]))

@@ -2,8 +2,8 @@
 Fitting a design to a measurement
 =================================
 
-What a data sheet does not say, a measurement can: here the permeability of the magnetic sheet and its distance. The
-measurement is made by the model itself, with other values and with noise, so that the answer is known.
+What a data sheet does not say, a measurement can: here the permeability of the magnetic sheet and its distance from the
+coils. The measurement is simulated with other values and with noise, so that the answer is known.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ measured["delta"] = measured.delta + noise * generator.standard_normal(measured.
 # -------
 #
 # Unknowns are entries of the design between bounds (``coilarray calibrate DESIGN DATA --unknown KEY=LOW:HIGH``). The
-# result should be 2.2 and 2.8 mm, within about two of the standard deviations behind the sign ±:
+# result should be 2.2 and 2.8 mm, within about two of the standard deviations given after ±:
 
 found = ca.calibrate(
     design, measured, {"elastomer.1.relative_permeability": (1.5, 4.0), "elastomer.0.thickness_mm": (2.0, 4.0)}
@@ -38,7 +38,7 @@ for (name, value), error in zip(found.values.items(), errors, strict=True):
     print(f"{name}: {value:.3f} ± {error:.3f}")
 
 # %%
-# Each dot is a pair of values that the measurement allows; the histograms show one value at a time. More of one and
-# less of the other give similar readings, so that the dots form a tilted cloud.
+# Each dot is a pair of values that the measurement allows; the histograms show one value at a time. A change of one
+# value can be compensated by the other with similar readings, so that the dots form a tilted cloud.
 
 posterior_figure(found.dataset)

@@ -2,8 +2,8 @@
 An emulated board, from wiring to readings
 ==========================================
 
-Everything that a board does can be tried without one: the emulator plays the converter at the level of its registers,
-the switches, and the coils of a design with an indenter above them.
+Reading a board can be tried without one: the emulator models the converter at the level of its registers, the switches,
+and the coils of a design with an indenter above them.
 """
 
 import tempfile
@@ -21,8 +21,7 @@ folder = Path(tempfile.mkdtemp())
 # -----------------------------
 #
 # ``coilarray board --self-test`` lists the ports of this computer, asks the chips who they are and tests every switch.
-# Of a real board ``--port`` names the port. Where none is named it is the emulator, and every line begins with that
-# word.
+# ``--port`` names the port of a real board. Without it the emulator answers, and every line begins with ``[emulator]``.
 
 main(["board", "--self-test"])
 
@@ -30,8 +29,9 @@ main(["board", "--self-test"])
 # Measure
 # -------
 #
-# Twenty scans, raw words and all that is needed to read them again, in one file. The noise of L is relative.
-# ``coilarray scan-info run.sqlite`` prints the same again at any time, and makes tables and netCDF files of it.
+# Twenty scans go into one file, with the raw words and all that is needed to evaluate them again. The noise of L is
+# relative. ``coilarray scan-info run.sqlite`` prints the same again at any time, and makes tables and netCDF files of
+# it.
 
 main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite")])
 

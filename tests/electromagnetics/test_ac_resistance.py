@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from support.boards import round_spiral
+from support.boards import LEADS, VIA, one_coil, round_spiral
 from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
@@ -32,7 +32,7 @@ from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
 from coilarray.electromagnetics.kernels.eddy_modes import isolated_modes
 from coilarray.electromagnetics.kernels.sections import NEAR, pair_logs
 from coilarray.errors import GeometryError
-from coilarray.geometry import Conductor, Spiral
+from coilarray.geometry import Conductor, Spiral, spiral_coil
 
 W, T = 0.15e-3, 35e-6
 BAR = Conductor([[0, 0, 0], [1, 0, 0]], W, T)
@@ -355,6 +355,18 @@ def test_cut_of_a_spiral():
     flat = np.diff(path.vertices[:, 2]) == 0
     assert set(turn[flat]) == set(range(16))
     assert turn[~flat].tolist() == [-1]  # half-way between the layers
+
+
+@pytest.mark.parametrize("trace_width", [0.5e-3, 0.55e-3])
+def test_where_a_round_winding_starts_changes_nothing(trace_width):
+    """A line through the centre crosses its two halves alike and in opposite directions: only one half counts."""
+    resistances = []
+    for direction in (0.0, 1.0, np.pi / 2):
+        coil = spiral_coil(round_spiral(20e-3, 6, trace_width, 0.2e-3, direction=direction), 2, VIA, LEADS)
+        (path,) = one_coil(coil).conductors()
+        assert len(radial_cut(path.vertices, path.widths)[0]) == 12  # every turn of both layers once
+        resistances.append(float(resistance_matrix(path, 3.6e6).resistance[0, 0, 0]))
+    np.testing.assert_allclose(resistances, resistances[0], rtol=1e-9)  # coordinates differ by roundings
 
 
 @pytest.mark.parametrize(("out", "past"), [(5e-3, 5e-3), (5e-3, 80e-3), (5e-3, -80e-3)])

@@ -51,10 +51,14 @@ def radial_cut(vertices: FloatArray, widths: FloatArray) -> Cut:
         part = side[crossed] / (side[crossed] - side[crossed + 1])
         x = along[crossed] + part * np.diff(along)[crossed]
         score = (length * sine * np.abs(sine))[crossed]
-        one_way = (x > -0.5 * widths[crossed]) & (score * score.sum() > 0)
-        crossed, part, x, score = (values[one_way] for values in (crossed, part, x, score))
-        near = _together(x, widths[crossed])
-        crossed, part, x, score = (values[near] for values in (crossed, part, x, score))
+
+        def only(chosen: npt.NDArray[np.bool_]) -> None:
+            nonlocal crossed, part, x, score
+            crossed, part, x, score = crossed[chosen], part[chosen], x[chosen], score[chosen]
+
+        only(x > -0.5 * widths[crossed])  # before the sum: the other half of a symmetric winding would cancel it
+        only(score * score.sum() > 0)
+        only(_together(x, widths[crossed]))
         z = vertices[crossed, 2] + part * np.diff(vertices[:, 2])[crossed]
         return abs(float(score.sum())), (crossed, x, z, np.sign(score))
 

@@ -2,7 +2,7 @@
 B over a coil, from the copper up
 =================================
 
-The axial field of a hexagonal coil on a line across it, in six heights.
+The axial field of a hexagonal coil on a line across it, at six heights.
 """
 
 import matplotlib.pyplot as plt

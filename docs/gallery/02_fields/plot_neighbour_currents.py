@@ -2,8 +2,8 @@
 Currents in grounded neighbours
 ===============================
 
-While one coil of the six is driven, those beside it, which are shorted, carry a twelfth of its current in antiphase;
-the next but one carry less, in phase.
+While one coil of the six is driven, its shorted neighbours carry a twelfth of its current in antiphase; the coils two
+places away carry less, in phase.
 """
 
 import coilarray as ca

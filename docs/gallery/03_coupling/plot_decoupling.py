@@ -2,8 +2,8 @@
 Decoupling by overlap
 =====================
 
-k of two hexagonal coils, 20 mm wide, against their distance. Where they overlap by about a third of their width, the
-flux through the overlap cancels that outside of it: k is zero.
+Coupling coefficient k of two hexagonal coils, 20 mm wide, against their distance. Where they overlap by about a third
+of their width, the flux through the overlap cancels that outside of it: k is zero.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Coupling matrix of six coils
 ============================
 
-Neighbours that overlap by the right amount do not couple; here they stand a little too near.
+Neighbours that overlap by the right amount do not couple; here they are a little too close.
 """
 
 import coilarray as ca

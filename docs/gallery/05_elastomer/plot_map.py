@@ -2,7 +2,7 @@
 Response of a coil to an indentation
 ====================================
 
-δ, the relative change of the inductance that the converter sees, over the position of a ball 1 mm deep.
+δ, the relative change of the inductance that the converter sees, over the position of a ball pressed in 1 mm deep.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 Response along the row of coils
 ===============================
 
-Every coil answers where the ball is near it.
+δ of every coil over the position of the ball: each coil responds when the ball is near it.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 How well is a position known?
 =============================
 
-The least standard deviation of x and y that any method can reach (the Cramér–Rao bound), over the board, at a known
-depth and the noise of the readings. Grey: no information.
+The least standard deviation of x and y that any unbiased method can reach (the Cramér–Rao bound), over the board, at a
+known depth and the noise of the readings. Grey: no information.
 """
 
 import numpy as np

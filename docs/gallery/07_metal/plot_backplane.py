@@ -2,7 +2,7 @@
 A steel or aluminium backplane
 ==============================
 
-What a plate under the board leaves of a coil's inductance, against its distance.
+Inductance of a coil with a metal plate below the board, against the distance of the plate.
 """
 
 from dataclasses import replace

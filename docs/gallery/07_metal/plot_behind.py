@@ -2,7 +2,7 @@
 Response over a backplane
 =========================
 
-A plate of aluminium 2 mm behind the board takes away a part of the field, and with it a part of δ.
+An aluminium plate 2 mm behind the board weakens the field, and with it δ.
 """
 
 from dataclasses import replace

@@ -2,8 +2,8 @@
 Which tolerance matters?
 ========================
 
-The spread of L and k over the boards of a typical board house, linearised, and the share of every error in it; with
-`samples` whole boards are drawn too.
+The spread of L and k over the boards of a typical board house, linearised, and the share of every error in it. With
+`samples`, whole boards are drawn at random as well.
 """
 
 import coilarray as ca

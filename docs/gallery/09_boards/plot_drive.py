@@ -2,7 +2,7 @@
 Which drive current does a coil need?
 =====================================
 
-The LDC1614's limits for one channel, and its drive current for a range of parallel resistances.
+The LDC1614's limits for one channel, and its drive current over the parallel resistance of coil and capacitor.
 """
 
 import matplotlib.pyplot as plt
