@@ -56,11 +56,18 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
-    scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
     try:
+        if not (matrix.diagonal() > 0).all():  # also NaN
+            raise LinAlgError("no compliance")
+        scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
         lower = cholesky(scale[:, None] * matrix * scale, lower=True)
         force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
-    except (LinAlgError, RuntimeError) as error:
+    except LinAlgError as error:  # what moves the sheets as a whole drowns what dents them
+        raise ElastomerError(
+            f"the contact at a depth of {depth:.3g} thicknesses does not converge: the seat or the lowest sheets are "
+            "too soft to hold the others."
+        ) from error
+    except RuntimeError as error:
         raise ElastomerError(
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: {error}."
         ) from error
@@ -169,7 +176,7 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
         states.update(zip(rising.tolist(), body.press(rising), strict=True))
     ordered = [states[depth] for depth in depths.tolist()]
     moved = np.array([grid.moved(state.u) for state in ordered])
-    force = np.array([state.f for state in ordered])
+    force = np.array([body.forces(state) for state in ordered])
     end = np.zeros(len(depths))
     for k in np.flatnonzero(depths > 0):
         now = grid.radii + np.interp(grid.radii, grid.r, moved[k, 0, -1])

@@ -4,11 +4,15 @@ With F the deformation gradient, J = det F and p a pressure that jumps from elem
 
     Π = ∫ (μ/2 (J^(−2/3) F:F − 3) + p (J − 1) − p²/2K) w + ½ uᵀ springs u − Σ_j f_j G_j
 
-under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j at the place to which its points have moved is
+under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j where its points are now, at x = r + u_r, is
 
-    G_j = ∫ψ_j (outline(r + u_r) − depth − u_z) w dr / ∫ψ_j w dr.
+    G_j = ∫ψ_j (outline(x) − depth − u_z) w(x) dx / ∫ψ_j w dr.
 
-The derivative of G_j by u is normal to the indenter: the contact has no friction. For small u this is
+The forces on the hats are then a pressure f_j/∫ψ_j w dr that is normal to the deformed surface, as its derivative by u
+says: the contact has no friction, and a surface that waves between the hats gains nothing by it. With the gap over the
+undeformed area the pressure would keep its direction there; under a tip, where it exceeds 2μ, such waves would grow.
+A contact that reaches the free edge of a sample is over the undeformed area: the edge would gain by moving outwards
+where the last hat's gap is not zero but only its mean. For small u this is
 `coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of
 its steps solves the contact under a tangent: gaps are closed while forces push them and where they would be below zero
 (a semi-smooth Newton method). A tangent serves for several steps as long as they shrink fast. Most tangents have only a
@@ -62,6 +66,7 @@ _MOST_SETS = 20  # of closed gaps that are tried under one tangent
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
 _PIVOT = 1e-3  # of the greatest in its column: what an entry on the diagonal of an exact tangent must be to stay there
 _PRESSURES = 3  # 1, ξ and η in every element
+_R, _Z, _STRETCH = range(3)  # of a displacement at a boundary: u_r, u_z and ∂u_r/∂r
 
 
 @dataclass(frozen=True)
@@ -145,10 +150,19 @@ _Tangent = Callable[[_Vector, FloatArray], _Vector | None]
 
 @dataclass(frozen=True, eq=False)
 class _Gaps:
-    """Mean gaps G (m,), their derivatives by the top's u (t, m), and the outline's second derivative at its points."""
+    """Mean gaps G (m,), their derivatives by the top's u (t, m) and by the depth, less than 0 (m,).
+
+    At the top's points, for second derivatives: `shifts` and `swells` (points, t), sparse, the derivatives of gap and
+    area by u, and `gap`, `area` and `bend`, the outline's second derivative, each of shape (points,).
+    """
 
     mean: FloatArray
     slopes: FloatArray
+    reach: FloatArray
+    shifts: Any
+    swells: Any
+    gap: FloatArray
+    area: FloatArray
     bend: FloatArray
 
 
@@ -186,14 +200,19 @@ class SoftBody:
         masses = local.sum(axis=-1).transpose(2, 0, 1)  # ∫ p q w of each element
         self._bulk = np.linalg.inv(np.maximum(self._squash, _SOFT)[..., None] * masses)
         top = grid.top
-        self._top_weight = (top.dx * weight(grid.symmetry, top.global_coordinates()[0])).ravel()
+        self._length, self._r = top.dx.ravel(), top.global_coordinates()[0].ravel()
+        self._moving = bool(grid.radii[-1] < grid.r[-1])  # the area over which gaps are taken, with the body
         free = np.setdiff1d(np.arange(self._count), grid.held)
         touched = np.intersect1d(top.element_dofs, free)
-        outwards, upwards = (_on_boundary(top, touched, k) for k in range(2))
+        outwards, upwards, stretch = (_on_boundary(top, touched, k) for k in (_R, _Z, _STRETCH))
         moving = (outwards != 0).any(axis=0) | (upwards != 0).any(axis=0)
-        self._touched, self._outwards, self._upwards = touched[moving], outwards[:, moving], upwards[:, moving]
-        self._hats = _on_boundary(grid.hats, grid.used)
-        self._near = np.nonzero(np.abs(self._outwards).T @ np.abs(self._outwards))
+        self._touched = touched[moving]
+        self._outwards, self._upwards, self._stretch, self._hats = (
+            sparse.csr_array(one)
+            for one in (outwards[:, moving], upwards[:, moving], stretch[:, moving], _on_boundary(grid.hats, grid.used))
+        )
+        felt = abs(self._outwards) + abs(self._upwards)
+        self._near = (felt.T @ felt).nonzero()
         self._springs = grid.springs.tocoo()
         self._number_band(free)
 
@@ -332,10 +351,34 @@ class SoftBody:
     def _gaps(self, state: Pressed) -> _Gaps:
         """Gaps between the top where it is now and the indenter at its depth."""
         u, grid = state.u[self._touched], self.grid
-        height, slope, bend = self.outline(grid.top.global_coordinates()[0].ravel() + self._outwards @ u)
-        hats = self._hats * (self._top_weight[:, None] / grid.mass)
-        mean = (height - state.depth - self._upwards @ u) @ hats
-        return _Gaps(mean, (self._outwards * slope[:, None] - self._upwards).T @ hats, bend)
+        x, stretch = self._r + self._outwards @ u, 1 + self._stretch @ u
+        height, slope, bend = self.outline(x)
+        gap = height - state.depth - self._upwards @ u
+        if self._moving:
+            measure = weight(grid.symmetry, x)
+            area, swells = measure * stretch, _scaled(self._stretch, measure)
+            if grid.symmetry == "axial":
+                swells = swells + _scaled(self._outwards, stretch)
+        else:
+            area, swells = weight(grid.symmetry, self._r), 0 * self._stretch
+        shifts = _scaled(self._outwards, slope) - self._upwards
+        sums = _scaled(self._hats, self._length).T  # over the hats, of what is at the points
+        slopes = (sums @ (_scaled(shifts, area) + _scaled(swells, gap))).toarray().T / grid.mass
+        mean, reach = (sums @ one / grid.mass for one in (gap * area, area))
+        return _Gaps(mean, slopes, reach, shifts, swells, gap, area, bend)
+
+    def _bending(self, gaps: _Gaps, f: FloatArray) -> FloatArray:
+        """Second derivative by the top's u of −Σ f_j G_j, shape (t, t)."""
+        pressure = self._hats @ (f / self.grid.mass) * self._length
+        half = gaps.shifts.T @ _scaled(gaps.swells, pressure)
+        half = half + self._outwards.T @ _scaled(self._outwards, pressure * gaps.area * gaps.bend / 2)
+        if self._moving and self.grid.symmetry == "axial":
+            half = half + self._outwards.T @ _scaled(self._stretch, pressure * gaps.gap)
+        return np.asarray(-(half + half.T).toarray())
+
+    def forces(self, state: Pressed) -> FloatArray:
+        """Vertical forces on the hats in a state, shape (m,): those that the deformed surface bears."""
+        return state.f * self._gaps(state).reach
 
     def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
         """Factorise the tangent; None where it is singular. Pressures are eliminated element by element.
@@ -346,8 +389,7 @@ class SoftBody:
         share = 1.0 if exact else _STRESSED
         stiffness, coupling = self._tangents(replace(s, p=share * s.p))
         stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
-        pressure = self._hats @ (share * state.f / self.grid.mass)  # of the indenter
-        bending = -(self._outwards.T * (pressure * gaps.bend * self._top_weight)) @ self._outwards
+        bending = self._bending(gaps, share * state.f)
         entries = np.concatenate((stiffness.ravel(), self._springs.data, bending[self._near]))[self._kept]
         leaning = np.zeros((self._count, len(state.f)))
         leaning[self._touched] = gaps.slopes
@@ -412,18 +454,24 @@ def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
 
 
+def _scaled(matrix: Any, factors: FloatArray) -> Any:
+    """Sparse rows times one factor each."""
+    data = matrix.data * np.repeat(factors, np.diff(matrix.indptr))
+    return sparse.csr_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
 def _swept(factor: FloatArray, transposed: str, right: FloatArray) -> FloatArray:
     """Solution of a lower band, or of its transpose ("T")."""
     return np.asarray(dtbtrs(factor, right, uplo="L", trans=transposed)[0])
 
 
 def _on_boundary(basis: Any, dofs: IndexArray, component: int | None = None) -> FloatArray:
-    """Functions of a basis on a boundary, or a component of them, at its points, shape (points, functions)."""
+    """Functions of a basis on a boundary at its points, or a component or ∂u_r/∂r of them, (points, functions)."""
     facets, points = basis.dx.shape
     place = np.full(basis.N, len(dofs))
     place[dofs] = np.arange(len(dofs))
     found = np.zeros((facets, points, len(dofs) + 1))
     for (value,), at in zip(basis.basis, place[basis.element_dofs], strict=True):
-        part = np.asarray(value if component is None else value[component])
-        found[np.arange(facets)[:, None], np.arange(points), at[:, None]] += part
+        part = value.grad[0, 0] if component == _STRETCH else value if component is None else value[component]
+        found[np.arange(facets)[:, None], np.arange(points), at[:, None]] += np.asarray(part)
     return found[..., :-1].reshape(facets * points, -1)

@@ -25,7 +25,7 @@ import coilarray.elastomer.contact as module
 from coilarray.elastomer.contact import contact_radius
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Sheet
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Sheet
 
 pytestmark = pytest.mark.slow
 
@@ -342,6 +342,7 @@ def test_depths_keep_their_order_and_accuracy():
         ({"indenter": CylinderEdge(1e-3), "depths": 2e-3}, "a cylinder edge can be pressed in by at most its radius"),
         ({"depths": [[1e-4]]}, "one row of numbers"),
         ({"base": "glued"}, "'bonded', 'frictionless' or a Seat; got 'glued'"),
+        ({"base": Seat(1e-4)}, "does not converge: the seat or the lowest sheets are too soft"),
         ({"strain": "small"}, "strain must be 'finite' or 'linear'; got 'small'"),
         ({"radius": 0.0}, "radius of a sample must be positive and finite; got 0 mm"),
         ({"radius": math.inf}, "got inf m"),
