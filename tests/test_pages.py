@@ -290,12 +290,15 @@ def test_an_example_of_the_gallery_runs_and_draws_its_picture(path, tmp_path, mo
 
 
 def test_a_block_without_a_picture_does_not_show_the_one_before_again(tmp_path):
-    shown = {"example_globals": {"___": Figure(figsize=(3, 2))}}
+    program = tmp_path / "plot_one.py"
+    program.write_text('"""\nCoils of four shapes\n====\n"""\n', encoding="utf-8")
+    shown = {"example_globals": {"___": Figure(figsize=(3, 2))}, "src_file": str(program)}
     conf = {"src_dir": str(tmp_path), "image_srcset": []}
     for name, pictures in (("one.png", 1), ("two.png", 0)):
         block = {**shown, "image_path_iterator": iter([str(tmp_path / name)])}
-        figures.of_program((), block, conf)
+        text = figures.of_program((), block, conf)
         assert (tmp_path / name).exists() == pictures
+        assert text.count(":alt: Coils of four shapes") == pictures
 
 
 def test_a_report_gives_its_pictures_by_name():

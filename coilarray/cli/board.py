@@ -20,6 +20,7 @@ from coilarray.cli.shared import (
     progress_bar,
     table_text,
 )
+from coilarray.compute.display_units import PER_MILLION, number_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -212,11 +213,11 @@ def _first_text(first: FirstConversions) -> str:
         return "first conversions could not be compared: no coil has a result in every scan"
     headers = ("coil", *(f"{discard} discarded" for discard in DISCARDS[:-1]), "scan reversed")
     rows = [
-        (name, *(f"{one * 1e6:.1f}" for one in offsets[:-1]), f"{first.backwards[name] * 1e6:.1f}")
+        (name, *(number_text(one * 1e6, 1) for one in (*offsets[:-1], first.backwards[name])))
         for name, offsets in first.offsets.items()
     ]
-    limit = f"{first.noticeable * 1e6:.1f}e-6"
-    parts = [table_text(headers, rows, f"change of f in 1e-6 from that with {DISCARDS[-1]} conversions discarded")]
+    limit = PER_MILLION.text(first.noticeable, ".2")
+    parts = [table_text(headers, rows, f"change of f in 10⁻⁶ from that with {DISCARDS[-1]} conversions discarded")]
     if not first.recommended:
         parts.append(f"first conversions after sleep agree with later ones to {limit}: none need be discarded")
     elif first.settled:
@@ -237,7 +238,7 @@ def _test_text(result: SelfTest) -> str:
     rows = [_row(check) for check in result.coils]
     # of coils at channels nothing but f is measured
     kept = [k for k in range(len(headers)) if k < _ALWAYS or any(row[k] != _NONE for row in rows)]
-    title = "rise of the neighbour's frequency in 1e-6" if len(kept) > _ALWAYS else ""
+    title = "rise of the neighbour's frequency in 10⁻⁶" if len(kept) > _ALWAYS else ""
     parts = [table_text([headers[k] for k in kept], [[row[k] for k in kept] for row in rows], title)]
     if result.passed:
         parts.append("self-test passed: the board agrees with its wiring, as far as the test can show")
@@ -253,7 +254,7 @@ def _test_text(result: SelfTest) -> str:
 
 def _row(check: CoilCheck) -> tuple[str, ...]:
     frequencies = (_NONE if f is None else f"{f * 1e-6:.6f}" for f in (check.frequency, check.turned))
-    rises = (f"{check.rises[end] * 1e6:.1f}" if end in check.rises else _NONE for end in ("both", "a", "b"))
+    rises = (number_text(check.rises[end] * 1e6, 1) if end in check.rises else _NONE for end in ("both", "a", "b"))
     return (check.coil, *frequencies, check.felt_by or _NONE, *rises)
 
 

@@ -21,7 +21,7 @@ from coilarray.cli.live_source import LiveOptions, live_readings, live_source
 from coilarray.cli.live_window import show_window
 from coilarray.cli.maps import kept_table
 from coilarray.cli.shared import AllowViolations, References, check_file, drop_output, open_design_file, progress_bar
-from coilarray.compute.display_units import true_minus
+from coilarray.compute.display_units import number_text, true_minus
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -297,7 +297,7 @@ def noise_text(own: float, common: float | None) -> str:
 def _delta_text(state: LiveState) -> str:
     if state.delta is None:
         return "bad" if state.verdict == "bad" else "–"
-    return true_minus(f"{state.delta * 1e6:+.1f}")
+    return number_text(state.delta * 1e6, 1, "+")
 
 
 def _bar(part: float) -> str:

@@ -12,6 +12,7 @@ from coilarray.cli.board_options import print_marked
 from coilarray.cli.maps import campaign_response, is_recording
 from coilarray.cli.replacing import replacing
 from coilarray.cli.shared import AsJson, BoardConstants, Force, check_file, print_result, table_text, write_numbers
+from coilarray.compute.display_units import PER_MILLION
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def summary_lines(summary: RecordingSummary) -> list[str]:
         (
             state.name,
             *reading_cells(state.frequency, state.inductance),
-            "–" if state.noise is None else f"{state.noise:.1e}",
+            "–" if state.noise is None else PER_MILLION.text(state.noise, ".2"),
             *(str(state.verdicts[verdict]) for verdict in ("good", "doubtful", "bad")),
             ", ".join(f"{count} {reason}" for reason, count in state.reasons.most_common()),
         )

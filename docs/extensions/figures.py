@@ -50,7 +50,8 @@ def of_program(block: tuple[Any, ...], block_vars: Mapping[str, Any], gallery_co
         save(one, path, dpi=_DPI)
         paths.append(path)
     pyplot.close("all")
-    return figure_rst(paths, gallery_conf["src_dir"])
+    _, text, _ = Path(block_vars["src_file"]).read_text(encoding="utf-8").split('"""', 2)
+    return figure_rst(paths, gallery_conf["src_dir"], fig_titles=text.strip().partition("\n")[0])
 
 
 def figures_of(code: str) -> list[Figure]:

@@ -69,8 +69,8 @@ plot_response(response, name, outlines=[place.to_board(place.coil.outline) for p
 
 nearer = ca.vary(made, {"elastomer.0.thickness_mm": 2.0})
 peak = ca.response_map(nearer, depths=[0.6e-3], x=[x0], y=[y0]).delta.sel(state=name)
-before, after = (float(values.max()) * 1e4 for values in (response.delta.sel(state=name), peak))
-print(f"largest δ {before:.2f}e-4, now {after:.2f}e-4")
+before, after = (float(values.max()) * 1e6 for values in (response.delta.sel(state=name), peak))
+print(f"largest δ {before:.0f}, now {after:.0f} parts per million")
 
 # %%
 # To the board house

@@ -40,5 +40,5 @@ main(["import", str(board), "--nets", nets, "--out", str(folder / "back.toml")])
 
 back = ca.load_design(folder / "back.toml")
 before, after = (ca.inductance_matrix(one.array.conductors()) for one in (design, back))
-print(f"largest difference of the inductances {np.abs(after / before - 1).max():.1e}")
+print(f"largest difference of the inductances {np.abs(after / before - 1).max() * 1e9:.1f} parts in 10⁹")
 plot_copper(back.array, back.array.stackup.names[0])

@@ -123,8 +123,9 @@ def _subcircuit(network: Network, title: str) -> str:
         own = np.sqrt(np.diag(middle))
         others = np.abs(middle / np.outer(own, own) - np.eye(len(L))).max()
         comments = [
-            f"R(f) of each coil is a ladder of positive elements: from {f[0]:.4g} to {f[-1]:.4g} Hz within "
-            f"{100 * misfit:.2g} %; it changes L by at most {100 * drift:.2g} %, by nothing at the coil's resonance"
+            f"R(f) of each coil is a ladder of positive elements: from {f[0] / 1e6:.4g} to {f[-1] / 1e6:.4g} MHz "
+            f"within {100 * misfit:.2g} %; it changes L by at most {100 * drift:.2g} %, by nothing at the coil's "
+            "resonance"
         ]
         if len(L) > 1:
             comments.append(
@@ -135,7 +136,7 @@ def _subcircuit(network: Network, title: str) -> str:
         span = network.dispersion.frequencies
         comments.append(
             f"L is that at the working frequency; the plates change it by up to {100 * np.abs(changes).max():.2g} % "
-            f"from {span[0]:.4g} to {span[-1]:.4g} Hz"
+            f"from {span[0] / 1e6:.4g} to {span[-1] / 1e6:.4g} MHz"
         )
     comments += [f"without {part}" for part in network.left_out]
     return spice_subcircuit(

@@ -26,7 +26,7 @@ def circle(radius, height, sides):
 sides = np.array([8, 16, 32, 64, 128, 256])
 error = [abs(ca.mutual_inductance(circle(a, 0, n), circle(b, d, n)).item() / exact - 1) for n in sides]
 figure, ax = plt.subplots(figsize=(6, 4), layout="constrained")
-ax.loglog(sides, error, "o-", label="polygons")
+ax.loglog(sides, error, "o", label="polygons")
 ax.loglog(sides, error[0] * (sides[0] / sides) ** 2.0, "--", color="grey", label="second order")
 ax.set(xlabel="sides", ylabel="relative error of M")
 ax.legend()

@@ -2,7 +2,7 @@
 The largest coupling over two entries
 =====================================
 
-Turns and pitch of a row of coils, and the largest k of any pair; the cross is the design as it is.
+Turns and pitch of a row of coils, and the largest k of any pair; the diamond is the design as it is.
 """
 
 import coilarray as ca

@@ -21,7 +21,7 @@ network = design_circuit(ca.load_design("starter"))
 with tempfile.TemporaryDirectory() as folder:
     export_network(network, Path(folder) / "coils.cir")
     print(*[line for line in (Path(folder) / "coils.cir").read_text().splitlines() if line[0] in "*LK"][:9], sep="\n")
-    export_network(network, Path(folder) / "coils.s3p", np.geomspace(0.5e6, 50e6, 201))
+    export_network(network, Path(folder) / "coils.s3p", np.geomspace(0.5e6, 50e6, 1001))
     read = skrf.Network(str(Path(folder) / "coils.s3p"))
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 for port, name in enumerate(network.names):

@@ -12,8 +12,9 @@ import numpy as np
 import coilarray as ca
 
 budget = ca.noise_budget(ca.load_design("gast2020"))
-print(f"one scan {budget.scan_noise[0]:.1e}, drift {budget.drift[0]:.1e} per K, δ of a reading {budget.sigma[0]:.1e}")
-figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+scan, drift, delta = (1e6 * sizes[0] for sizes in (budget.scan_noise, budget.drift, budget.sigma))
+print(f"in parts per million: one scan {scan:.2g}, drift {drift:.2g} per K, δ of a reading {delta:.2g}")
+figure, axes = plt.subplots(2, 1, figsize=(7, 5), layout="constrained")
 for ax, kind, label in zip(axes, ("noise", "drift"), ("noise of one scan", "drift (1/K)"), strict=True):
     sizes = {cause: np.abs(getattr(cause, kind)).max() for cause in budget.causes}
     for cause in sorted((one for one in sizes if sizes[one] > 0), key=sizes.__getitem__):

@@ -15,4 +15,4 @@ for word, label in (("open", "open"), ("short", "grounded")):
     coupling = ca.couple_design(ca.vary(design, {"circuit.default_termination": word}))
     ax.plot(design.array.names, coupling.effective_inductance * 1e6, "o", label=label)
 ax.set(ylabel="effective inductance (µH)")
-ax.legend(title="neighbours")
+figure.legend(title="neighbours", loc="outside right upper")

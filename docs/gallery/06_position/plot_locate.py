@@ -26,5 +26,5 @@ ax.plot(5, 3, "k+", markersize=14)
 for mode, colour in zip(location.modes, ("C3", "C4"), strict=True):
     (x, y, depth), (dx, dy, d_depth) = np.multiply((mode.x, mode.y, mode.depth), 1e3), mode.deviations * 1e3
     said = f"x {x:.2f} ± {dx:.2f} mm, y {y:.2f} ± {dy:.2f} mm, depth {depth:.2f} ± {d_depth:.2f} mm"
-    ax.errorbar(x, y, dy, dx, "o", color=colour, label=said)
+    ax.errorbar(x, y, dy, dx, "o", color=colour, label=said.replace("-", "−"))
 figure.legend(loc="outside lower center")

@@ -23,5 +23,5 @@ for name in ("aluminium", "steel"):
         beside = replace(design, plates=(plate,))
         found.append(float(ca.couple_design(beside).open_inductance[0]))
     ax.semilogx(gaps * 1e3, np.array(found) * 1e6, "o-", label=name)
-ax.set(xlabel="gap (mm)", ylabel="inductance (µH)")
+ax.set(xlabel="gap (mm)", ylabel="inductance (µH)", xticks=gaps * 1e3, xticklabels=[f"{gap * 1e3:g}" for gap in gaps])
 ax.legend()
