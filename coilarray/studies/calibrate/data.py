@@ -114,8 +114,8 @@ def _check_places(data: xr.Dataset, design: Design) -> None:
         if name in centres and np.hypot(*(place - centres[name])) > _SAME:
             at, here = (f"({x * 1e3:.4g}, {y * 1e3:.4g}) mm" for x, y in (place, centres[name]))
             raise GoalError(
-                f"the data are of another board than {design.name}, or from another origin: their {name} is at {at} from "
-                f"the origin of the map, that of the design at {here}."
+                f"the data are of another board than {design.name}, or from another origin: their {name} is at {at} "
+                f"from the origin of the map, that of the design at {here}."
             )
 
 
