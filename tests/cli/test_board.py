@@ -94,7 +94,7 @@ def test_a_good_board_passes_its_self_test(capsys):
 
 def test_first_conversions_that_are_off_are_told_with_the_option_that_helps(capsys):
     out = good(capsys, "--self-test", "--emulate", "first_offset=40000")
-    assert "[emulator] first conversions after sleep are off by more than 2.0e-6; discard some:\n" in out
+    assert "[emulator] first conversions after sleep are off by more than 2·10⁻⁶; discard some:\n" in out
     assert "[emulator] --discard 8\n" in out
     assert "self-test passed" in out
     row = next(line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil1"))
