@@ -68,7 +68,8 @@ class Seat:
     Parameters
     ----------
     stiffness : float
-        Pressure per displacement normal to the board in Pa/m, positive and finite; 4.3 kPa/mm are 4.3e6 Pa/m.
+        Pressure per displacement normal to the board in Pa/m, positive and finite; 4.3 kPa/mm are 4.3e6 Pa/m. Under
+        large deformations it is the force per undeformed area, as the shear stress is.
     shear : float
         Shear stress per displacement along the board in Pa/m; 0 lets the sheet slide.
 

@@ -128,10 +128,13 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
     if undetermined:
         notes.append("The data determine less than the priors: " + "; ".join(undetermined) + ".")
     if result.attrs["noise_is"] == _ESTIMATED:
-        notes.append(
-            f"The scale of the noise is estimated from the residuals: {float(best.noise_scale):.3g} of the standard "
-            "deviations given. Whether the model fits at all, it cannot say."
+        scale = f"{float(best.noise_scale):.3g}"
+        found = (
+            f"The noise of δ is estimated from the residuals, a standard deviation of {scale}, as the data state none."
+            if (result.noise == 1).all()  # of a response without any
+            else f"The scale of the noise is estimated from the residuals: {scale} of the standard deviations given."
         )
+        notes.append(f"{found} Whether the model fits at all, it cannot say.")
     elif float(best.fit_probability) < _LEAST_DOUBT:
         notes.append(
             f"The model does not explain the data: χ² is {float(best.chi_square):.4g} with "

@@ -69,6 +69,8 @@ def test_notes_say_what_limits_the_figures():
     assert scale.startswith("The scale of the noise is estimated from the residuals: ")
     data = calibration("response")
     assert calibration_notes(data) == []
+    (scale,) = calibration_notes(data.assign(noise=0 * data.noise + 1).assign_attrs(noise_is="estimated"))
+    assert scale.startswith("The noise of δ is estimated from the residuals, a standard deviation of ")
     notes = calibration_notes(data.assign(
         at_bound=data["value"] > 1, converged=data.converged & False, fit_probability=0 * data.fit_probability,
         undetermined=("combination", ["a by +1: changes the data by 0.1 of their noise", ""]),

@@ -192,6 +192,17 @@ def test_a_small_share_in_a_direction_is_said_where_it_is_felt(line):
     assert "elastomer.1.relative_permeability by +0.573 with array.pitch_mm by -0.573 mm: changes" in said
 
 
+def test_data_of_another_board_are_refused():
+    """gast2020's coils have a pitch of 13.28 mm and the origin in coil2."""
+    here = straight(2.6, 0.0).assign_coords(
+        coil=["coil2", "coil3"], coil_x=("coil", [0, 12e-3]), coil_y=("coil", [0, 0])
+    )
+    with pytest.raises(GoalError, match=r"another board.* their coil3 is at \(12, 0\) mm .* design at \(13.28, 0\) mm"):
+        measurement(here, DataTable(), PAPER)
+    near = here.assign_coords(coil_x=("coil", [0, 13.4e-3]))
+    assert len(measurement(near, DataTable(), PAPER).values) == 12
+
+
 def test_noise_is_that_of_the_data_by_state(line):
     noisy = straight(2.6, 0.0).assign(delta_std=("x", np.full(12, 0.2)))
     given = measurement(noisy.assign_attrs(repeats=4), DataTable(), PAPER)

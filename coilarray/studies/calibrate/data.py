@@ -18,12 +18,14 @@ from coilarray.localize.distortion import ellipse_curves
 from coilarray.localize.ellipse import PARAMETERS
 from coilarray.localize.ellipse_model import DEGREE, EllipseModel
 from coilarray.localize.published import undetermined_levels
+from coilarray.response.coordinates import map_origin
 from coilarray.response.schema import RESPONSE
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.plan import DataTable
 
 _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %
+_SAME = 1e-3  # m: within it a coil of the design is that of the data
 _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not tell the peak
 
 
@@ -102,7 +104,23 @@ def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray
     return np.concatenate(rows)
 
 
+def _check_places(data: xr.Dataset, design: Design) -> None:
+    """Refuse a response that says that a coil of the design lies elsewhere; GoalError names the first."""
+    if not {"coil", "coil_x", "coil_y"} <= set(data.coords):
+        return
+    centres = dict(zip(design.array.names, design.array.centres[:, :2] - map_origin(design.indentation), strict=True))
+    places = np.column_stack((data.coil_x.values, data.coil_y.values))
+    for name, place in zip(data["coil"].values.tolist(), places, strict=True):
+        if name in centres and np.hypot(*(place - centres[name])) > _SAME:
+            at, here = (f"({x * 1e3:.4g}, {y * 1e3:.4g}) mm" for x, y in (place, centres[name]))
+            raise GoalError(
+                f"the data are of another board than {design.name}, or from another origin: their {name} is at {at} "
+                f"from the origin of the map, that of the design at {here}."
+            )
+
+
 def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
+    _check_places(data, design)
     data = data.transpose(*_DIMS, ...).sel(state=list(states))
     noise = None if table.delta_std is not None else own_noise(data)
     values = data.delta.values.astype(np.float64)
