@@ -113,10 +113,10 @@ def test_a_large_board_is_not_drawn(file):
 
 def test_a_margin_says_what_is_kept():
     margin = Margin("trace width", "L1", "coil1", 0.05e-3, 0.1e-3, 0.15e-3, 1e-3, -2e-3)
-    words = "trace width, L1, coil1: 0.15 mm, limit 0.1 mm, margin 0.05 mm at x 1 mm, y -2 mm"
+    words = "trace width, L1, coil1: 0.15 mm, limit 0.1 mm, margin 0.05 mm at x 1 mm, y −2 mm"
     assert repr(margin) == f"<Margin kept: {words}>"
     layers = Margin("layer count", "", "board", -2, 4, 6, None, None, unit="")
-    assert repr(layers) == "<Margin broken: layer count, board: 6, limit 4, margin -2>"
+    assert repr(layers) == "<Margin broken: layer count, board: 6, limit 4, margin −2>"
 
 
 def test_a_location_shows_every_position():

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate
+from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, RoundedSpiral
 
 # Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise makes no other
-# design: numbers count to 14 digits, places, for which zero is not a special value, to 1 pm.
+# design: numbers count to 14 digits, places and angles, for which zero is not a special value, to 1 pm and 1 prad.
 _DIGITS = 14
 _PLACES = 12
 
@@ -42,6 +42,10 @@ def _plain(value: Any) -> Any:
             return [_plain(value.conductivity), _plain(value.relative_permeability)]  # its name does not count
         case Plate():
             return [value.name, _plain(value.material), _plain(value.thickness), _plain(np.array(value.z))]
+        case RoundedSpiral():  # a file has the direction of a corner, degrees away from that of a flat
+            values = {field.name: getattr(value, field.name) for field in fields(value)}
+            values["direction"] = np.array(value.direction)
+            return [type(value).__name__, *map(_plain, values.values())]
         case FinitePlate():
             shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
             return [value.name, _plain(shape), _plain(np.array(value.centre))]

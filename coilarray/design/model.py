@@ -340,8 +340,8 @@ class Design:
     def digest(self) -> str:
         """SHA-256 of all values that enter a result, hexadecimal: not of name, title and source.
 
-        Equal for equal designs, wherever they are from. Numbers count to 14 digits and places to 1 pm, so that the
-        noise of a change of units makes no other design.
+        Equal for equal designs, wherever they are from. Numbers count to 14 digits, places to 1 pm and angles to
+        1 prad, so that the noise of a change of units makes no other design.
         """
         circuit, setup = self.circuit, self.indentation
         pressed: tuple[object, ...] = ()

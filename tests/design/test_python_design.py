@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, round_spiral
 from support.boards import VIA as BOARD_VIA
@@ -133,6 +133,9 @@ lengths = st.floats(0.05e-3, 0.3e-3)
     sizes=st.tuples(lengths, lengths, st.floats(5e-3, 20e-3)),
     shape=st.sampled_from(["4", "6", "7", "circle", "rounded", "rectangle", "racetrack"]),
     values=st.tuples(st.floats(1e-12, 1e-9), st.floats(0, 50), st.floats(1e-4, 1e-2), st.floats(1, 10)),
+)
+@example(  # a direction near zero, written as that of a corner 36° away
+    "single", 31.25e-3, (9.355000582319652e-05, 0, 0), (0.3e-3, 0.1e-3, 12e-3), "rounded", (1e-9, 0, 8e-3, 1)
 )
 def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, shape, values):
     width, gap, apothem = sizes
