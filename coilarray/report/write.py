@@ -288,7 +288,7 @@ def write_report(
     write_text(folder / "report.html", page)
     step()
     return Report(
-        folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].telling(), broken
+        folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].brief(), broken
     )
 
 
