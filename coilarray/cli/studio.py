@@ -109,7 +109,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
     except (GeometryError, NetworkError):  # as in the report
         scan = None
     bounds = None if response is None else position_bounds(response)
-    table = summary_table(coupling, scan, margins, response, bounds=bounds).telling()
+    table = summary_table(coupling, scan, margins, response, bounds=bounds).brief()
     return Summary(table.headers, table.cells(), verdicts(scan, ()))  # the page says itself which rules are broken
 
 

@@ -117,7 +117,7 @@ def calibration_tables(result: xr.Dataset) -> list[Table]:
 
 
 def calibration_notes(result: xr.Dataset) -> list[str]:
-    """Return sentences about what the best combination cannot tell, and what limits its figures."""
+    """Return sentences about what the data of the best combination do not determine, and what limits its figures."""
     best = result.isel(combination=0)
     notes = []
     for name in best.unknown.values[best.at_bound.values].tolist():

@@ -177,9 +177,9 @@ def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
 
 
 def bounds_picture(design: Design, bounds: xr.Dataset) -> list[Picture]:
-    """Draw how well readings tell the position over the board."""
+    """Draw the standard deviation of a located position over the board."""
     outlines = [_outline(design, name) for name in design.array.names]
-    caption = "Least standard deviation of a located position over the board, grey where readings do not tell it."
+    caption = "Least standard deviation of a located position over the board, grey where it cannot be determined."
     return [draw("position_bounds", caption, viz.identifiability_figure(bounds, outlines))]
 
 

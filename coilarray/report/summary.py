@@ -134,7 +134,7 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if median < width:
         yield ("the same, median of the map", median, "", "m", "")
     else:
-        yield ("the same, median of the map", "", "", "m", "half of the map does not tell x")
+        yield ("the same, median of the map", "", "", "m", "x cannot be determined in half of the map")
 
 
 def _place(sigma: xr.DataArray, value: float) -> str:

@@ -117,11 +117,11 @@ class Table:
         rows = tuple(tuple(row[k] for k in used) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
 
-    def telling(self) -> Table:
-        """Return the table for the page, without columns that say nothing.
+    def brief(self) -> Table:
+        """Return the table for the page, without empty and repeated columns.
 
-        Those are empty or zero in every row, or repeat the numbers of an earlier one of their unit in every row; the
-        files have all. A position keeps x and y unless they are zero.
+        Left out are columns that are empty or zero in every row, or repeat the numbers of an earlier one of their unit;
+        the files have all. A position keeps x and y unless they are zero.
         """
         columns = list(zip(*self.rows, strict=True))
         kept = [

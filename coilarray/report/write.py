@@ -287,9 +287,7 @@ def write_report(
         save_netcdf(content, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     step()
-    return Report(
-        folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].telling(), broken
-    )
+    return Report(folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].brief(), broken)
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:

@@ -99,7 +99,7 @@ def test_a_page_leaves_out_columns_that_say_nothing():
         ("a", 1.0, 1.0, 0.0, False, "", 0.0, 1.0, 1.0, 1.0),
         ("b", 2.0, 2.0 * (1 + 1e-15), 0.0, False, "", 0.5, 2.0, 2.0, 2.0),
     )
-    table = Table("t", "T", columns, rows).telling()
+    table = Table("t", "T", columns, rows).brief()
     assert [column.name for column in table.columns] == ["coil", "f", "kept", "share", "x", "y", "ohm"]
     assert table.rows[1] == ("b", 2.0, False, 0.5, 2.0, 2.0, 2.0)
 

@@ -18,7 +18,7 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
 from coilarray.compute.display_units import value_text
 from coilarray.design import bundled
-from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design
+from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design, parse_design_file
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
@@ -252,6 +252,22 @@ def test_steps_are_undone_and_done_again(starter):
     trail, work = trail.redo(work)
     assert work.opened is second.opened
     assert trail.left(work).after == ()  # a new change ends what was undone
+
+
+def test_a_copy_is_called_by_its_own_file_before_and_after_a_step_back(starter):
+    first = work_on(load_design_file("starter"), "starter")
+    title = first.design.title
+    assert first.for_file("starter.toml", title) is first  # the bundled one saved is no other design
+    second = with_entry(first, "board.margin_mm", "3")
+    copy = second.for_file("copy.toml", "").saved_as("copy.toml")
+    read = parse_design_file(copy.kept_text, "copy.toml")
+    assert (read.document, read.values, read.given) == (copy.kept, copy.opened.values, copy.opened.given)
+    assert (read.design.name, read.design.title, read.design.digest) == ("copy", "copy", second.design.digest)
+    again = copy.for_file("copy.toml", "A copy")
+    assert parse_design_file(again.text(), "copy.toml").values == again.opened.values
+    trail, work = Trail().left(first).undo(again)
+    assert (work.design.name, work.design.title, work.opened.values["board.margin_mm"]) == ("copy", "A copy", 2)
+    assert trail.redo(work)[1].opened.document == again.opened.document
 
 
 def test_a_design_that_no_page_can_follow_is_refused(starter):
