@@ -659,6 +659,18 @@ def test_a_new_design_has_an_elastomer_where_it_is_wanted(wanted):
     assert (name, choices.get("elastomer", True), choices["size"]) == ("coil", wanted, pytest.approx(40e-3))
 
 
+def test_layers_and_pitch_of_a_new_design_are_chosen_where_they_matter():
+    texts = {"name": "x", "coils": "3", "shape": "circle", "size": "16", "layers": "4", "pitch": "20.5"}
+    _, choices = choices_of(texts)
+    assert (choices["layers"], choices["pitch"]) == (4, pytest.approx(20.5e-3))
+    for layers, words in (
+        ("2.5", r"layers must be a whole number; got 2\.5\."),
+        ("two", "layers must be a number; got"),
+    ):
+        with pytest.raises(DesignError, match=words):
+            choices_of({**texts, "layers": layers})
+
+
 def test_a_new_design_has_no_saved_one_to_compare_with():
     state, called = State(), {}
     panel = NumbersPanel(SimpleNamespace(state=state, trigger=called.__setitem__))
