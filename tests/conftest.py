@@ -3,12 +3,14 @@
 import os
 import re
 import signal
+import sys
 from pathlib import Path
 
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
 # Before the imports, for numpy reads it when it is loaded.
 for library in ("OPENBLAS", "MKL", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+os.environ.setdefault("MPLBACKEND", "agg")  # no test opens a window
 
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
@@ -118,6 +120,14 @@ def chromium():
         pytest.skip(problem)
     with browser.launched() as started:
         yield started
+
+
+@pytest.fixture(autouse=True)
+def _closed_figures():
+    """Close the figures that a test leaves open: Matplotlib warns from the 21st on."""
+    yield
+    if (pyplot := sys.modules.get("matplotlib.pyplot")) is not None:
+        pyplot.close("all")
 
 
 @pytest.fixture

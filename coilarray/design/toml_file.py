@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -56,14 +57,23 @@ class TomlFiles:
             return path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
         except FileNotFoundError:
             bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
-            meant = f"; did you mean {cut}.toml?" if path.with_name(f"{path.name}.toml").is_file() else "."
-            raise self.error(f"there is no {self.kind} file {cut}{bundled}{meant}") from None
+            raise self.error(f"there is no {self.kind} file {cut}{bundled}{self._meant(path)}") from None
         except UnicodeDecodeError:
             raise self.error(f"{cut} is not a text file in UTF-8.") from None
         except OSError as error:
             raise self.error(f"cannot read {cut}: {error.strerror}.") from None
         except ValueError as error:  # a name with a zero byte
             raise self.error(f"cannot read {cut!r}: {error}.") from None
+
+    def _meant(self, path: Path) -> str:
+        """End of a message about a file that is not there: one beside it, or one of the package, with such a name."""
+        beside = path.with_name(f"{path.name}.toml")
+        try:
+            there = {str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
+        except (OSError, ValueError):  # a folder that cannot be read, a name that none can have
+            there = set()
+        close = [str(beside)] if str(beside) in there else difflib.get_close_matches(str(path), [*there, *self.names()])
+        return f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:
         """Return the tables of a file; `origin` names it in messages."""

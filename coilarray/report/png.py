@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
+from coilarray.viz.plots.style import close
+
 _DPI = 130
 _RIM = 0.1  # inches of white around a picture
 _WHITE = 0xFFFFFFFF  # a pixel of four bytes
@@ -20,9 +22,10 @@ _AXES_PART = 0.84  # of a figure's width and height
 
 
 def png_of(drawn: Axes | Figure) -> bytes:
-    """Draw a figure and cut its white rim off; Matplotlib's own tight box draws it twice."""
+    """Draw a figure, cut its white rim off, for which Matplotlib's own tight box draws it twice, and close it."""
     figure = drawn if isinstance(drawn, Figure) else drawn.figure
     assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
+    close(figure)
     buffer = io.BytesIO()
     figure.set_dpi(_DPI)
     _lay_out(figure)

@@ -23,7 +23,8 @@ plot_board(design.array)
 
 # %%
 # Number of turns, trace and layers were found so that an LDC1614 can drive the coils; the pitch leaves room for the
-# terminals. What had to be assumed is marked, with the reason:
+# terminals. ``ca.save_design(made, "pad.toml")`` writes the file that the commands take. What had to be assumed is
+# marked, with the reason:
 
 for key, reason in made.assumed.items():
     print(f"{key}: {reason}")

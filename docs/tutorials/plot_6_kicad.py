@@ -15,8 +15,9 @@ from coilarray.cli.main import main
 from coilarray.viz import plot_copper
 
 # %%
-# ``coilarray export starter --to kicad`` writes the board with nets, vias, terminals, stack-up and a project whose
-# design rules are those of the design:
+# ``starter`` is a bundled design, three overlapping hexagonal coils. ``coilarray export starter --to kicad`` writes its
+# board into the folder ``starter-kicad``, with nets, vias, terminals, stack-up and a project whose design rules are
+# those of the design. The same in Python:
 
 folder = Path(tempfile.mkdtemp())
 design = ca.load_design("starter")
@@ -27,7 +28,8 @@ for path in exported.files:
 # %%
 # The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray import`` reads
 # tracks, arcs and vias of named nets, layer by layer; without ``--nets`` it takes every net that winds. In a terminal:
-# ``coilarray import starter-kicad/starter.kicad_pcb --nets coil1,coil2,coil3 --out back.toml``.
+# ``coilarray import starter-kicad/starter.kicad_pcb --nets coil1,coil2,coil3 --out back.toml``. In Python ``main`` runs
+# a command:
 
 board = next(folder.rglob("*.kicad_pcb"))
 nets = ",".join(design.array.names)

@@ -52,7 +52,7 @@ def find_files(path: Path) -> list[DataFile]:
     is damaged, a file that is named as a layer and holds none, or two files for one layer.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
-    if not any(file.function[:1] == ("Copper",) for file in files):
+    if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
         files = _named(files)
     for k, file in enumerate(files):
         if file.kind == "excellon" and not file.function:

@@ -297,6 +297,8 @@ def test_a_byte_order_mark_is_read_and_unreadable_files_are_named(tmp_path):
         ("", "must not be empty"), ("a\0b", r"cannot read 'a.x00b'"), (binary, "is not a text file in UTF-8"),
         (tmp_path / "none.toml", r"there is no design file .*nor a bundled design"),
         (tmp_path, r"cannot read .*: Is a directory"),
+        (tmp_path / "notebad.toml", rf"starter\); did you mean {re.escape(str(marked))}\?$"),
+        ("gast202", r"did you mean gast2020\?$"),
     ):  # fmt: skip
         refused(DesignError, message, load_design, path)
 

@@ -524,3 +524,6 @@ def test_a_broken_or_missing_gerbonara_says_what_to_do(tmp_path: Path, monkeypat
     refused(MissingDependencyError, message, read, tmp_path, BOARD)
     monkeypatch.setitem(sys.modules, "gerbonara", None)
     refused(MissingDependencyError, r"-m pip install .*\[fab\]\"", read, tmp_path, BOARD)
+    (project := tmp_path / "project").mkdir()  # of KiCad, without a Gerber file
+    (project / "pad.kicad_pcb").touch()
+    refused(BoardError, r"did you mean .*pad\.kicad_pcb\?", read_gerbers, project)

@@ -286,7 +286,10 @@ REFUSED = {
     "too few of the fab": ({"overlap": "decoupled", "fab": "jlcpcb-2-layer"}, "a multiple of 4 .*; got 2 of jlcpcb-2"),
     "capacitance": ({"capacitance": 0.0}, "capacitance must be positive and finite; got 0 pF"),
     "frequency twice": ({"capacitance": 1e-10, "frequency": 2e6}, "frequency and capacitance cannot both be given"),
-    "too small": ({"size": 1e-3}, "there is no room for a turn"),
+    "too small": ({"size": 1e-3}, "size must be at least 3.28 mm, for a turn of 0.1524 mm trace about .*; got 1 mm"),
+    "too large": ({"size": 0.3}, r"size must be smaller, or an inductance .* than the 278 of .*; got 300 mm: "),
+    "too many layers": ({"layers": 40}, "layers must be at most 20 for a coil of 16 mm; got 40: there is no room for"),
+    "too near": ({"pitch": 1e-3}, "pitch must leave room .*, as 19 mm and more do; got 1 mm: there is no place"),
 }  # fmt: skip
 
 
@@ -300,6 +303,16 @@ def test_one_coil_has_no_pitch():
     refused(
         DesignError, "one coil has no neighbours: pitch and overlap are for several", new_design, "x", "1", pitch=1e-2
     )
+
+
+def test_the_least_size_that_is_named_can_be_made():
+    file = new_design("x", "1", size=3.28e-3, elastomer=False)
+    assert file.values["coils.hexagon.turns_per_layer"] == 1
+
+
+def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold():
+    file = new_design("x", "1", size=0.2, inductance=10e-6, elastomer=False)
+    assert file.values["coils.hexagon.trace_width_mm"] <= 5
 
 
 @pytest.mark.parametrize("layers", [6, 8])

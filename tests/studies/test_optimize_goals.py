@@ -15,7 +15,7 @@ from coilarray.design.model import build_design_file
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
 from coilarray.studies.optimize.goal import parse_goal
-from coilarray.studies.optimize.goals import NAMES, adjusted, derive_goal
+from coilarray.studies.optimize.goals import NAMES, adjusted, derive_goal, unfit_goals
 from coilarray.studies.optimize.goals.wishes import parse_bound
 from coilarray.studies.optimize.space import axes_of, start_parameters
 from coilarray.studies.quantities import evaluate
@@ -45,6 +45,11 @@ PAD, ONE = pads({"lattice": "square", "columns": 3, "rows": 2, "pitch_mm": 15.0}
 MOVED = pads(SINGLE, target={"shape": "sphere", "material": "brass", "diameter_mm": 8, "distances_mm": [1, 2, 6]})
 PLACES = [{"name": name, "coil": "sq", "layers": LAYERS, "x_mm": x, "y_mm": 0} for name, x in (("a", 0), ("b", 14.5))]
 FREE = pads({"lattice": "free", "placements": PLACES})
+PATH = {
+    "shape": "path", "lines_mm": [[[0, 0], [8, 0], [8, 8]], [[8, 8], [0, 8], [0, 1]]], "trace_width_mm": 0.3,
+    "gap_mm": 0.2,
+}  # fmt: skip
+WIRE = pads({"lattice": "free", "placements": PLACES}, coils={"sq": PATH})
 PITCH, SIZE = "array.pitch_mm", "coils.sq.outer_across_flats_mm"
 
 
@@ -148,6 +153,20 @@ def test_what_the_command_line_gives_takes_the_place_of_the_derived():
 def test_goals_that_a_design_has_not(wishes, file, message):
     with pytest.raises(GoalError, match=message):
         derive_goal(wishes, file)
+
+
+@pytest.mark.parametrize("file", [ONE, PAD, MOVED, FREE, WIRE], ids=["one", "pad", "moved", "free", "wire"])
+def test_goals_are_unfit_for_the_reason_for_which_they_are_refused(file):
+    refused = {}
+    for name in NAMES:
+        try:
+            derive_goal([name], file)
+        except GoalError as error:
+            refused[name] = str(error).partition(";")[0].rstrip(".")
+    unfit = {name: why.partition(";")[0].rstrip(".") for name, why in unfit_goals(file).items()}
+    assert unfit == refused
+    assert refused
+    assert ("smallest" in unfit) == (file is WIRE)
 
 
 def test_a_bound_that_is_none():

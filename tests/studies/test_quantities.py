@@ -95,6 +95,12 @@ def test_numbers_keep_every_digit_in_a_text(depth, noise, edges):
 
 BAD_REQUESTS = {
     "unknown": ("rms_q", "there is no quantity 'rms_q'; did you mean rms_k? coilarray optimize --list-quantities shows all"),
+    "another case": ("Q", "there is no quantity 'Q'; did you mean q? coilarray"),
+    "without its unit": (
+        "inductance",
+        "there is no quantity 'inductance'; did you mean inductance_uH, effective_inductance_uH, target_inductance_uH?",
+    ),
+    "its words": ("quality_factor", "there is no quantity 'quality_factor'; did you mean q, target_q?"),
     "too long": ("z" * 1000, f"there is no quantity '{79 * 'z'}…. coilarray optimize --list-quantities"),
     "nothing like it": ("zzzz", "there is no quantity 'zzzz'. coilarray optimize --list-quantities"),
     "no name": ("", "the name of a quantity is missing; there are board_area_mm2"),

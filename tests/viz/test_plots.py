@@ -2,10 +2,13 @@
 
 import io
 import itertools
+import sys
+import threading
 
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import pyplot
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import to_rgb
@@ -19,6 +22,7 @@ from support.plot_results import legend
 from coilarray import viz
 from coilarray.errors import GeometryError
 from coilarray.geometry.copper import copper_features, drills
+from coilarray.report.png import png_of
 from coilarray.viz.palette import COILS
 from coilarray.viz.plots import style
 
@@ -172,6 +176,43 @@ def test_a_field_map_stands_the_right_way_round():
     assert area(ax.patches[0]) == pytest.approx(1.0)  # mm²
     assert ax.child_axes[0].get_ylabel() == "$B_z$ (µT per A)"
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board; others open"
+
+
+def test_pyplot_shows_a_plot_until_it_is_saved(board):
+    """`pyplot.show()` of a script and notebooks display the figures that pyplot knows, and only those."""
+    plan, figure = viz.plot_board(board).figure, viz.check_figure(board, [])
+    assert [pyplot.figure(number) for number in pyplot.get_fignums()] == [plan, figure]
+    style.save(plan, io.BytesIO(), format="png")
+    png_of(figure)
+    assert pyplot.get_fignums() == []
+
+
+def test_a_plot_is_shown_at_a_prompt_and_belongs_to_no_window_elsewhere(board, monkeypatch):
+    """A notebook has a prompt too; commands, reports and the studio have none, and threads no windows."""
+    drawn = []
+    thread = threading.Thread(target=lambda: drawn.append(viz.plot_board(board)))
+    thread.start()
+    thread.join()
+    assert len(drawn) == 1
+    assert pyplot.get_fignums() == []
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot")  # the program has not imported it
+    viz.plot_board(board)
+    assert "matplotlib.pyplot" not in sys.modules
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+    viz.plot_board(board)
+    assert len(pyplot.get_fignums()) == 1
+
+
+def test_a_figure_that_ends_a_cell_is_shown_once(board, monkeypatch):
+    """A notebook shows what a cell returns, and then what pyplot knows."""
+    figure = viz.check_figure(board, [])
+    with pytest.raises(NotImplementedError):  # IPython goes on to the picture
+        figure._ipython_display_()
+    assert pyplot.get_fignums() == [figure.number]  # a window stays open
+    monkeypatch.setattr(pyplot.matplotlib, "get_backend", lambda: "module://matplotlib_inline.backend_inline")
+    with pytest.raises(NotImplementedError):
+        figure._ipython_display_()
+    assert pyplot.get_fignums() == []
 
 
 def test_a_saved_map_has_whole_labels():

@@ -38,7 +38,7 @@ TRIGGERS = {
     "make_design": [CHOICE, True], "move_target": [0], "open_design": ["starter", "starter"], "pause_board": [],
     "place_coil": ["coil1", "x_mm", "1"], "place_target": ["0", "1"], "press": [0.5, 0.5],
     "press_at": ["0", "1", "0.5"], "read_runs": ["run"], "redo": [], "remove_body": ["target"],
-    "remove_coil": ["coil2"], "remove_sheet": [0], "respond": [], "save_design": ["mine.toml", "mine.toml"],
+    "remove_coil": ["coil2"], "remove_sheet": [0], "respond": [], "save_design": ["mine.toml", "Mine", "mine.toml"],
     "set_base": ["frictionless"], "set_connector": ["left"], "set_lattice": ["square"], "set_layers": ["4"],
     "set_leads": [True], "show_run": ["run", "", ""], "span_of_board": [60.0], "start_board": [],
     "start_run": ["smallest", "4"], "start_study": ["sweep", AXES, ["span_mm"], "typical", "8"], "stop_board": [],

@@ -18,7 +18,7 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
 from coilarray.compute.display_units import value_text
 from coilarray.design import bundled
-from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design
+from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design, parse_design_file
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
@@ -252,6 +252,22 @@ def test_steps_are_undone_and_done_again(starter):
     trail, work = trail.redo(work)
     assert work.opened is second.opened
     assert trail.left(work).after == ()  # a new change ends what was undone
+
+
+def test_a_copy_is_called_by_its_own_file_before_and_after_a_step_back(starter):
+    first = work_on(load_design_file("starter"), "starter")
+    title = first.design.title
+    assert first.for_file("starter.toml", title) is first  # the bundled one saved is no other design
+    second = with_entry(first, "board.margin_mm", "3")
+    copy = second.for_file("copy.toml", "").saved_as("copy.toml")
+    read = parse_design_file(copy.kept_text, "copy.toml")
+    assert (read.document, read.values, read.given) == (copy.kept, copy.opened.values, copy.opened.given)
+    assert (read.design.name, read.design.title, read.design.digest) == ("copy", "copy", second.design.digest)
+    again = copy.for_file("copy.toml", "A copy")
+    assert parse_design_file(again.text(), "copy.toml").values == again.opened.values
+    trail, work = Trail().left(first).undo(again)
+    assert (work.design.name, work.design.title, work.opened.values["board.margin_mm"]) == ("copy", "A copy", 2)
+    assert trail.redo(work)[1].opened.document == again.opened.document
 
 
 def test_a_design_that_no_page_can_follow_is_refused(starter):
@@ -641,6 +657,18 @@ def test_a_new_design_has_an_elastomer_where_it_is_wanted(wanted):
     texts = {"name": "coil", "coils": "1", "shape": "circle", "size": "40", "elastomer": wanted}
     name, choices = choices_of(texts)
     assert (name, choices.get("elastomer", True), choices["size"]) == ("coil", wanted, pytest.approx(40e-3))
+
+
+def test_layers_and_pitch_of_a_new_design_are_chosen_where_they_matter():
+    texts = {"name": "x", "coils": "3", "shape": "circle", "size": "16", "layers": "4", "pitch": "20.5"}
+    _, choices = choices_of(texts)
+    assert (choices["layers"], choices["pitch"]) == (4, pytest.approx(20.5e-3))
+    for layers, words in (
+        ("2.5", r"layers must be a whole number; got 2\.5\."),
+        ("two", "layers must be a number; got"),
+    ):
+        with pytest.raises(DesignError, match=words):
+            choices_of({**texts, "layers": layers})
 
 
 def test_a_new_design_has_no_saved_one_to_compare_with():

@@ -222,6 +222,9 @@ def test_rules_that_break_are_red(page):
     assert page.wait_for_selector("#rules").inner_text() == "rules kept"
     browser.enter(page, "coils.hexagon.gap_mm", "0.05")
     page.wait_for_selector("#rules:has-text('rules broken')")
+    browser.at_rest(page)
+    green = "all => all.filter(one => /green/.test(one.className)).map(one => one.innerText)"
+    assert page.locator(".v-app-bar .v-chip").evaluate_all(green) == []  # nothing reads as if all were well
     assert "spacing within net" in page.locator("#margins tr.broken").first.inner_text()
     browser.picture(page, "broken_rules")
     page.click("#tab-build")
@@ -310,7 +313,18 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.click("#save-now")
     page.wait_for_selector("#file:has-text('better.toml')")
     page.wait_for_selector("#changed", state="detached")
-    assert load_design_file(folder / "better.toml").values["array.pitch_mm"] == 12.5
+    better = load_design_file(folder / "better.toml")
+    assert better.values["array.pitch_mm"] == 12.5
+    # a copy is not called as what it was made of
+    assert (better.design.name, better.values["title"]) == ("better", "")
+    page.click("#save")
+    assert page.input_value("#save-title") == ""
+    page.fill("#save-title", "Twelve and a half")
+    page.click("#save-now")
+    page.wait_for_selector(".v-overlay--active .v-card", state="detached")
+    page.click("#undo")
+    page.click("#redo")
+    assert load_design(folder / "better.toml").title == "Twelve and a half"
     (folder / "other.toml").write_text("another's", encoding="utf-8")
     save(page, "other.toml")
     assert "other.toml is there already" in page.wait_for_selector("#file-problem").inner_text()
@@ -318,9 +332,13 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('other.toml')")
     assert load_design_file(folder / "other.toml").values["array.pitch_mm"] == 12.5
-    save(page, "better.toml")
+    page.click("#save")
+    page.fill("#save-title", "Mine")
+    page.fill("#save-name", "better.toml")  # a title that is typed stays
+    page.click("#save-now")
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('better.toml')")
+    assert load_design(folder / "better.toml").title == "Mine"
     browser.field(page, "array.columns").fill("2")
     browser.field(page, "array.columns").press("Tab")  # to leave a field enters it too
     page.wait_for_selector("#changed")
@@ -487,6 +505,29 @@ def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
         page.click("#tab-numbers")
         np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
         np.testing.assert_array_equal(browser.matrix(other), numbers_of(changed(array__columns=2)).k)
+
+
+def test_goals_that_do_not_fit_say_why_and_a_failed_search_is_said_once(page):
+    page.click("#tab-runs")
+    browser.enter(page, "array.columns", "1")
+    page.wait_for_selector("#goal-words:has-text('The smallest board for its inductance.')")  # and not worst_k
+    assert page.is_enabled("#start-run")
+    page.click("div:has(> .v-field #goal)")
+    (offered,) = page.locator(".v-overlay--active .v-list").all()
+    assert offered.locator(".v-list-item:not(.v-list-item--disabled) .v-list-item-title").all_inner_texts() == [
+        "smallest"
+    ]
+    assert "starter has only one coil, and so no coupling." in offered.inner_text()
+    browser.picture(page, "goals")
+    page.keyboard.press("Escape")
+    page.evaluate("trame.trigger('start_run', ['decouple', '4'])")  # of which the list did not know yet
+    page.wait_for_selector("#problem:has-text('decouple of starter: the design starter has only one coil')")
+    assert page.locator(ALERTS).count() == 1
+    page.evaluate("trame.trigger('start_study', ['sweep', trame.state.get('sweep_axes'), ['k[a,b]'], '', ''])")
+    page.wait_for_selector("#problem:has-text('sweep of starter: ')")
+    assert page.locator(ALERTS).count() == 1
+    page.click("#problem .v-alert__close button")
+    page.wait_for_selector("#problem", state="detached")
 
 
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):

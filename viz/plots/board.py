@@ -23,7 +23,7 @@ from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_features, drills
 from coilarray.geometry.rules import Margin
 from coilarray.viz.palette import INK, LAYERS, coil_colours, cycled
-from coilarray.viz.plots.style import figure_size, legend_above, new_axes, plan_axes, styled, write_name
+from coilarray.viz.plots.style import figure_size, legend_above, new_axes, new_figure, plan_axes, styled, write_name
 
 _TRANSLUCENT = 0.6
 _TOGETHER = 0.025  # of the board's diagonal: places nearer than that get one circle
@@ -195,7 +195,7 @@ def check_figure(array: CoilArray, margins: Sequence[Margin], numbers: Sequence[
     width, height = figure_size(x_max - x_min, y_max - y_min)
     columns = math.ceil(len(layers) / _MOST_ROWS)
     rows, scale = math.ceil(len(layers) / columns), columns**-0.5
-    figure = Figure(figsize=(scale * columns * (width + height), scale * rows * height))
+    figure = new_figure(scale * columns * (width + height), scale * rows * height)
     grid = figure.add_gridspec(rows, 2 * columns, width_ratios=(width, height) * columns)
     for k, layer in enumerate(layers):
         row, column = divmod(k, columns)

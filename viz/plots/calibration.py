@@ -44,7 +44,7 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     measured = np.abs(of.measured.values)
     by_size = sorted(every, key=lambda state: measured[of.state.values == state].max(), reverse=True)
     states = [state for state in every if state in by_size[:_MOST_STATES]]
-    figure = Figure(figsize=(12.5, 3.4 * len(states)))
+    figure = style.new_figure(12.5, 3.4 * len(states))
     if len(states) < len(every):
         style.main_title(figure, f"The {len(states)} of {len(every)} states with the largest values")
     axes = figure.subplots(len(states), 2, squeeze=False)
@@ -116,7 +116,7 @@ def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     labels = [name.rpartition(".")[2] for name in of.unknown.values.tolist()]
     n = len(labels)
     side = max(2.0, min(4.0, 12.0 / n))
-    figure = Figure(figsize=(side * n + 0.8, side * n + 0.4))
+    figure = style.new_figure(side * n + 0.8, side * n + 0.4)
     axes = figure.subplots(n, n, squeeze=False)
     draws, best = of.posterior.values, of["value"].values
     for i in range(n):

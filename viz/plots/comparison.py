@@ -205,13 +205,13 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
         The figure, which its method `savefig` writes to a file.
     """
     if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
-        figure = Figure(figsize=(7.0, 4.5))
+        figure = style.new_figure(7.0, 4.5)
         plot_readings(comparison, depth, figure.add_subplot())
         return figure
     names = comparison.state.values.tolist()[:MOST_STATES]
     aspect = float(np.ptp(comparison.y.values) / np.ptp(comparison.x.values))
     height = max(1.9, _ROW / sum(_WIDTHS) * aspect + 0.9)
-    figure = Figure(figsize=(_ROW, height * len(names) + 0.5))
+    figure = style.new_figure(_ROW, height * len(names) + 0.5)
     axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
     for (left, right, curve), state in zip(axes, names, strict=True):
         of = of_state(comparison.isel(depth=depth), state)

@@ -16,7 +16,7 @@ from coilarray.geometry.indenter import Indenter
 from coilarray.viz.datasets.elastomer import indenter_outline
 from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled
-from coilarray.viz.plots.style import axis_unit, faint_grid, figure_size, new_axes, styled
+from coilarray.viz.plots.style import axis_unit, faint_grid, figure_size, new_axes, new_figure, styled
 
 _WIDTH = 2.5  # thicknesses of the stack shown on each side of the indenter: the raised ring lies within two
 _ABOVE, _BELOW = 0.45, 0.06  # thicknesses of the stack shown above its top and of the board
@@ -140,7 +140,7 @@ def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
     """
     width, height = _dent_size(indentation)
     heights = [height] if indentation.sizes["depth"] == 1 else [height, _FORCE_HEIGHT]
-    figure = Figure(figsize=(width, sum(heights)))
+    figure = new_figure(width, sum(heights))
     axes = figure.subplots(len(heights), squeeze=False, height_ratios=heights).ravel()
     plot_dent(indentation, indenter, ax=axes[0])
     for ax in axes[1:]:

@@ -114,7 +114,7 @@ def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: E
     """
     columns = min(len(model.coils), 3)
     rows = math.ceil(len(model.coils) / columns)
-    figure = Figure(figsize=(3.4 * columns + 1.6, 3.2 * rows))
+    figure = style.new_figure(3.4 * columns + 1.6, 3.2 * rows)
     cells = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for k, (ax, name) in enumerate(zip(cells, model.names, strict=False)):
         plot_ellipse_parameters(fits, model, name, ax, published)
@@ -358,7 +358,7 @@ def distortion_figure(distortion: xr.Dataset) -> Figure:
         The figure, which its method `savefig` writes to a file.
     """
     states = distortion.state.values.tolist()
-    figure = Figure(figsize=(12.5, 3.7 * len(states)))
+    figure = style.new_figure(12.5, 3.7 * len(states))
     axes = figure.subplots(len(states), 2, squeeze=False)
     for (left, right), state in zip(axes, states, strict=True):
         plot_distortion(distortion, state, left)
@@ -449,7 +449,7 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     across = 1 if width > _LANDSCAPE * height else len(there)
     width, height = width * across, height * (len(there) // across)
     shrink = min(1.0, _HIGHEST / max(width, height))
-    figure = Figure(figsize=(width * shrink, height * shrink), layout="compressed")
+    figure = style.new_figure(width * shrink, height * shrink, layout="compressed")
     for ax, name in zip(figure.subplots(len(there) // across, across, squeeze=False).flat, there, strict=True):
         plot_identifiability(bounds, name, ax, outlines)
         ax.set_title(f"of {_SIGMAS[name]}")

@@ -15,7 +15,7 @@ from coilarray.compute.display_units import MM
 from coilarray.geometry.array import CoilArray
 from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
 from coilarray.viz.plots.board import plot_board
-from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, styled
+from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, new_figure, styled
 
 if TYPE_CHECKING:
     from coilarray.studies.optimize.run import Optimization
@@ -321,7 +321,7 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     edges = np.array([array.bounds for array in boards.values()])
     (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
     width, height = figure_size(x_max - x_min, y_max - y_min)
-    figure = Figure(figsize=(width, height * len(boards)))
+    figure = new_figure(width, height * len(boards))
     rim = 0.02 * (x_max - x_min + y_max - y_min)
     for k, (title, array) in enumerate(boards.items()):
         ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))

@@ -266,7 +266,7 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     note = f" ({MOST_MAPS} of {len(names)} states, those nearest to the middle)" if len(names) > MOST_MAPS else ""
     if min(response.sizes["x"], response.sizes["y"]) > 1:
         return _maps(shown, outlines, note)
-    figure = Figure(figsize=_PROFILE)
+    figure = style.new_figure(*_PROFILE)
     along: Literal["x", "y"] = "y" if response.sizes["y"] > 1 else "x"
     ax = plot_response_profile(shown, None, -1, figure.add_subplot(), along)
     ax.set_title(ax.get_title(loc="left") + note)
@@ -299,7 +299,7 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
     columns = _columns(len(names), across / up)
     rows = math.ceil(len(names) / columns)
     width, height = style.figure_size(columns * across, rows * up)
-    figure = Figure(figsize=(width, height + 0.3 * rows), layout="compressed")  # room for the names of the states
+    figure = style.new_figure(width, height + 0.3 * rows, layout="compressed")  # room for the names of the states
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     cells = axes.ravel().tolist()
     for ax, name in zip(cells, names, strict=False):

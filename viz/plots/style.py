@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, ParamSpec, TypeVar
 
@@ -56,25 +58,65 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Draw in `STYLE` and leave the caller's settings as they were."""
+    """Draw in `STYLE` and leave the caller's settings as they were.
+
+    Matplotlib's own context would undo what a notebook sets when its first figure loads pyplot's backend.
+    """
 
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:
-        with matplotlib.rc_context(STYLE):
+        before = {key: matplotlib.rcParams[key] for key in STYLE}
+        matplotlib.rcParams.update(STYLE)
+        try:
             return draw(*args, **kwargs)
+        finally:
+            matplotlib.rcParams.update(before)
 
     return styled
 
 
+class NotebookFigure(Figure):
+    """Figure of pyplot, which a notebook shows once where the last line of a cell returns it."""
+
+    def _ipython_display_(self) -> None:
+        if "inline" in matplotlib.get_backend():
+            close(self)  # else the notebook shows it again at the end of the cell
+        raise NotImplementedError  # then IPython shows it as any figure
+
+
+def new_figure(width: float, height: float, layout: Literal["compressed"] | None = None) -> Figure:
+    """Figure with sizes in inches, which ``pyplot.show()`` and notebooks display.
+
+    They display figures of pyplot only. It is used where the program has imported it or somebody types at a prompt;
+    figures of commands, reports and the studio belong to no window, and go with their last name.
+    """
+    prompt = hasattr(sys, "ps1")  # of Python, IPython and notebooks
+    if (prompt or "matplotlib.pyplot" in sys.modules) and threading.current_thread() is threading.main_thread():
+        from matplotlib import pyplot
+
+        return pyplot.figure(figsize=(width, height), layout=layout, FigureClass=NotebookFigure)
+    return Figure(figsize=(width, height), layout=layout)
+
+
 def new_axes(width: float, height: float) -> Axes:
-    """Axes of a new figure, sizes in inches, that belongs to no window and no global state."""
-    return Figure(figsize=(width, height)).add_subplot()
+    """Axes of a new figure, sizes in inches."""
+    return new_figure(width, height).add_subplot()
 
 
 def save(figure: Figure, file: Any, **look: Any) -> None:
-    """Save a figure; `look` goes to Matplotlib, whose layout cuts labels of axes with equal scales the first time."""
+    """Save a figure and close it; `look` goes to Matplotlib.
+
+    Matplotlib's layout cuts labels of axes with equal scales the first time.
+    """
     figure.draw_without_rendering()
     figure.savefig(file, **look)
+    close(figure)
+
+
+def close(figure: Figure) -> None:
+    """Make pyplot forget a figure that it knows: a file has it."""
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close(figure)
 
 
 def figure_size(width: float, height: float) -> tuple[float, float]:

@@ -25,6 +25,7 @@ from coilarray.viz.plots.style import (
     legend_beside,
     logarithmic_ticks,
     new_axes,
+    new_figure,
     styled,
 )
 
@@ -171,7 +172,7 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     ['apparent inductance', 'effective resistance Re Z (Ω)', 'quality factor']
     """
     names = ("apparent_inductance", "impedance_real", "quality_factor")
-    figure = Figure(figsize=(6.5, 3.2 * len(names)))
+    figure = new_figure(6.5, 3.2 * len(names))
     for k, name in enumerate(names):
         ax = figure.add_subplot(len(names), 1, k + 1)
         plot_frequency_sweep(sweep, name, ax, scan=scan)
@@ -468,7 +469,7 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     columns = min(len(entries) if dotted else _COLUMNS, len(panels))
     rows = math.ceil(len(panels) / columns)
     beside = _LEGEND if len(pairs) > _MOST_INSIDE else 0.0
-    figure = Figure(figsize=(_PANEL[0] * columns + beside, _PANEL[1] * rows))
+    figure = new_figure(_PANEL[0] * columns + beside, _PANEL[1] * rows)
     for k, (name, entry) in enumerate(panels):
         ax = figure.add_subplot(rows, columns, k + 1)
         if name in pairs:

@@ -100,7 +100,7 @@ def target_figure(response: xr.Dataset) -> Figure:
     matplotlib.figure.Figure
         The figure, which its method `savefig` writes to a file.
     """
-    figure = Figure(figsize=_PANELS)
+    figure = style.new_figure(*_PANELS)
     panels = figure.subplots(2, 2, sharex=True).ravel().tolist()
     for ax, quantity in zip(panels, _SHOWN, strict=True):
         plot_target(response, quantity, ax)

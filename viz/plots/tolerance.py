@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coilarray.viz.palette import BLUE, INK, KINDS, UNKNOWN, VERMILLION
-from coilarray.viz.plots.style import legend_above, new_axes, styled
+from coilarray.viz.plots.style import legend_above, new_axes, new_figure, styled
 
 _MOST_HISTOGRAMS = 6
 _COLUMNS = 3
@@ -49,7 +49,7 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
     shown = names[:_MOST_HISTOGRAMS] if "value" in result else []
     rows = -(-len(shown) // _COLUMNS)
     width, bars = _shares_size(len(names))
-    figure = Figure(figsize=(width, bars + 2.2 * rows))
+    figure = new_figure(width, bars + 2.2 * rows)
     grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[bars] + [2.2] * rows)
     plot_shares(result.sel(output=names), figure.add_subplot(grid[0, :]))
     for k, name in enumerate(shown):

@@ -27,9 +27,8 @@ class DesignPanel(Panel):
         self._exported: set[Path] = set()
         values = {
             "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "array_words": "", "changed": False,
-            "shelf": [],
-            "save_name": "", "save_over": "", "open_over": "", "opening": "", "file_problem": "", "file_note": "",
-            "open_dialog": False, "save_dialog": False, "report_url": "",
+            "shelf": [], "save_name": "", "save_title": "", "save_over": "", "open_over": "", "opening": "",
+            "file_problem": "", "file_note": "", "open_dialog": False, "save_dialog": False, "report_url": "",
             "can_report": page.setup.services.write_report is not None, "formats": list(SUFFIXES),
         }  # fmt: skip
         super().__init__(
@@ -43,12 +42,12 @@ class DesignPanel(Panel):
         if not typed:
             entries = entries_of(work.opened)
             state.groups, state.errors = _groups(entries), {}
-            state.save_name = work.file if work.file.endswith(".toml") else f"{work.file}.toml"
             state.texts = {entry.key: text_of(entry.value) for entry in entries}
             state.dirty("texts")  # the page may hold others, which this side does not know
             self._page.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
-        state.title, state.array_words = work.design.title, array_words(work.design.array)
+        state.title = str(work.opened.document.get("title", ""))
+        state.array_words = array_words(work.design.array)
         state.trame__title = f"{work.file} – coilarray studio"
         state.report_url = ""
 
@@ -92,8 +91,8 @@ class DesignPanel(Panel):
             state.open_dialog, state.open_over, state.opening = False, "", ""
             page.take(work)
 
-    def _save(self, name: str, replaced: str = "") -> None:
-        """Save under a name; to replace another file its name must be given a second time, as `replaced`."""
+    def _save(self, name: str, title: str | None, replaced: str = "") -> None:
+        """Save under a name and a title; to replace another file its name must be given again, as `replaced`."""
         page = self._page
         name = str(name).strip()
         try:
@@ -102,16 +101,13 @@ class DesignPanel(Panel):
                 page.state.save_over = name
                 return
             kept = page.work.keeps_comments
-            work = page.setup.shelf.save(page.work, name)
+            work = page.setup.shelf.save(page.work.for_file(name, (title or "").strip()), name)
         except (DesignError, OutputError) as error:
             page.state.file_problem = str(error)
             return
         page.state.save_over = ""
         page.state.save_dialog = False
-        page.work = work
-        page.numbers.forget_saved(work)
-        page.redraw()
-        page.state.file, page.state.changed = work.file, False
+        page.saved(work)
         page.state.file_note = f"saved {page.setup.shelf.path(work.file)}" + (
             "" if kept else "; its comments could not be kept, those of the starter are in their place"
         )

@@ -71,6 +71,7 @@ class _Changes(TypedDict, total=False):
     save_dialog: bool
     save_name: str | None
     save_over: str
+    save_title: str | None
     study_quantities: list[str] | None
     sweep_axes: list[Axis]
     target_place: list[str | None]

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 _FIRST = {
     "name": "mine", "coils": str(Choices.coils), "shape": Choices.shape, "size": f"{Choices().sides[0] * 1e3:g}",
-    "inductance": "", "connector": "none", "decoupled": Choices.overlap == "decoupled", "elastomer": Choices.elastomer,
+    "inductance": "", "layers": "", "pitch": "", "connector": "none",
+    "decoupled": Choices.overlap == "decoupled", "elastomer": Choices.elastomer,
 }  # fmt: skip
 
 
@@ -90,8 +91,14 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     if arrangement.columns * arrangement.rows > MOST_COILS:
         raise DesignError(f"coils must be at most {MOST_COILS} for the studio to follow; got {given['coils']}.")
     choices: dict[str, Any] = {"coils": given["coils"], "shape": given["shape"], "size": read_size(given["size"])}
-    if given["inductance"]:
-        choices["inductance"] = number_of("inductance", given["inductance"]) * 1e-6
+    for key, scale in (("inductance", 1e-6), ("pitch", 1e-3)):
+        if given[key]:
+            choices[key] = number_of(key, given[key]) * scale
+    if given["layers"]:
+        layers = number_of("layers", given["layers"])
+        if layers != round(layers):
+            raise DesignError(f"layers must be a whole number; got {given['layers']}.")
+        choices["layers"] = round(layers)
     if given["connector"] not in ("", "none"):
         choices["connector"] = given["connector"]
     if texts.get("decoupled"):

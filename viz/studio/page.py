@@ -113,7 +113,8 @@ class Page:
         self.design = DesignPanel(self)
         self.new = NewPanel(self)
         self.state.tab = "live" if setup.services.alone else "numbers"
-        self.state.change("tab")(lambda tab, **_: self.redraw())
+        for function in (self.redraw, self.runs.offer):
+            self.state.change("tab")(lambda function=function, **_: function())
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
         self.server.controller.on_error.add(_log_error)
@@ -176,6 +177,18 @@ class Page:
             self._trail = self._trail.left(self.work)
         self._changed_at = time.monotonic() if typed else -math.inf
         self._show(work, typed=typed)
+
+    def saved(self, work: Work) -> None:
+        """Show that the design is in a file now, perhaps with another name or title."""
+        same = work.design is self.work.design
+        self.work = replace(self.work, file=work.file)  # of which none is opened
+        if not same:
+            self._show(work, typed=True)
+            return
+        self.work = work
+        self.numbers.forget_saved(work)
+        self.design.show(work, typed=True)
+        self.redraw()
 
     def change(
         self,
@@ -262,6 +275,7 @@ class Page:
             self.metal.show(work.design, anew=other)
             self.live.show(work.design)
             self.runs.show(work.design)
+            self.runs.offer()
             self.studies.show(work, anew=other)
             self.numbers.wait()
             self.state.scene_rests = False
@@ -349,14 +363,14 @@ class Page:
         task: Task,
         item: Any,
         done: Callable[[Any], None],
-        failed: Callable[[str], None] = lambda problem: None,
+        failed: Callable[[str], None] | None = None,
         cancelled: Callable[[], None] = lambda: None,
         watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
         """Start a job with a progress bar; exactly one of `done`, `failed` and `cancelled` is called at its end.
 
-        A failure is said above the page too, whatever tab is open by then. Messages other than (done, total) go to
-        `watch`.
+        Without `failed` a failure is said above the page, whatever tab is open by then. Messages other than
+        (done, total) go to `watch`.
         """
         begun = time.monotonic()
 
@@ -373,8 +387,7 @@ class Page:
             if outcome.kind == "done":
                 done(outcome.result)
             elif outcome.kind == "failed":
-                self.say(f"{text}: {outcome.problem}")
-                failed(outcome.problem)
+                (failed or (lambda problem: self.say(f"{text}: {problem}")))(outcome.problem)
             else:
                 cancelled()
 

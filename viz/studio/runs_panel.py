@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
-from coilarray.studies.optimize.goals import NAMES
+from coilarray.studies.optimize.goals import NAMES, unfit_goals
 from coilarray.studies.optimize.study_file import FILE
+from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel, image_of
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _EVERY = 3.0  # s
+_REST = 0.3  # s without a change before goals are offered
 _MOST_TRIALS = 10_000
 _SIZE = (4.6, 3.3)  # of the picture in inches: its letters are to be read beside the board
 
@@ -41,12 +44,33 @@ class RunsPanel(Panel):
             "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
             "run_y": "", "run_picture": "", "run_lines": [], "run_of": "", "run_front": [], "run_scores": [],
             "runs_problem": "",
-            "run_goals": list(NAMES), "run_goal": NAMES[0], "run_trials": "40",
+            "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
         }  # fmt: skip
+        self._offered = ""  # digest of the design of whose goals the page knows
         super().__init__(
             page, values, look_for_runs=self._look, read_runs=self._read, show_run=self._show, take_point=self._take,
             start_run=self._start,
         )  # fmt: skip
+
+    def offer(self) -> None:
+        """Find out which goals fit, where their tab is open: for 64 coils that takes a while."""
+        page = self._page
+        work = page.work
+        if page.state.tab == "runs" and work.design.digest != self._offered:
+
+            def find() -> tuple[Design, Mapping[str, str]]:
+                return work.design, unfit_goals(work.opened)
+
+            page.scenes.ask([Step("goals", find, self._show_goals, page.say, rest=_REST)])
+
+    def _show_goals(self, found: tuple[Design, Mapping[str, str]]) -> None:
+        design, unfit = found
+        if self._page.is_current(design):
+            self._offered = design.digest
+            with self._page.state as state:
+                state.run_goals = _offered(unfit)
+                if state.run_goal in unfit:
+                    state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
 
     def show(self, design: Design) -> None:
         """Say of what is shown where it is not of this design."""
@@ -82,8 +106,7 @@ class RunsPanel(Panel):
 
         item = (search_goal, page.work.opened.document, design.name, goal, count, folder)
         stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
-        failed = partial(setattr, state, "runs_problem")
-        if page.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, failed, stopped):
+        if page.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, cancelled=stopped):
             state.runs_problem = ""
             self._started[folder.name] = design.digest
             self._starting = page.begin(self._read_first, folder)
@@ -159,6 +182,18 @@ class RunsPanel(Panel):
             entries = point.entries
             refused = partial(setattr, self._page.state, "runs_problem")
             self._page.change(lambda work: work.document_with(entries), refused)
+
+
+def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return all goals as the page lists them, those for the design first: what each is, or why it is none for it."""
+    return [
+        {
+            "value": name,
+            "title": name,
+            "props": {"subtitle": unfit.get(name, says), "disabled": name in unfit, "lines": "three"},
+        }
+        for name, says in sorted(NAMES.items(), key=lambda one: one[0] in unfit)
+    ]
 
 
 def _stamp(folder: Path) -> tuple[int, ...]:

@@ -110,8 +110,8 @@ class StudiesPanel(Panel):
         except CoilarrayError as error:
             state.study_problem = str(error)
             return
-        failed = partial(setattr, state, "study_problem")
-        if page.start_bar("study", f"{kind} of {work.design.name}", task, item, done, failed, cancelled, watch):
+        name = f"{kind} of {work.design.name}"
+        if page.start_bar("study", name, task, item, done, cancelled=cancelled, watch=watch):
             state.study_problem, state.study = "", _NONE
             self._of, self._found = None, None
 

@@ -96,7 +96,7 @@ class TouchPanel(Panel):
             page.state.touch_note = text
 
         item = (page.setup.services.response_table, page.work.opened.document, design.name)
-        if page.start_bar("table", f"response of {design.name}", with_progress, item, done, note, note):
+        if page.start_bar("table", f"response of {design.name}", with_progress, item, done, cancelled=note):
             note("")
 
     def _take_table(self, design: Design, table: xr.Dataset) -> None:

@@ -76,6 +76,23 @@ class Work:
         require_small(opened.design)
         return replace(self, opened=opened)
 
+    def for_file(self, file: str, title: str) -> Work:
+        """Return it with another title, an empty one for none, and under the name of a file that is not its own."""
+        stem = file.removesuffix(".toml")
+        return self._called(self.design.name if stem == self.file.removesuffix(".toml") else stem, title)
+
+    def _called(self, name: str, title: str) -> Work:
+        """Return it with another name and title, which change no number."""
+        if (name, title or name) == (self.design.name, self.design.title):
+            return self
+        document = {**self.opened.document, "name": name, "title": title}
+        if not title:
+            del document["title"]
+        design = replace(self.design, name=name, title=title or name)
+        values = {**self.opened.values, "name": name, "title": title}
+        given = (self.opened.given | {"name", "title"}) - (set() if title else {"title"})
+        return replace(self, opened=replace(self.opened, design=design, document=document, values=values, given=given))
+
     def saved_as(self, file: str) -> Work:
         """Return it after it was saved to a file."""
         text = self.text()
@@ -85,7 +102,8 @@ class Work:
 
     def of_file(self, other: Work) -> Work:
         """Return it as the changed contents of the file of another one."""
-        return replace(self, file=other.file, kept=other.kept, kept_text=other.kept_text)
+        called = self._called(other.design.name, str(other.opened.document.get("title", "")))
+        return replace(called, file=other.file, kept=other.kept, kept_text=other.kept_text)
 
     def text(self) -> str:
         """Return the design file, with its comments."""

@@ -28,6 +28,7 @@ _FABS = ("oshpark-2-layer", "oshpark-4-layer", "multi-cb-35um")  # the last one 
 _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
 _CORNERED = 0.75  # of half the hole: wider traces of polygons, whose turns slope, would touch at the inner corners
+_WIDEST = 5e-3  # m, of traces: a good part of the skin depths at 10 MHz for which the AC resistance holds
 _USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
 _HOLES = (0.45, 0.6, 0.75, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
 _WINDING_LAYERS = (2, 4)
@@ -79,6 +80,7 @@ def _wound(plan: Plan, winding: Winding) -> Plan:
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
     """Find pitch and terminals for a winding; DesignError where there are none."""
+    _require_pads(wound)
     problem = None
     for turned in (False, True) if _can_turn(wound) else (False,):
         try:
@@ -87,7 +89,39 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
         except DesignError as error:
             problem = error
     assert problem is not None  # there is a way to turn it
-    raise problem
+    if choices.pitch is None:
+        raise problem
+    raise DesignError(
+        f"pitch must leave room for coils and terminals, as {_side_by_side(wound) * 1e3:g} mm and more do; got "
+        f"{choices.pitch * 1e3:g} mm: {problem}"
+    )
+
+
+def _require_pads(wound: Plan) -> None:
+    """Refuse more layers than there is room for the holes that join them; DesignError with how many have room."""
+    problem = _problem(wound)
+    if problem is not None:
+        fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
+        most = next((plan.layers for plan in fewer if _problem(plan) is None), None)
+        if most is None:
+            raise problem
+        reason = str(problem).removeprefix(f"{wound.name}: ").removeprefix(f"coils.{wound.shape}: ")
+        size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(wound.size))
+        raise DesignError(f"layers must be at most {most} for a coil of {size} mm; got {wound.layers}: {reason}")
+
+
+def _problem(wound: Plan) -> DesignError | None:
+    """Return why one coil cannot be made; None where it can."""
+    try:
+        _ = wound.one.design
+    except DesignError as error:
+        return error
+    return None
+
+
+def _side_by_side(plan: Plan) -> float:
+    """Return the pitch in m of coils with room for the terminals between them."""
+    return plan.width + plan.lead + _BESIDE
 
 
 def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
@@ -144,7 +178,7 @@ def _placed(plan: Plan, choices: Choices) -> Plan:
         )
         placed = replace(plan, pitch=pitch)
     else:
-        placed = replace(plan, pitch=plan.width + plan.lead + _BESIDE if choices.pitch is None else choices.pitch)
+        placed = replace(plan, pitch=_side_by_side(plan) if choices.pitch is None else choices.pitch)
     if not _are_apart(placed):
         raise DesignError(
             f"coils of {plan.width * 1e3:g} mm at a pitch of {placed.pitch * 1e3:.4g} mm overlap so far that "
@@ -156,6 +190,12 @@ def _placed(plan: Plan, choices: Choices) -> Plan:
 def _winding(plan: Plan, choices: Choices) -> Winding:
     """Find turns and trace: of the usual width where that will do, else of the board house's narrowest."""
     usual, finest = _rooms(plan)
+    if not finest.most_turns:
+        least = math.ceil(2e5 * (finest.hole + 2 * finest.trace_width + finest.gap) * (1 - 1e-9)) / 100  # mm
+        raise DesignError(
+            f"size must be at least {least:g} mm, for a turn of {finest.trace_width * 1e3:g} mm trace about the holes "
+            f"that join {plan.winding_layers} layers; got {min(plan.size) * 1e3:g} mm."
+        )
     if choices.inductance is None:
         usual = replace(usual, hole=max(_USUAL_HOLE * usual.radius, usual.hole))
         for room in (usual, finest):
@@ -172,7 +212,7 @@ def _rooms(plan: Plan) -> tuple[Room, Room]:
     radius, rules = min(plan.size) / 2, plan.rules
     closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
     hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
-    widest = _CORNERED * hole if plan.shape in ("hexagon", "square") else math.inf
+    widest = min(_WIDEST, _CORNERED * hole) if plan.shape in ("hexagon", "square") else _WIDEST
     usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest), widest)
     return usual, replace(usual, trace_width=rules.min_trace, gap=closest)
 

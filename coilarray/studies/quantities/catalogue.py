@@ -120,10 +120,26 @@ def _quantity(name: object) -> Quantity:
         return QUANTITIES[name]
     if not name:
         raise GoalError(f"the name of a quantity is missing; there are {listed(QUANTITIES)}.")
-    close = difflib.get_close_matches(str(name), list(QUANTITIES), n=1)
-    hint = f"; did you mean {close[0]}?" if close else "."
+    meant = _meant(str(name))
+    hint = f"; did you mean {', '.join(meant)}?" if meant else "."
     known = f"coilarray optimize --list-quantities shows all {len(QUANTITIES)}."
     raise GoalError(f"there is no quantity {shown(name)}{hint} {known}")
+
+
+def _meant(name: str) -> list[str]:
+    """Names that somebody may have meant: written alike, with the same words, or described by them."""
+    text = name.casefold()
+    alike = [key for key in QUANTITIES if key.casefold() == text]
+    within = [key for key in QUANTITIES if text in key.casefold()] if len(text) > 2 else []
+    close = difflib.get_close_matches(text, list(QUANTITIES), n=1)
+    words = text.replace("_", " ")
+    described = [key for key, one in QUANTITIES.items() if words in one.says.casefold()] if len(text) > 2 else []
+    found = alike or sorted(within, key=_order) or close or sorted(described, key=_order)
+    return found[:3]
+
+
+def _order(name: str) -> tuple[bool, int]:
+    return name.startswith("target_"), len(name)
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from coilarray.studies.optimize.goals.named import (
     is_named,
     keeping_rules,
     load_goal,
+    unfit_goals,
 )
 
-__all__ = ["NAMES", "DerivedGoal", "adjusted", "derive_goal", "is_named", "keeping_rules", "load_goal"]
+__all__ = ["NAMES", "DerivedGoal", "adjusted", "derive_goal", "is_named", "keeping_rules", "load_goal", "unfit_goals"]

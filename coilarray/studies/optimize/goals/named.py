@@ -10,6 +10,7 @@ from typing import Any
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
 from coilarray.errors import GoalError, NetworkError
+from coilarray.geometry import Target
 from coilarray.studies.optimize.goal import GOALS, Goal, check_goal, parse_goal
 from coilarray.studies.optimize.goals import ranges
 from coilarray.studies.optimize.goals.ranges import Range, rounded
@@ -29,13 +30,21 @@ _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # of what they are
 class _Part:
     """What one name or wish gives to a goal: tables, each with a line that says where it comes from."""
 
-    title: str
     objectives: list[tuple[dict[str, Any], str]]
-    variables: list[Range]
     constraints: list[tuple[dict[str, Any], str]]
     watch: list[str] = field(default_factory=list)
     trials: int = 80
     polish: int = 40
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A goal that has a name: of which designs it can be made, what it changes, and the rest of it."""
+
+    title: str
+    needs: Callable[[Design], object]  # GoalError for a design that has not what it is about
+    variables: Callable[[DesignFile], list[Range]]
+    part: Callable[[DesignFile], _Part]
 
 
 @dataclass(frozen=True)
@@ -120,9 +129,14 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
         A wish that is none, or a design that has nothing that such a goal could change.
     """
     file = as_file(design)
-    parts = [_NAMED[wish](file) if wish in _NAMED else _plain(file, wish) for wish in wishes]
-    own = [one for part in parts for one in part.variables]
-    variables = {one.variable["entry"]: one for one in ([Range(variable_of(axis), "") for axis in vary] or own)}
+    asked = [_named(wish) for wish in wishes]
+    for one in asked:
+        one.needs(file.design)
+    varied = [Range(variable_of(axis), "") for axis in vary] or [each for one in asked for each in one.variables(file)]
+    variables = {one.variable["entry"]: one for one in varied}
+    if not variables:
+        raise GoalError(f"{_nothing_to_vary(wishes, file)}; name entries by --vary or in a goal file.")
+    parts = [one.part(file) for one in asked]
     objectives = {table["quantity"]: (table, says) for part in parts for table, says in part.objectives}
     constraints = {table["quantity"]: (table, says) for part in parts for table, says in part.constraints}
     for quantity in objectives:
@@ -133,19 +147,14 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     watch = dict.fromkeys(one for part in parts for one in part.watch)
     document = {
         "schema": 1,
-        "title": "; ".join(part.title for part in parts),
+        "title": "; ".join(one.title for one in asked),
         "watch": [one for one in watch if one not in objectives and one not in constraints],
         "variable": [one.variable for one in variables.values()],
         "objective": [table for table, _ in objectives.values()],
         "constraint": [table for table, _ in constraints.values()],
         "search": search,
     }
-    if not variables:
-        raise GoalError(
-            f"{', '.join(wishes)} finds nothing to vary in {file.design.name}; name entries by --vary or in a goal "
-            "file."
-        )
-    comments = {f"variable.{k}": one.says for k, one in enumerate(variables.values()) if one.says}
+    comments = {f"variable.{k}": each.says for k, each in enumerate(variables.values()) if each.says}
     comments |= {f"objective.{k}": says for k, (_, says) in enumerate(objectives.values()) if says}
     comments |= {f"constraint.{k}": says for k, (_, says) in enumerate(constraints.values()) if says}
     return DerivedGoal(check_goal(document, ", ".join(wishes)), comments)
@@ -176,12 +185,47 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
     return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
 
 
+def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
+    """Return which of `NAMES` are no goals for a design, and why, in one line.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> list(unfit_goals(load_design("starter"))), unfit_goals(load_design("gast_fem"))["decouple"]
+    (['range', 'resolution'], 'the design gast_fem has only one coil, and so no coupling.')
+    """
+    file, reasons = as_file(design), dict[str, str]()
+    for name, named in _NAMED.items():
+        try:
+            named.needs(file.design)
+            if not named.variables(file):
+                reasons[name] = f"{_nothing_to_vary([name], file)}."
+        except GoalError as error:
+            reasons[name] = str(error)
+    return reasons
+
+
+def _nothing_to_vary(wishes: Sequence[str], file: DesignFile) -> str:
+    return f"{', '.join(wishes)} finds nothing to vary in {file.design.name}"
+
+
+def _named(wish: str) -> _Named:
+    """Return the goal of a name, or make one of a wish: all that decides a coil and its distances may change."""
+    if wish in _NAMED:
+        return _NAMED[wish]
+    objective = parse_wish(wish)
+    if objective is None:
+        raise GoalError(
+            f"a goal must be one of {', '.join(NAMES)}, or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; "
+            f"got {wish!r}."
+        )
+    objective["quantity"] = canonical(objective["quantity"])
+    return _Named(wish, lambda _: None, _sizes, lambda file: _Part([(objective, "")], [_fab(file)]))
+
+
 def _worst_k(file: DesignFile) -> _Part:
-    ranges.neighbours(file.design)  # there must be two coils
     return _Part(
-        "Less coupling between any two coils",
         [({"quantity": "worst_k", "direction": "minimize"}, "largest |k| of any two coils")],
-        [*_distances(file), *ranges.layer_choices(file)],
         [_fab(file), *_areas(file)],
         ["rms_k", "span_mm"],
     )
@@ -193,9 +237,7 @@ def _decouple(file: DesignFile) -> _Part:
     if near.share_copper:
         reason += "; they lie on the same copper, where coils cannot overlap until k is zero"
     return _Part(
-        "Neighbours without coupling",
         [({"quantity": f"k[{','.join(near.names)}]", "target": 0.0}, reason)],
-        _distances(file),
         [_fab(file)],
         ["worst_k", "board_area_mm2"],
         trials=16,
@@ -203,22 +245,23 @@ def _decouple(file: DesignFile) -> _Part:
     )
 
 
-def _position_error(file: DesignFile) -> _Part:
-    _ = Evaluation(file.design).indentation  # there must be one
-    if len(file.design.plan) < _UNKNOWNS:
+def _three_states(design: Design) -> None:
+    _ = Evaluation(design).indentation  # there must be one
+    if len(design.plan) < _UNKNOWNS:
         raise GoalError(
             f"position_error needs {_UNKNOWNS} states of the scan for x, y and the depth; "
-            f"{file.design.name} has {len(file.design.plan)}."
+            f"{design.name} has {len(design.plan)}."
         )
+
+
+def _position_error(file: DesignFile) -> _Part:
     return _Part(
-        "Positions best resolved",
         [
             (
                 {"quantity": "position_error_mm", "direction": "minimize"},
                 "least standard deviation of x over all coils, for δ with the design's noise budget",
             )
         ],
-        [*ranges.pitch_ranges(file), *ranges.turns_ranges(file), *ranges.termination_choices(file)],
         [_fab(file), *_areas(file)],
         ["depth_error_mm"],
         trials=40,
@@ -226,29 +269,28 @@ def _position_error(file: DesignFile) -> _Part:
     )
 
 
+def _target(design: Design) -> Target:
+    return Evaluation(design).target  # there must be one
+
+
 def _range(file: DesignFile) -> _Part:
-    return _of_target(
-        file, "target_range_mm[{coil}]", "maximize", "Largest range of a target", "δ with the noise budget"
-    )
+    return _of_target(file, "target_range_mm[{coil}]", "maximize", "δ with the noise budget")
 
 
 def _resolution(file: DesignFile) -> _Part:
-    distances = Evaluation(file.design).target.distances
+    distances = _target(file.design).distances
     middle = f"{round(distances[len(distances) // 2] * 1e3, 6):g}"
     quantity = f"target_deviation_um[{{coil}},distance_mm={middle}]"
-    return _of_target(file, quantity, "minimize", "Finest resolution of distance", "in the middle of its distances")
+    return _of_target(file, quantity, "minimize", "in the middle of its distances")
 
 
-def _of_target(file: DesignFile, quantity: str, direction: str, title: str, says: str) -> _Part:
+def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _Part:
     """Change size, turns and traces of the coils, on no more board than there is."""
-    _ = Evaluation(file.design).target  # there must be one
     coil = file.design.array.middle_coil
     board, _ = _areas(file)[0]
     now = evaluate(file.design, ["board_area_mm2"])["board_area_mm2"]
     return _Part(
-        title,
         [({"quantity": canonical(quantity.format(coil=coil)), "direction": direction}, f"of {coil}; {says}")],
-        [*ranges.size_ranges(file), *ranges.turns_ranges(file), *ranges.trace_ranges(file)],
         [_fab(file), ({**board, "at_most": rounded(now, 3, up=True)}, "no more board than it is")],
         [f"q[{coil}]", f"inductance_uH[{coil}]"],
         trials=40,
@@ -272,14 +314,7 @@ def _smallest(file: DesignFile) -> _Part:
             continue
         constraints.append(({"quantity": quantity, side: rounded(part * now, 3, up=side == "at_most")}, says))
     return _Part(
-        "The smallest board for its inductance",
         [({"quantity": "board_area_mm2", "direction": "minimize"}, "")],
-        [
-            *ranges.size_ranges(file),
-            *ranges.pitch_ranges(file),
-            *ranges.turns_ranges(file),
-            *ranges.trace_ranges(file),
-        ],
         constraints,
         ["span_mm"],
         trials=100,
@@ -287,26 +322,17 @@ def _smallest(file: DesignFile) -> _Part:
     )
 
 
-def _plain(file: DesignFile, wish: str) -> _Part:
-    """Take a wish about any quantity: all that decides a coil and its distances may change."""
-    objective = parse_wish(wish)
-    if objective is None:
-        raise GoalError(
-            f"a goal must be one of {', '.join(NAMES)}, or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; "
-            f"got {wish!r}."
-        )
-    objective["quantity"] = canonical(objective["quantity"])
-    return _Part(
-        wish,
-        [(objective, "")],
-        [*ranges.pitch_ranges(file), *ranges.size_ranges(file), *ranges.turns_ranges(file)],
-        [_fab(file)],
-    )
-
-
 def _distances(file: DesignFile) -> list[Range]:
     """Return what brings coils nearer to each other: the pitch, or their size where each has its own place."""
     return ranges.pitch_ranges(file) or ranges.size_ranges(file)
+
+
+def _sizes(file: DesignFile) -> list[Range]:
+    return [*ranges.pitch_ranges(file), *ranges.size_ranges(file), *ranges.turns_ranges(file)]
+
+
+def _of_traces(file: DesignFile) -> list[Range]:
+    return [*ranges.size_ranges(file), *ranges.turns_ranges(file), *ranges.trace_ranges(file)]
 
 
 def _fab(file: DesignFile) -> tuple[dict[str, Any], str]:
@@ -334,9 +360,27 @@ def _areas(file: DesignFile) -> list[tuple[dict[str, Any], str]]:
     ]
 
 
-_NAMED: Mapping[str, Callable[[DesignFile], _Part]] = {
-    "worst_k": _worst_k, "decouple": _decouple, "position_error": _position_error, "smallest": _smallest,
-    "range": _range, "resolution": _resolution,
+_NAMED: Mapping[str, _Named] = {
+    "worst_k": _Named(
+        "Less coupling between any two coils", ranges.neighbours,
+        lambda file: [*_distances(file), *ranges.layer_choices(file)], _worst_k,
+    ),
+    "decouple": _Named("Neighbours without coupling", ranges.neighbours, _distances, _decouple),
+    "position_error": _Named(
+        "Positions best resolved", _three_states,
+        lambda file: [*ranges.pitch_ranges(file), *ranges.turns_ranges(file), *ranges.termination_choices(file)],
+        _position_error,
+    ),
+    "smallest": _Named(
+        "The smallest board for its inductance", lambda _: None,
+        lambda file: [
+            *ranges.size_ranges(file), *ranges.pitch_ranges(file), *ranges.turns_ranges(file),
+            *ranges.trace_ranges(file),
+        ],
+        _smallest,
+    ),
+    "range": _Named("Largest range of a target", _target, _of_traces, _range),
+    "resolution": _Named("Finest resolution of distance", _target, _of_traces, _resolution),
 }  # fmt: skip
-NAMES = tuple(_NAMED)
-"""Goals that fit any design."""
+NAMES: Mapping[str, str] = {name: named.title for name, named in _NAMED.items()}
+"""Goals that fit many designs, by name, with what each is in words; see `unfit_goals`."""

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.design.model import Design, DesignFile
 from coilarray.errors import GoalError
-from coilarray.geometry import Placement
 
 _MOST_CHOICES = 12  # of copper layers; more would need more points than a search has
 _WIDER, _SMALLER = 1.25, 0.6  # of a pitch or a size, from what it is
@@ -46,13 +44,14 @@ def pairs(design: Design) -> list[Pair]:
     """Return all pairs of coils, the nearest first; of equally near ones those first that lie in the middle."""
     places = design.array.placements
     middle = (design.array.centres.min(axis=0) + design.array.centres.max(axis=0)) / 2
-    found = []
+    found, outlines = [], {place.name: place.to_board(place.coil.outline) - (place.x, place.y) for place in places}
     for one, other in itertools.combinations(places, 2):
         away = np.array([other.x - one.x, other.y - one.y])
         distance = float(np.hypot(*away))
         off = float(np.hypot(*((one.x + other.x) / 2 - middle[0], (one.y + other.y) / 2 - middle[1])))
         shares = bool(set(one.layers) & set(other.layers))
-        pair = Pair((one.name, other.name), distance, _touching(one, other, away / (distance or 1.0)), shares)
+        ahead, behind = (outlines[place.name] @ (away / (distance or 1.0)) for place in (one, other))
+        pair = Pair((one.name, other.name), distance, float(ahead.max() - behind.min()), shares)
         found.append((round(distance * 1e9), shares, round(off * 1e9), pair))
     return [pair for *_, pair in sorted(found, key=lambda known: known[:3])]
 
@@ -196,10 +195,3 @@ def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[li
             tuple(n for k, n in enumerate(names) if k > first[0] and k not in first), size, count - 1
         ):
             yield [[names[k] for k in first], *rest]
-
-
-def _touching(one: Placement, other: Placement, direction: npt.NDArray[np.float64]) -> float:
-    """Return the distance in m of two coils' centres along a direction at which their outlines part."""
-    ahead = (one.to_board(one.coil.outline) - (one.x, one.y)) @ direction
-    behind = (other.to_board(other.coil.outline) - (other.x, other.y)) @ direction
-    return float(ahead.max() - behind.min())
