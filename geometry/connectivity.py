@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, disc, drills, groups, segment_rectangles, trace_outline
-from coilarray.geometry.values import Point
+from coilarray.geometry.values import Point, place_in_mm
 
 if TYPE_CHECKING:
     from coilarray.geometry.readers.board_copper import BoardCopper
@@ -255,7 +255,7 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
     """One fault, its place in m added to the text."""
-    return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {_mm(place)}")
+    return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
 
 
 def _misnamed(
@@ -329,7 +329,7 @@ class _Coil:
         if self._reached(piece, end, last):
             return None
         bored = shapely.union_all([disc(d.x, d.y, d.diameter) for d in self.drills if d.drilled])
-        off = f"terminal 2 of {self.name} at {_mm(end)} is cut off: "
+        off = f"terminal 2 of {self.name} at {place_in_mm(*end)} is cut off: "
         for k, (line, layer) in enumerate(zip(self.lines, self.line_layers, strict=True)):
             way = shapely.LineString(line)
             lost = shapely.get_coordinates(way - bored - piece.get(layer, shapely.Polygon()))
@@ -355,7 +355,7 @@ class _Coil:
         """Holes and copper of the coil that are not there."""
         for drill in self.drills:
             if drill.drilled and not any(_same(hole, drill, tolerance) for hole in holes):
-                text = f"the plated hole of {self.name} at {_mm((drill.x, drill.y))} is missing"
+                text = f"the plated hole of {self.name} at {place_in_mm(drill.x, drill.y)} is missing"
                 yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
         for layer, least in self.least.items():
             for place in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
@@ -417,7 +417,7 @@ def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], t
     for layer, copper in piece.items():
         allowed = shapely.union_all([coil.most[layer] for coil in coils if layer in coil.most])
         for x, y in _places(shapely.get_parts(copper - allowed), tolerance**2):
-            text = f"the design has no copper on {layer} at {_mm((x, y))}"
+            text = f"the design has no copper on {layer} at {place_in_mm(x, y)}"
             text += f", where {names[0]} has some" if names else ""
             yield NetFault("foreign", names, layer, x, y, text)
 
@@ -435,11 +435,6 @@ def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]
     """Find a point in m inside every part with more than the smallest area in m²."""
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]
-
-
-def _mm(point: Place) -> str:
-    x, y = (round(float(value) * 1e3, 3) + 0.0 for value in point)  # + 0.0: no −0
-    return f"({x:g}, {y:g}) mm"
 
 
 def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:

@@ -140,6 +140,11 @@ class Margin:
         """True if the limit is kept to within `KEPT_WITHIN`."""
         return self.margin > -KEPT_WITHIN
 
+    @property
+    def at_most(self) -> bool:
+        """True if the limit is a largest value, False if it is a smallest one."""
+        return self.rule in ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
+
 
 def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
     """Measure every rule on every layer, and the limits of the board as a whole that the rules have.

@@ -139,7 +139,7 @@ def scan_design(
         ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
         ("winding_capacitance", coil, network.winding_capacitance, "F", "capacitance of the winding"),
         ("self_resonance", coil, self_resonance(np.diag(network.inductance), network.winding_capacitance), "Hz",
-         "self-resonance"),
+         "self-resonance of the coil alone"),
         ("ac_resistance", coil, np.diag(network.resistance(middle)), "ohm", "AC resistance"),
         ("resistance_model", coil, ac.model.values[nearest].astype(object), "", "model of the AC resistance"),
         ("capacitance", ("coil", "other"), parts.capacitance.capacitance.values, "F", "capacitance matrix"),
@@ -256,18 +256,18 @@ def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
     return low, max(high, _BEYOND * own) if own < _SHOWN_BELOW * middle else high
 
 
-def sweep_frequencies(scan: xr.Dataset, points: int) -> FloatArray:
-    """Return frequencies in Hz for curves over the range of `sweep_range`, rising.
+def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float] | None = None) -> FloatArray:
+    """Return frequencies in Hz for curves `between` two, by default over the range of `sweep_range`, rising.
 
-    So many `points` evenly on a logarithmic scale, and some more towards the lowest and the highest self-resonance in
-    the range, where a curve bends most.
+    So many `points` evenly on a logarithmic scale, and some more at the lowest and the highest self-resonance in the
+    range and on both sides of them, where a curve bends most.
     """
-    low, high = sweep_range(scan)
+    low, high = between or sweep_range(scan)
     own = scan.state_self_resonance.values
     within = own[(own > low) & (own < high)]
     ends = within[[within.argmin(), within.argmax()]] if within.size else within
-    near = np.outer(ends, 1 - _TOWARDS).ravel()
-    return np.unique(np.concatenate((np.geomspace(low, high, points), near[near > low])))
+    near = np.outer(ends, np.concatenate((1 - _TOWARDS, [1.0], 1 + _TOWARDS))).ravel()
+    return np.unique(np.concatenate((np.geomspace(low, high, points), near[(near > low) & (near < high)])))
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from coilarray.design.fab_limits import FabProfile
     from coilarray.geometry import Margin
-    from coilarray.report.tables import Table
 
 _SAME = 1e-9  # m, or of a ratio: what layers drawn alike differ by in rounding is a thousandth of it
 
@@ -78,7 +77,7 @@ def check(
     shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
     names = opened.array.stackup.names
     rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
-    lines = [_margins_text(rules_table(rows), profile.title if profile else "the design")]
+    lines = [_margins_text(rows, profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     source = None if profile is None else _source(profile)
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
@@ -142,10 +141,12 @@ def _print_profiles(profiles: Sequence[FabProfile]) -> None:
     shared.print_table(headers, rows, title="lengths in mm")
 
 
-def _margins_text(table: Table, whose: str) -> str:
+def _margins_text(margins: Sequence[Margin], whose: str) -> str:
+    from coilarray.report.tables import rules_table
+
+    limits = [replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins]
+    table = rules_table(limits)
     cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
-    broken = [k for k, row in enumerate(cells) if row[-1] == "no"]
-    title = (
-        f"margins to the limits of {whose}: broken rules first, then lengths, ratios and the bare board, each by margin"
-    )
+    broken = [k for k, one in enumerate(margins) if not one.kept]
+    title = f"margins to the limits of {whose}: the worst first, what is kept of the bare board last"
     return shared.table_text(("no.", *table.headers[:-1]), [row[:-1] for row in cells], title, broken)

@@ -44,7 +44,7 @@ def impedance(
     _require_range(1e-6 if from_mhz is None else from_mhz, 1e6 if to_mhz is None else to_mhz)  # before any work
     import numpy as np
 
-    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_range
+    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies, sweep_range
     from coilarray.report import circuit_tables
 
     opened = shared.open_design(design, allow_violations=allow_violations)
@@ -53,11 +53,14 @@ def impedance(
     low, high = (f * 1e-6 for f in sweep_range(scan))
     low, high = low if from_mhz is None else from_mhz, high if to_mhz is None else to_mhz
     _require_range(low, high)
-    with shared.progress_bar(f"impedance at {points} frequencies") as progress:
-        sweep = sweep_design(opened, np.geomspace(low * 1e6, high * 1e6, points), progress=progress)
+    even = np.geomspace(low * 1e6, high * 1e6, points)
+    frequencies = even if plot is None else sweep_frequencies(scan, points, (even[0], even[-1]))
+    with shared.progress_bar(f"impedance at {frequencies.size} frequencies") as progress:
+        curves = sweep_design(opened, frequencies, progress=progress)
+    sweep = curves.sel(frequency=even)
     of_sweep = circuit_tables.sweep_table(sweep)
     shared.write_numbers(out, sweep, of_sweep.csv)
-    shared.draw(plot, lambda: viz.frequency_figure(sweep, scan))
+    shared.draw(plot, lambda: viz.frequency_figure(curves, scan))
     states, windings = circuit_tables.state_table(scan), circuit_tables.winding_table(scan)
     drives, limits = circuit_tables.drive_table(scan), circuit_tables.limit_table(scan)
     close = close_channels(scan.state.values.tolist(), scan.frequency.values)

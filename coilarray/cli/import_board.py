@@ -109,15 +109,17 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
 
 
 def _cells(record: dict[str, Any]) -> list[str]:
+    from coilarray.compute.display_units import number_text
+
     widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
     return [
         record["name"],
         record["net"] or "–",
         record["shape"],
         " ".join(record["layers"]),
-        f"{record['turns']:.2f}",
+        number_text(record["turns"], 2),
         f"{record['length_m'] * 1e3:.1f}",
         widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}",
         str(record["vias"]),
-        *(f"{round(record[key] * 1e3, 3) + 0.0:.3f}" for key in ("x_m", "y_m")),  # no minus zero
+        *(number_text(record[key] * 1e3, 3) for key in ("x_m", "y_m")),
     ]

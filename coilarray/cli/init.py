@@ -171,6 +171,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
 
     from coilarray.circuit.coupling import design_inductance
     from coilarray.circuit.impedance import scan_design
+    from coilarray.compute.display_units import number_text
     from coilarray.studies.create import broken_limits, is_standard, neighbour_coupling
 
     design, values = file.design, file.values
@@ -194,7 +195,8 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     if len(design.array.names) > 1:
         near = neighbour_coupling(design)
         worst = near[np.abs(near).argmax()]
-        lines.append(f"pitch: {values['array.pitch_mm']:g} mm; coupling of neighbours at most {worst:+.4f}")
+        k = number_text(worst, 4, "+")
+        lines.append(f"pitch: {values['array.pitch_mm']:g} mm; largest coupling of neighbours {k}")
     low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
     f = low if low == high else f"{low} to {high}"
     C = values["circuit.capacitance_pF"]

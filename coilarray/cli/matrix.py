@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from coilarray.cli import shared
 from coilarray.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from coilarray.compute.arrays import FloatArray
 
 
 def matrix(
@@ -31,7 +36,6 @@ def matrix(
     from coilarray.circuit.active_coil import checked_network
     from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance, plate_errors, swept_circuit
     from coilarray.circuit.exchange import exchange_frequencies, export_network, fasthenry_input
-    from coilarray.compute.display_units import DisplayUnit, display_unit
     from coilarray.compute.files import write_text
     from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.report.tables import coil_table, pair_table
@@ -64,10 +68,18 @@ def matrix(
     lines: list[str] = []
     if not as_json:
         lines = shared.plate_error_lines(plate_errors(opened))
-        for title, values, unit in (
-            ("L and M", inductance, display_unit("H")),
-            ("\nk", coupling_matrix(inductance), DisplayUnit(digits=5)),
-        ):
-            rows = [[name, *unit.texts(row)] for name, row in zip(names, values.tolist(), strict=True)]
-            shared.print_table(("", *names), rows, unit.label(title))
+        _print_matrices(names, inductance, coupling_matrix(inductance))
     shared.print_result(data, as_json=as_json, lines=lines, files=[out])
+
+
+def _print_matrices(names: Sequence[str], inductance: FloatArray, coupling: FloatArray) -> None:
+    """Print both matrices; of one coil, which couples to none, its inductance."""
+    from coilarray.compute.display_units import DisplayUnit, display_unit
+
+    henry = display_unit("H")
+    if len(names) == 1:
+        shared.print_table(("coil", henry.label("L")), [[names[0], *henry.texts(inductance[0])]])
+        return
+    for title, values, unit in (("L and M", inductance, henry), ("\nk", coupling, DisplayUnit(digits=5))):
+        rows = [[name, *unit.texts(row)] for name, row in zip(names, values.tolist(), strict=True)]
+        shared.print_table(("", *names), rows, unit.label(title))

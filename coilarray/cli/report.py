@@ -71,6 +71,8 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[li
     """Headers and rows of the short table on the terminal."""
     import numpy as np
 
+    from coilarray.compute.display_units import number_text
+
     names = coupling.coil.values.tolist()
     distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
     np.fill_diagonal(distance, np.inf)
@@ -83,6 +85,6 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[li
         # neighbours: the coils at the least distance, to a twentieth
         near = np.flatnonzero(np.isfinite(distance[a]) & (distance[a] <= 1.05 * distance[a].min()))
         numbers = [f"{float(values[a]) * factor:.{digits}f}" for values, factor, digits in columns]
-        neighbours = ", ".join(f"{names[b]} {float(coupling.coupling[a, b]):+.4f}" for b in near)
+        neighbours = ", ".join(f"{names[b]} {number_text(float(coupling.coupling[a, b]), 4, '+')}" for b in near)
         rows.append([name, *numbers, neighbours or "none"])
     return ["coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"], rows

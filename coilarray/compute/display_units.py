@@ -58,7 +58,7 @@ class DisplayUnit:
     def text(self, value: Any, digits: str = "") -> str:
         """Return a value in SI as a plain number with its unit; `digits` is a precision as in ``".3"``."""
         between = "·" if self.symbol.startswith("10") else " "
-        return true_minus(f"{float(value) * self.factor:{digits}g}{between}{self.symbol}".rstrip())
+        return true_minus(f"{float(value) * self.factor + 0.0:{digits}g}{between}{self.symbol}".rstrip())
 
 
 def number_text(number: float, digits: int, sign: str = "-") -> str:

@@ -374,20 +374,19 @@ def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
 
 def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
     """States whose curves close within the map; where they are required, all of them must."""
-    peaks: dict[str, float] = {}  # within the map
-    for state in delta.state.values.tolist():
-        one = delta.sel(state=state)
-        if not _peaks_at_edge(one):
-            peaks[state] = float(one.max())
-        elif required:
+    largest = {state: float(delta.sel(state=state).max()) for state in delta.state.values.tolist()}
+    closed = [state for state in largest if not _peaks_at_edge(delta.sel(state=state))]
+    for state in largest:
+        if required and state not in closed:
             raise LocalizeError(f"the curves of {state} do not close: its largest δ is at the edge of the map.")
-    states = [state for state, peak in peaks.items() if required or peak >= least]
+    states = [state for state in closed if required or largest[state] >= least]
     if not states:
         need = f"the map has no closed curves of δ = {PER_MILLION.text(least, '.3')}, from which ellipses are fitted"
-        if not peaks:
-            raise LocalizeError(f"{need}: the largest δ of every state is at the edge of the map. Take a wider one.")
-        most = max(peaks, key=lambda state: peaks[state])
-        raise LocalizeError(f"{need}: {most} reaches {PER_MILLION.text(peaks[most], '.3')} at most. Press deeper.")
+        most = max(largest, key=lambda state: largest[state])
+        if largest[most] >= least:
+            raise LocalizeError(f"{need}: where δ is that large, its peak is at the edge. Take a wider map.")
+        reached = PER_MILLION.text(largest[most], ".3")
+        raise LocalizeError(f"{need}: {most} reaches {reached} at most. Press deeper.")
     return states
 
 

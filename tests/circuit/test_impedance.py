@@ -259,5 +259,11 @@ def test_a_sweep_has_more_frequencies_towards_self_resonances():
     curve, middle = 1 / (1 - (below / own[0]) ** 2), (below[1:] + below[:-1]) / 2
     line = (curve[1:] + curve[:-1]) / 2
     assert (line * (1 - (middle / own[0]) ** 2)).max() < 1.02
+    peak = 1 / (1 + (40 * (f / own[0] - own[0] / f)) ** 2)  # Re Z of a coil of quality 40, of its peak
+    assert peak.max() == 1.0
+    assert (peak[f < own[0]].max(), peak[f > own[0]].max()) == pytest.approx((0.28, 0.28), abs=0.02)  # 2 % off it
+    narrow = sweep_frequencies(scan, 3, (4e6, 6e6))
+    assert (narrow[0], narrow[-1]) == (4e6, 6e6)
+    assert own[0] in narrow
     scan["state_self_resonance"] = ("state", [np.inf] * 3)
     np.testing.assert_array_equal(sweep_frequencies(scan, 60), np.geomspace(0.2e6, 8e6, 60))

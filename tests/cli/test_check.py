@@ -71,7 +71,7 @@ def test_a_kept_design(capsys):
         assert [float(cell.replace("−", "-")) for cell in row[3:6]] == pytest.approx(numbers, abs=0.5e-4)  # four digits
     # in the order that the title says
     kinds = [2 if one.feature == "board" else one.unit != "m" for one in first.values() if one.kept]
-    assert "then lengths, ratios and the bare board, each by margin" in " ".join(out.split())
+    assert "the worst first, what is kept of the bare board last" in " ".join(out.split())
     assert kinds == sorted(kinds)
     assert f"… and {len(found) - len(smallest)} more (--all)" in out
     every = good(capsys, "starter", "--all")
@@ -98,7 +98,7 @@ def test_the_limits_of_a_house(capsys):
     out, broken = broken_of("oshpark-4-layer")
     assert "margins to the limits of OSH Park, 4 layers" in out
     # the paper's 0.1 mm traces are finer than 5 mil, its 0.2 mm holes than 10 mil, and 35 um is more than 0.5 oz
-    assert broken == {"drill", "trace width", "spacing within net", "copper thickness"}
+    assert broken == {"drill", "trace width", "spacing within net", "copper thickness, at most"}
     assert broken_of("multi-cb-35um")[1] == {"spacing within net"}
 
 
@@ -112,9 +112,9 @@ def test_the_exit_code_is_2_where_a_rule_is_broken(capsys, name):
 
 def test_limits_of_the_board_are_in_the_table(capsys):
     _, out, _ = run(capsys, "starter", "--fab", "jlcpcb-2-layer")
-    assert ["layer count", "board", "4", "2", "−2"] in rows_of(out).values()
+    assert ["layer count, at most", "board", "4", "2", "−2"] in rows_of(out).values()
     out = good(capsys, "starter", "--fab", "multi-cb-35um")
-    (ratio,) = (row for row in rows_of(out).values() if row[0] == "aspect ratio")
+    (ratio,) = (row for row in rows_of(out).values() if row[0] == "aspect ratio, at most")
     # 4 · 35 µm + 0.2 + 0.71 + 0.2 mm over 0.25 mm
     assert ratio[3:6] == ["5", "10", "5"]
 

@@ -294,6 +294,12 @@ def test_matrix(capsys):
         assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
 
 
+def test_the_matrix_of_a_single_coil_is_its_inductance(capsys):
+    head, row = good(capsys, "matrix", "gast_fem").splitlines()
+    inductance = float(couple_design(load_design("gast_fem")).open_inductance[0])
+    assert (head.split(), row.split()) == (["coil", "L", "(µH)"], ["coil1", f"{inductance * 1e6:.4f}"])
+
+
 def test_a_fasthenry_file_has_no_plates(capsys):
     plate = '\n[[plate]]\nname = "shield"\nmaterial = "copper"\nthickness_mm = 0.1\nz_mm = -4.0\n'
     Path("p.toml").write_text(read("starter").replace("\n[field]", plate + "\n[field]"), encoding="utf-8")

@@ -83,7 +83,7 @@ def test_what_is_left_out_and_noted_is_printed(capsys):
 def test_copper_without_a_net_has_none_in_the_table(capsys):
     out = good(capsys, write(board(path(*SPIRAL, net="0"))))
     assert ["coil1", "–", "shape1"] in [line.split()[:3] for line in out.splitlines()]
-    assert "note: coil1: the current enters at (-5, 5) mm on F.Cu, where its first track is" in out
+    assert "note: coil1: the current enters at (−5, 5) mm on F.Cu, where its first track is" in out
     assert "note: board files have no fabrication rules, so the design has no [fab]" in out
     found = answer(capsys, "b.kicad_pcb", "--force")
     assert found["coils"][0]["net"] is None

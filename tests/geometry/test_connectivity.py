@@ -191,7 +191,7 @@ def test_foreign_copper_and_holes() -> None:
     # copper beside the coils
     check = check_nets(TWO, having(LAYERS, "L3", shapely.box(-1e-4, -5e-3, 1e-4, -4.8e-3)), HOLES)
     assert faults(check) == [("foreign", (), "L3")]
-    assert check.faults[0].text == "the design has no copper on L3 at (0, -4.9) mm"
+    assert check.faults[0].text == "the design has no copper on L3 at (0, −4.9) mm"
     # a hole where a terminal is a mere pad
     pad = next(hole for hole in drills(BLIND) if not hole.drilled)
     check = check_nets(BLIND, BLIND_LAYERS, [*BLIND_HOLES, Barrel(pad.x, pad.y, pad.diameter, pad.layers)])

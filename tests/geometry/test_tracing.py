@@ -109,7 +109,7 @@ def test_the_reference_board_has_one_shape(read):
     np.testing.assert_allclose(np.diff(found.array.centres[:, 0]), 13.28e-3, atol=1e-15)
     assert found.array.placements[0].coil.gap == pytest.approx(0.1e-3, abs=1e-6)
     assert len(found.notes) == len(found.array.placements)
-    assert found.notes[0] == "C1: the current enters at pad 1, (-32.45, 13.44) mm on L1."
+    assert found.notes[0] == "C1: the current enters at pad 1, (−32.45, 13.44) mm on L1."
     assert set(found.assumed) == {"coils.*.via.plating_um", "board.margin_mm"}
 
 

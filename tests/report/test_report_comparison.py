@@ -90,7 +90,7 @@ def test_what_is_not_determined_is_empty():
     assert row["mean_difference_m"] == ""
     assert inductance_table(found) is None
     assert "inductances" not in [one.name for one in comparison_tables(found)]
-    both = compare_responses(flat, flat.assign(delta=flat.delta + 1e-9), replicates=0)
+    both = compare_responses(flat, flat, replicates=0)
     assert ellipse_table(both).records()[0]["problem"].startswith("the map has no closed curves")  # said once
 
 

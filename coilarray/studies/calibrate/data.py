@@ -13,6 +13,7 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.errors import GoalError
+from coilarray.geometry.values import place_in_mm
 from coilarray.localize.comparison import own_noise
 from coilarray.localize.distortion import ellipse_curves
 from coilarray.localize.ellipse import PARAMETERS
@@ -112,7 +113,7 @@ def _check_places(data: xr.Dataset, design: Design) -> None:
     places = np.column_stack((data.coil_x.values, data.coil_y.values))
     for name, place in zip(data["coil"].values.tolist(), places, strict=True):
         if name in centres and np.hypot(*(place - centres[name])) > _SAME:
-            at, here = (f"({x * 1e3:.4g}, {y * 1e3:.4g}) mm" for x, y in (place, centres[name]))
+            at, here = (place_in_mm(x, y) for x, y in (place, centres[name]))
             raise GoalError(
                 f"the data are of another board than {design.name}, or from another origin: their {name} is at {at} "
                 f"from the origin of the map, that of the design at {here}."
