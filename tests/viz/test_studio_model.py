@@ -384,6 +384,29 @@ def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
     assert arrived == [("scene", OPENED.design)]
 
 
+def test_tabs_without_results_share_one_picture():
+    drawn, arrived, none = [], [], SimpleNamespace(scene=lambda *_: None)
+    page = SimpleNamespace(
+        state=State(stale=[], tab="numbers"), trigger=lambda *_: None, work=work_on(OPENED, "starter"), server=None,
+        setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
+        arrived=lambda name, _: arrived.append(name), switches=none, touch=none, live=none,
+    )  # fmt: skip
+    panel = ScenePanel(page)
+    panel._view = SimpleNamespace(show=lambda scene, sent: (drawn.append(scene), sent()))
+
+    def look(**state):
+        vars(page.state).update(state)
+        (step,) = panel.steps()
+        step.show(step.compute())
+        return len(drawn)
+
+    assert [look(tab=tab) for tab in ("numbers", "build", "touch", "numbers")] == [1, 1, 1, 1]  # none is pressed yet
+    assert arrived == ["scene"] * 4
+    assert look(scene_sheets=True) == 2
+    page.work = with_entry(page.work, "array.pitch_mm", "12")
+    assert look(scene_sheets=False) == 3
+
+
 def test_another_file_begins_with_its_middle_coil_measured(starter):
     state = State(settings={"coil1": "measure", "coil2": "ground", "coil3": "open"})
     panel = SwitchesPanel(SimpleNamespace(state=State(), trigger=lambda *_: None))

@@ -2,7 +2,7 @@
 Coupling as arcs
 ================
 
-Every pair of coils joined by an arc, as thick as k is large and coloured by its sign.
+An arc joins every pair of coils. Its thickness and its number show k, its colour the sign.
 """
 
 import pyvista

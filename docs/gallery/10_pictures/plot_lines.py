@@ -2,8 +2,8 @@
 Field lines in three dimensions
 ===============================
 
-Lines of B around the measured coil, its neighbours grounded. Any of the items of `coilarray view --show` may stand in
-the view.
+Lines of B around the measured coil with its neighbours grounded. The view takes any of the items of
+`coilarray view --show`.
 """
 
 import pyvista
