@@ -48,8 +48,8 @@ def init(
     size_mm: Annotated[
         str | None,
         typer.Option(
-            help="Width of a coil's copper, of a hexagon across flats, 16 by default; width and height of a rectangle or "
-            "racetrack, 20x12 by default."
+            help="Width of a coil's copper, of a hexagon across flats, 16 by default; width and height of a rectangle "
+            "or racetrack, 20x12 by default."
         ),
     ] = None,
     inductance_uH: Annotated[

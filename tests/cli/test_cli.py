@@ -225,10 +225,8 @@ def test_the_help_of_init_names_the_defaults():
     words = {parameter.name: parameter.help for parameter in program("init").commands["init"].params}
     assert words["coils"].endswith(f"; {Choices.coils} by default.")
     assert words["shape"].endswith(f"; {Choices.shape} by default.")
-    usual = [
-        "x".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(shape=s).sides)) for s in ("hexagon", "racetrack")
-    ]
-    assert re.search(f" {usual[0]} by default; .* {usual[1]} by default.$", words["size_mm"])
+    assert re.search(" 16 by default; .* 20x12 by default.$", words["size_mm"])
+    assert (Choices().sides, Choices(shape="racetrack").sides) == ((16e-3, 16e-3), (20e-3, 12e-3))
     assert words["elastomer"].endswith("; by default.") == Choices.elastomer
 
 
