@@ -221,7 +221,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
 
 def _why_not_met(design: Design) -> str:
     """Say why coils have another inductance than the wanted one, which a coil alone on the topmost layers has."""
-    if design.array.led_out is not None:
+    if design.array.routing is not None:
         return " without the leads to the connector"
     if len({place.layers for place in design.array.placements}) > 1:
         return "; met on the topmost layers, and other distances on the others"

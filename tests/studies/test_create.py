@@ -181,16 +181,16 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
     def no_way(array, connector):
         tried.append(connector.distance)
         error = NoWayError(0, "")
-        error.led = led
+        error.routed = led
         raise error
 
     module = sys.modules["coilarray.studies.create.connector"]
-    monkeypatch.setattr(module, "lead_out", no_way)
+    monkeypatch.setattr(module, "route_leads", no_way)
     arrangement = Arrangement("square", 2, 2)
     plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=10e-3)
     # 8 mm of coil, leads of 2.5 mm, two traces of 0.15 mm, three gaps of 0.15 mm: 11.25 mm; in steps of 0.5 mm
     tail = "" if movable or led > 1 else "; try a pitch of about 11.5 mm, smaller coils, another side"
-    words = rf"at most {led} of 4 coils can be led to the top edge at a pitch of {13 if movable else 10} mm{tail}"
+    words = rf"at most {led} of 4 coils can be routed to the top edge at a pitch of {13 if movable else 10} mm{tail}"
     refused(DesignError, words, module.with_connector, plan, "top", movable=movable)
     assert len(tried) == boards
 

@@ -77,7 +77,7 @@ def new_design(
     capacitance : float, optional
         Capacitance in F of the tank, instead.
     connector : {"right", "top", "left", "bottom"}, optional
-        Edge of the board to which the leads of all coils are led; coils may then lie a little further apart.
+        Edge of the board to which the leads of all coils are routed; coils may then lie a little further apart.
     title : str
         Title in reports; by default it says what the design is.
 
