@@ -189,8 +189,7 @@ def test_several_objectives_and_none_found(capsys):
     assert Path("optimization/pareto_01.toml").exists()
     out = none_found(capsys, goal=GOAL.replace("at_least = 500", "at_least = 50000"))
     assert (
-        "10 points tried; 0 keep all bounds: no design is found that keeps all bounds; the given design does not"
-        in out
+        "10 points tried; 0 keep all bounds: no design is found that keeps all bounds; the given design does not" in out
     )
 
 
