@@ -109,11 +109,11 @@ def _at_the_goals_noise(board: Trial) -> list[Speed]:
     x, depth = _errors(board, found, every)
     sigma = np.median(board.bound(NOISE), axis=0) * 1e3
     share = float(np.mean(board.bearable() >= NOISE))
-    places = f"{len(found)} seeded places and depths off the table, noise {NOISE:.0e}"
+    places = f"{len(found)} seeded places and depths between the points of the table, noise {NOISE:.0e}"
     heard = np.bincount((np.abs(board.delta) > 5 * NOISE).sum(axis=1)).tolist()
     coils = ", ".join(f"{k} at {count}" for k, count in enumerate(heard))
     medians = f"x {sigma[0]:.2f} mm, y {sigma[1]:.2f} mm, depth {sigma[2]:.2f} mm"
-    why = f"coils that answer with more than 5 σ: {coils}; medians of the bound: {medians}"
+    why = f"coils that respond with more than 5 σ: {coils}; medians of the bound: {medians}"
     return [
         Speed(
             "positions and depths solved by one core", rate, "1/s", f"processor time; {by_clock:.0f}/s by the clock",
@@ -170,7 +170,14 @@ def figures() -> list[Speed]:
     size = f"{len(board.model.x)} × {len(board.model.y)} positions, 6 depths, processor time"
     return [
         Speed("table of gast2020 for positions", seconds, "s", size),
-        Speed("its error in δ", error, "", f"{len(board.points)} places off the table", "< 2e-6", error < 2e-6),
+        Speed(
+            "its error in δ",
+            error,
+            "",
+            f"{len(board.points)} places between the points of the table",
+            "< 2e-6",
+            error < 2e-6,
+        ),
         *_at_the_goals_noise(board),
         *_where_allowed(board),
         _known_depth(),

@@ -137,7 +137,7 @@ def measure() -> list[Speed | None]:
     note = f"{cold / warm:.1f} × faster than the first"
     figures.append(Speed("coilarray report, kernels cached", warm, "s", note, "≤ 6 s", warm <= 6))
     figures.append(
-        Speed("coilarray init, 4x4 coils led to a connector, kernels cached", led, "s", "", "≤ 6 s", led <= 6)
+        Speed("coilarray init, 4x4 coils routed to a connector, kernels cached", led, "s", "", "≤ 6 s", led <= 6)
     )
     figures.append(Speed("coilarray init, 4x4 square coils, kernels cached", square, "s", "", "≤ 4 s", square <= 4))
     _, peak = _fresh(_MEMORY)

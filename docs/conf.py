@@ -10,6 +10,8 @@ import pyvista
 from PIL import Image
 from sphinx.application import Sphinx
 
+from coilarray.cli import shared
+
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
 
@@ -34,6 +36,7 @@ extensions = [
     "native_math",
     "report_pages",
     "result_pages",
+    "unbroken",
     "validation_pages",
 ]
 exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]
@@ -79,6 +82,7 @@ warnings.filterwarnings("ignore", message=".*is non-interactive")
 matplotlib.use("agg")
 pyvista.OFF_SCREEN = True
 pyvista.BUILDING_GALLERY = True
+shared._PIPE_WIDTH = 116  # characters of a line of a page, so that tables of commands fit
 # of each program that is not run: scaled once
 THUMBNAIL = HERE / "made" / "thumbnail.png"
 THUMBNAIL.parent.mkdir(exist_ok=True)
@@ -113,6 +117,8 @@ def _link(app: Sphinx, page: str, source: list[str]) -> None:
         source[0] = (HERE.parent / _ELSEWHERE[page]).read_text(encoding="utf-8").replace("](../../docs/", "](/")
     for own, path in _ELSEWHERE.items():
         source[0] = source[0].replace(f"](../../{path})", f"](/{own}.md)")
+        if page in _ELSEWHERE:  # all of them are in one folder
+            source[0] = source[0].replace(f"]({Path(path).name})", f"](/{own}.md)")
 
 
 def setup(app: Sphinx) -> None:

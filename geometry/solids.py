@@ -84,12 +84,20 @@ def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
     import trimesh  # takes longer to import than the rest of the geometry together
 
     holes = _holes(array)
+    at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
+    reach = max((hole.diameter / 2 for hole in holes), default=0.0)
     pieces: dict[str, trimesh.Trimesh] = {}
     for place in array.placements:
-        others = [replace(one, x=one.x - place.x, y=one.y - place.y) for one in holes if one.net != place.name]
         away = np.array([place.x, place.y, 0.0])
-        alone = replace(array, placements=(replace(place, x=0.0, y=0.0),))
-        for kind, part, prism, solid in _coil_solids(_Alone(alone)):
+        built = _coil_solids(_Alone(replace(array, placements=(replace(place, x=0.0, y=0.0),))))
+        edges = shapely.total_bounds([prism.shape for kind, _, prism, _ in built if kind == "copper"]).reshape(2, 2)
+        about = (at >= edges[0] - reach + away[:2]) & (at <= edges[1] + reach + away[:2])
+        others = [
+            replace(one, x=one.x - place.x, y=one.y - place.y)
+            for one in (holes[k] for k in np.flatnonzero(about.all(axis=1)).tolist())
+            if one.net != place.name
+        ]
+        for kind, part, prism, solid in built:
             key = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
             through = _near(prism, [one for one in others if kind == "copper" and part in one.layers])
             whole = _extruded(_drilled(prism, through)) if through else solid

@@ -21,6 +21,7 @@ import name_pages  # noqa: E402
 import pyvista  # noqa: E402
 import report_pages  # noqa: E402
 import result_pages  # noqa: E402
+import unbroken  # noqa: E402
 import validation_pages  # noqa: E402
 import xarray as xr  # noqa: E402
 from annotated_types import Ge, Gt, Le  # noqa: E402
@@ -65,6 +66,21 @@ def test_every_key_that_ends_with_a_unit_shows_it(kind):
         "deg",
     )
     assert [key for key, unit, *_ in rows if key.strip("| `").rpartition("_")[2] in ends and not unit.strip()] == []
+
+
+def test_tables_of_one_class_each_say_what_they_are():
+    (tolerance,) = (kind for kind in file_pages.FILES if kind[0] == "tolerance")
+    sections = re.split(r"^## (\w+)\n\n", file_pages.page(*tolerance[1:]), flags=re.MULTILINE)[1:]
+    said = dict(zip(sections[::2], sections[1::2], strict=True))
+    assert said["etch"].startswith("``[etch]``: width of the traces. The numbers are standard deviations")
+    assert said["copper"].startswith("``[copper]``: thickness of the copper. ")
+    assert said["limit"].startswith("``[[limit]]``: what a good board keeps.")
+
+
+def test_a_number_stays_on_the_line_of_its_unit():
+    text = "0.1 mm and 4 % of 10 000 coils at 5.3 ± 0.9 kPa/mm; 6 V. Not of 2 turns, 3 mmol or 2020 3.5"
+    kept = "0.1_mm and 4_% of 10_000 coils at 5.3_±_0.9_kPa/mm; 6_V. Not of 2 turns, 3 mmol or 2020 3.5"
+    assert unbroken.unbroken(text).replace("\N{NO-BREAK SPACE}", "_") == kept
 
 
 def test_bounds_are_written_with_all_their_digits():

@@ -184,13 +184,15 @@ def _heading(table: type[Table], path: str) -> str:
     return f"{path}: {', '.join(kinds)}" if kinds else path
 
 
-def _sections(table: type[Table], path: str, seen: set[tuple[type[Table], str]]) -> Iterator[str]:
-    """Yield the lines of a table and of the tables within it."""
+def _sections(table: type[Table], path: str, seen: set[tuple[type[Table], str]], holder: str = "") -> Iterator[str]:
+    """Yield the lines of a table and of the tables within it; `holder` is the meaning of the key that holds it."""
     if (table, path) in seen:
         return
     seen.add((table, path))
     if rows := _rows(table):
         title = (inspect.getdoc(table) or "").split("\n\n")[0].replace("\n", " ")
+        if holder and not table.__doc__:  # one class for several keys says nothing of them
+            title = f"``[{path}]``: {holder[0].lower()}{holder[1:]} {title}"
         yield from ("", f"## {_heading(table, path)}", "", *([title, ""] if path else []))
         lines = ("| key | unit | allowed | default | meaning |", "| --- | --- | --- | --- | --- |", *rows)
         yield from (":::{div} stacked", *lines, ":::")
@@ -199,7 +201,7 @@ def _sections(table: type[Table], path: str, seen: set[tuple[type[Table], str]])
             key = f"{path}.{field.alias or name}".removeprefix(".")
             if "dict" in str(typing.get_origin(field.annotation)):
                 key += ".NAME"
-            yield from _sections(inner, key, seen)
+            yield from _sections(inner, key, seen, _meaning(table, name))
 
 
 def page(module: str, name: str, title: str, words: str) -> str:

@@ -15,7 +15,7 @@ def _mathml(node: nodes.Element, display: str = "inline") -> str:
 
 
 def _inline(writer: Any, node: nodes.math) -> None:
-    writer.body.append(_mathml(node))
+    writer.body.append(_mathml(node) + "\N{WORD JOINER}")  # else a full stop after it may begin a line
     raise nodes.SkipNode
 
 

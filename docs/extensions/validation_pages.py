@@ -57,7 +57,7 @@ def _speed_figure(results: Mapping[str, Any]) -> Figure:
     bars = ax.barh([name for name, _ in rows], [ratio for _, ratio in rows], color=_KEPT)
     ax.bar_label(bars, [f"{ratio:.3g} ×" for _, ratio in rows], padding=4)
     ax.axvline(1, color="black", linewidth=0.8)
-    ax.set(xscale="log", xlabel="speed over that of the other program", xlim=(0.7, 3 * max(ratio for _, ratio in rows)))
+    ax.set(xscale="log", xlabel="speed relative to the other program", xlim=(0.7, 3 * max(ratio for _, ratio in rows)))
     return figure
 
 

@@ -37,7 +37,8 @@ error = "position_error_mm[region_mm=-16:16:1:3]"
 # -------------------
 #
 # ``coilarray sweep`` computes quantities of a design over any of its entries. ``coilarray optimize --list-quantities``
-# prints all of them: couplings, inductance, quality factor, margins of fabrication, response, errors of position.
+# prints all of them: couplings, inductance, quality factor, margins of fabrication, response, errors of position. The
+# dashed line is the design as it is.
 
 around = ca.sweep(strip, {"array.pitch_mm": [9.0, 10.5, 12.0]}, [error], accuracy="screen")
 plot_sweep_lines(around, error)
@@ -46,10 +47,10 @@ plot_sweep_lines(around, error)
 # Then the search
 # ---------------
 #
-# A goal is a file: what may change and in which range, what is to become small, and what must be kept. ``coilarray
-# optimize strip.toml position_error --template goal.toml`` writes one for the design at hand, with comments. This one
-# has two variables, few trials, and the condition that the board house can still make the board: no margin to its
-# limits is negative, except for rounding.
+# A goal is a file that says what may change and in which range, what is to become small, and which bounds must be kept.
+# ``coilarray optimize strip.toml position_error --template goal.toml`` writes one for the design at hand, with
+# comments. This one has two variables, few trials, and the condition that the board house can still make the board: no
+# margin to its limits is negative, except for rounding.
 
 goal = f"""
 schema = 1

@@ -1,6 +1,6 @@
 """Reader of a board whose chips are on buses of this computer; it scans as the firmware of a microcontroller does.
 
-The order of the steps is that of `hardware/firmware/PROTOCOL.md`, "Rules of the board". Between two states, and
+The order of the steps is that of `hardware/firmware/PROTOCOL.md`, "What the board does". Between two states, and
 whenever anything goes wrong, the converter is asleep and every coil is grounded.
 """
 

@@ -359,8 +359,15 @@ def test_the_example_of_two_ellipses_is_beside_the_axis():
 
 @pytest.mark.parametrize("states", [["coil1"], ["coil2"]])
 def test_one_coil_gives_no_position(states):
-    with pytest.raises(LocalizeError, match=f"closed curves of two coils; the map has only those of {states[0]}"):
+    with pytest.raises(LocalizeError, match=f"a position needs two coils; the map has only {states[0]}"):
         map_positions(published_map().sel(state=states))
+
+
+def test_two_coils_of_which_one_hardly_responds_give_no_position():
+    both = published_map().sel(state=["coil1", "coil2"])
+    weak = both.assign(delta=both.delta * [1.0, 0.01])
+    with pytest.raises(LocalizeError, match="closed curves of two coils; the map has only those of coil1"):
+        map_positions(weak.assign(delta=weak.delta.assign_attrs(both.delta.attrs)))
 
 
 def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
@@ -396,9 +403,10 @@ def test_single_coil_report(tmp_path):
     coils = text[text.index(">Coils</h2>") : text.index(">Field</h2>")]
     assert not re.search("change by the others|others open|other coils", coils)  # of nothing
     assert made.data["sheet_share"]["least"] > 0
-    # a single line of places has no closed curves
-    assert "at least 4 positions along y" in made.data["position_problem"]
-    assert made.data["position_problem"] in text
+    # one coil has no position to tell, and no neighbours whose currents sheets change
+    assert made.data["position_problem"] == "a position needs two coils; the map has only coil1."
+    assert "<h2>Position</h2>" not in text
+    assert "other coils" not in text
 
 
 def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):

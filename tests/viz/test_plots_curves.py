@@ -103,6 +103,10 @@ def test_a_pole_is_cut_off_at_four_times_the_first_value():
     beyond = sweep.assign(apparent_inductance=sweep.apparent_inductance * xr.where(sweep.frequency > 1e6, -1, 1))
     line = next(iter(curves(sweeps.plot_frequency_sweep(beyond)).values()))
     assert np.isnan(line.get_ydata()).sum() == 1  # no line through zero where the winding resonates by itself
+    steep = sweep.copy(deep=True)
+    steep.apparent_inductance[-1] *= 0.1  # of b from 760 to 90 µH; the axis ends at 240 µH
+    line = curves(sweeps.plot_frequency_sweep(steep))["b"]
+    assert np.isnan(line.get_ydata()).sum() == 1  # nor one from above the axis to a sample on the steep fall
     flat = sweep.isel(state=[0])
     assert sweeps.plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
     single = sweeps.plot_frequency_sweep(sweep.isel(frequency=[0]))

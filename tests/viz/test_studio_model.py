@@ -170,8 +170,8 @@ def test_a_design_is_built_piece_by_piece(starter):
     then(structure.add_sheet)
     assert work.opened.assumed["indenter.radius_mm"] == "set by the studio"
     then(structure.remove_sheet, 0)
-    assert then(structure.set_connector, "top").array.led_out.connector.side == "top"
-    assert then(structure.set_connector, "none").array.led_out is None
+    assert then(structure.set_connector, "top").array.routing.connector.side == "top"
+    assert then(structure.set_connector, "none").array.routing is None
     for wrong, arguments, line in (
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
         (structure.set_layers, (0,), "copper layers must be a whole number from 1 to 64; got 0"),
@@ -210,7 +210,7 @@ def test_what_is_turned_off_and_on_again_has_its_values_and_reasons_back(starter
     assert again["coils"] == had["coils"]
     work = work_on(OPENED, "starter")
     assert structure.set_leads(off, starter, there=True)["coils"]["hexagon"]["leads"] == {}  # never seen: as usual
-    assert work.with_document(on).design.array.led_out.connector.side == "top"
+    assert work.with_document(on).design.array.routing.connector.side == "top"
 
 
 def test_what_names_a_coil_stays_possible_without_it():
@@ -382,6 +382,29 @@ def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
     assert arrived == []
     last.show(last.compute())
     assert arrived == [("scene", OPENED.design)]
+
+
+def test_tabs_without_results_share_one_picture():
+    drawn, arrived, none = [], [], SimpleNamespace(scene=lambda *_: None)
+    page = SimpleNamespace(
+        state=State(stale=[], tab="numbers"), trigger=lambda *_: None, work=work_on(OPENED, "starter"), server=None,
+        setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
+        arrived=lambda name, _: arrived.append(name), switches=none, touch=none, live=none,
+    )  # fmt: skip
+    panel = ScenePanel(page)
+    panel._view = SimpleNamespace(show=lambda scene, sent: (drawn.append(scene), sent()))
+
+    def look(**state):
+        vars(page.state).update(state)
+        (step,) = panel.steps()
+        step.show(step.compute())
+        return len(drawn)
+
+    assert [look(tab=tab) for tab in ("numbers", "build", "touch", "numbers")] == [1, 1, 1, 1]  # none is pressed yet
+    assert arrived == ["scene"] * 4
+    assert look(scene_sheets=True) == 2
+    page.work = with_entry(page.work, "array.pitch_mm", "12")
+    assert look(scene_sheets=False) == 3
 
 
 def test_another_file_begins_with_its_middle_coil_measured(starter):

@@ -417,6 +417,13 @@ def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
         whole, part = page.eval_on_selector(*box)
         assert whole > part
         page.click("#digits")
+        page.set_viewport_size({"width": 1280, "height": 720})
+        for tab, below in (("switches", "#switched"), ("build", "#add-sheet")):  # not under a list of all coils
+            page.click(f"#tab-{tab}")
+            (box,) = page.locator(below).evaluate_all(BOXES)
+            assert box[3] < 720
+        page.click("#tab-switches")
+        assert page.inner_text("#measured") == "coil2"  # as before there were more
     finally:
         page.set_viewport_size(browser.SIZE)
 

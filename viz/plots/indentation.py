@@ -59,7 +59,7 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
         axis.set_ylim(bottom=0.0)
     ax.set_xlim(left=0.0)
     faint_grid(ax)
-    title = f"Force over depth, base {indentation.attrs['base']}"
+    title = f"Force over depth; base: {indentation.attrs['base']}"
     ax.set(xlabel=MM.label("depth"), ylabel=shown.label("force"), title=title)
     right.set_ylabel(MM.label(name))
     ax.legend(handles=[force, radius], loc="upper left")

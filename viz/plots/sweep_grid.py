@@ -12,7 +12,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy.interpolate import PchipInterpolator
 
 from coilarray.compute.display_units import PLAIN, true_minus
@@ -35,6 +35,7 @@ MOST_PANELS = 24
 _PANEL = (4.2, 3.0)  # inches
 _LEGEND = 2.0  # inches
 _COLUMNS = 3
+_MOST_TICKS = 8  # values of an entry that a map writes, each at its cells
 _MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
 _TEXT = 14  # characters of a text in one line beside a tick
 _LONGEST = 24  # characters of the name of an axis in one line
@@ -113,8 +114,9 @@ def plot_frequency_sweep(
         ax.fill_between(f, low, high, where=within, color=GREY, alpha=_RANGE, lw=0, label=f"all {len(names)} states")
     for k in chosen:
         name, curve = names[k], shown.of(values[:, k])
-        falls = (np.diff(np.sign(values[:, k])) < 0) & (quantity == "apparent_inductance")
-        pole = np.flatnonzero(falls) + 1
+        # losses make a pole of the inductance a steep fall, of which a sample may lie within the axis
+        falls = (np.diff(values[:, k]) < 0) & ((values[:-1, k] > top) | (np.diff(np.sign(values[:, k])) < 0))
+        pole = np.flatnonzero(falls & (quantity == "apparent_inductance")) + 1
         drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
         ax.plot(*drawn, label=name, marker="o" if f.size == 1 else "", **curve_look(k))
         if scan is not None:
@@ -412,6 +414,8 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
     mesh = ax.pcolormesh(np.sort(x), np.sort(y), values.T, shading="nearest", cmap=SEQUENTIAL, rasterized=True)
     for axis, entry in zip((ax.xaxis, ax.yaxis), entries, strict=True):
         _name_axis(axis, sweep[entry])
+        if not _is_text(sweep[entry]) and sweep.sizes[entry] <= _MOST_TICKS:
+            axis.set_major_locator(FixedLocator(np.sort(_numbers(sweep[entry], sweep[entry].values)).tolist()))
     own = [value for entry in entries if (value := _own(sweep[entry])) is not None]
     if len(own) == len(entries):
         ax.plot(own[:1], own[1:], "D", color="white", markeredgecolor=VERMILLION, markersize=5)

@@ -29,6 +29,8 @@ class ScenePanel(Panel):
         self._parts: BoardParts | None = None
         self._expected = 0  # number of the last scene that makes the one on show stale
         self._saved: Scene | None = None  # of the given design read or last saved
+        self._alone: tuple[Design, bool, Scene] | None = None  # the last scene without results, with or without sheets
+        self._drawn: Scene | None = None
         problem = page.setup.rendering_problem or ("not shown" if page.setup.services.alone else None)
         self._view = None if problem else SceneView(page.server, self._at_rest)
         values = {
@@ -91,7 +93,11 @@ class ScenePanel(Panel):
             scene = makers[tab](design, self._board(design))
         if scene is None and (design.plates or design.target is not None):
             scene = self._page.metal.scene(design, self._board(design))
-        return _scene_alone(design, sheets) if scene is None else scene
+        if scene is not None:
+            return scene
+        if self._alone is None or self._alone[0] is not design or self._alone[1] != sheets:
+            self._alone = design, sheets, _scene_alone(design, sheets)
+        return self._alone[2]
 
     def _board(self, design: Design) -> BoardParts:
         if self._parts is None or self._parts.design is not design:
@@ -109,7 +115,11 @@ class ScenePanel(Panel):
                 if number == self._expected:
                     self._page.arrived("scene", design)
 
-        self._view.show(scene, sent)
+        if scene is self._drawn:
+            sent()
+        else:
+            self._drawn = scene
+            self._view.show(scene, sent)
 
     def _show_saved(self, found: tuple[str, Scene]) -> None:
         if not self._page.state.scene_saved:  # any more

@@ -76,7 +76,7 @@ _UpTo100 = Annotated[float, Field(ge=0, le=100)]
 
 
 class _Errors(Table):
-    """What all tables of errors share; the numbers are standard deviations or, where uniform, half widths."""
+    """The numbers are standard deviations or, where uniform, half widths."""
 
     distribution: Distribution = "normal"
     """Normal with these standard deviations, or uniform with these half widths."""

@@ -2,7 +2,7 @@
 Rows, squares, rings
 ====================
 
-One coil on every point of a lattice; neighbours that overlap take turns on the copper layers.
+One coil at every point of a lattice. Neighbours that overlap lie on different layers, drawn in two colours.
 """
 
 import matplotlib.pyplot as plt

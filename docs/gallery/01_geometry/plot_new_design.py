@@ -1,9 +1,9 @@
 """
-A coil of a wanted inductance
-=============================
+Coils of a given inductance
+===========================
 
-`new_design` finds turns, trace, layers and pitch such that a board house can make the board and the converter can read
-it; `coilarray init` is the same in the terminal.
+`new_design` finds the number of turns, trace width, layers and pitch with which a board house can make the board and
+the converter can read it; `coilarray init` does the same in the terminal.
 """
 
 import coilarray as ca

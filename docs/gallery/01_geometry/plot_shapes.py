@@ -2,7 +2,8 @@
 Coils of four shapes
 ====================
 
-A polygon, a circle, a rectangle with round corners and a racetrack; `path_coil` takes any polyline of your own.
+A polygon, a circle, a rectangle with round corners and a racetrack; `path_coil` takes any polyline of your own. Red:
+the upper layer; blue: the lower one.
 """
 
 import matplotlib.pyplot as plt

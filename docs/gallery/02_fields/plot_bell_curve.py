@@ -1,8 +1,9 @@
 """
-B over a coil, from the copper up
-=================================
+B above a coil, at six heights
+==============================
 
-The axial field of a hexagonal coil on a line across it, at six heights.
+The vertical flux density of a hexagonal coil on a line across it. Close to the copper it is largest above the turns,
+further up in the middle.
 """
 
 import matplotlib.pyplot as plt

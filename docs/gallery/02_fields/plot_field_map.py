@@ -2,7 +2,7 @@
 A map of B above the board
 ==========================
 
-The axial flux density 4 mm above the board, one coil driven with 1 A.
+The vertical flux density 4 mm above the board, per ampere in coil 1.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
 """
-Grounded neighbours bend the field
-==================================
+Grounded neighbours narrow the field
+====================================
 
-A driven coil induces currents in its shorted neighbours. The field above the board with the neighbours open, and with
-them grounded.
+A driven coil induces currents in its shorted neighbours. Their field makes that of the coil narrower: B above the
+board with the neighbours open, and with them grounded.
 """
 
 import numpy as np

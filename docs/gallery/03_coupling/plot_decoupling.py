@@ -3,7 +3,7 @@ Decoupling by overlap
 =====================
 
 Coupling coefficient k of two hexagonal coils, 20 mm wide, against their distance. Where they overlap by about a third
-of their width, the flux through the overlap cancels that outside of it: k is zero.
+of their width, the flux through the overlap cancels the flux outside it, and k is zero.
 """
 
 import matplotlib.pyplot as plt

@@ -1,9 +1,9 @@
 """
-Two circular loops against Maxwell
-==================================
+Two circular loops, compared with Maxwell
+=========================================
 
-The mutual inductance of two coaxial circles, as polygons of ever more sides, against the closed form with elliptic
-integrals: the error falls with the square of the number of sides.
+The mutual inductance of two coaxial circles, approximated by polygons, compared with the closed form with elliptic
+integrals. The error falls with the square of the number of sides.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,8 @@
 The largest coupling over two entries
 =====================================
 
-Turns and pitch of a row of coils, and the largest k of any pair; the diamond is the design as it is.
+The largest magnitude of k of any pair of coils in a row, over their pitch and their turns. The diamond is the design
+as it is.
 """
 
 import coilarray as ca

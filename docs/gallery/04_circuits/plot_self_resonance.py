@@ -2,8 +2,8 @@
 Capacitance and self-resonance against the turns
 ================================================
 
-Each turn adds inductance and lies over another one: the self-resonance falls, while the frequency with the tank
-capacitor must stay well below it.
+With each turn the inductance and the capacitance of the winding rise, so that the self-resonance falls. The frequency
+with the tank capacitor must stay well below it.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Neighbours grounded or open
 ===========================
 
-The effective inductance of every coil, its neighbours left open or grounded.
+The effective inductance of every coil with the others open and grounded: the currents in grounded coils lower it.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,8 @@
 Quality factor against the width of the trace
 =============================================
 
-Wider traces have less resistance until the turns no longer fit; a sweep of a design's entries computes any quantity.
+Wider traces have less resistance, but move the inner turns towards the centre, where they add little inductance. A
+sweep computes any quantity over an entry of the design. Dashed: the design as it is.
 """
 
 import coilarray as ca

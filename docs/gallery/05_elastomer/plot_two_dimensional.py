@@ -2,7 +2,7 @@
 Two-dimensional model against the full one
 ==========================================
 
-In a two-dimensional model the dent is as long as the coil, and δ is twice as large.
+In a two-dimensional model the dent is as long as the coil, and δ is more than twice as large.
 """
 
 import matplotlib.pyplot as plt

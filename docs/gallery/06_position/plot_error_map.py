@@ -1,6 +1,6 @@
 """
-How well is a position known?
-=============================
+How accurate is a position?
+===========================
 
 The least standard deviation of x and y that any unbiased method can reach (the Cramér–Rao bound), over the board, at a
 known depth and the noise of the readings. Grey: no information.

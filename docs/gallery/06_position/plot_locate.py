@@ -2,8 +2,8 @@
 Where is it, and how deep?
 ==========================
 
-One reading of the six coils, and the positions that explain it: two, since coils in a row see no difference between
-their two sides. The cross is where the indenter was.
+One reading of the six coils, and the positions that explain it. There are two, because coils in a row cannot
+distinguish their two sides. The black cross is the true position.
 """
 
 import matplotlib.pyplot as plt

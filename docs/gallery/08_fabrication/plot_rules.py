@@ -2,7 +2,8 @@
 The worst margins of a board
 ============================
 
-Every width, gap and hole against the limits of a board house; the picture shows the worst.
+Every width, gap and hole is compared with the limits of a board house. Circles mark the places nearest to a limit, one
+row for each layer; at the right, the nearest of that layer.
 """
 
 import coilarray as ca

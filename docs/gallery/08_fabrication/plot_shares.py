@@ -2,7 +2,7 @@
 Which tolerance matters?
 ========================
 
-The spread of L and k over the boards of a typical board house, linearised, and the share of every error in it. With
+The linearised spread of L and k over the boards of a typical board house, split into the shares of its causes. With
 `samples`, whole boards are drawn at random as well.
 """
 

@@ -2,8 +2,8 @@
 Coils at the channels of a converter
 ====================================
 
-An LDC1612 or LDC1614 with a coil at each channel needs no switches. Here the emulator of the Grove board is pressed
-over its first coil after a hundred scans; ``i2c:1?board=grove-ldc1612`` reads a real one (not tried on a device).
+An LDC1612 or LDC1614 with a coil at each channel needs no switches. Here the emulated Grove board is pressed above
+its first coil after a hundred scans; ``i2c:1?board=grove-ldc1612`` reads a real one (not tried on a device).
 """
 
 import matplotlib.pyplot as plt

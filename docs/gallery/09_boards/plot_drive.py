@@ -2,7 +2,8 @@
 Which drive current does a coil need?
 =====================================
 
-The LDC1614's limits for one channel, and its drive current over the parallel resistance of coil and capacitor.
+The limits of the LDC1614 for one channel, and its drive current, which has 32 steps, over the parallel resistance of
+coil and capacitor.
 """
 
 import matplotlib.pyplot as plt
@@ -12,7 +13,7 @@ from coilarray.hardware import check_channel, drive_for
 
 for limit in check_channel(1.9e6, 33e3, 48.0, 8e6):
     print(limit.words if not limit.kept else f"{limit.name}: kept")
-resistance = np.geomspace(1e3, 80e3, 200)
+resistance = np.geomspace(1e3, 80e3, 2000)
 found = [drive_for(value) for value in resistance]
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 ax.loglog(resistance / 1e3, [np.nan if drive is None else drive.current * 1e6 for drive in found])

@@ -2,7 +2,7 @@
 A board in three dimensions
 ===========================
 
-The copper, the board and the sheets, lifted off.
+The copper, the board and the elastomer sheets, which are lifted off.
 """
 
 import pyvista

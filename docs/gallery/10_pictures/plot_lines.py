@@ -2,8 +2,8 @@
 Field lines in three dimensions
 ===============================
 
-Lines of B around the measured coil, its neighbours grounded. Any of the items of `coilarray view --show` may stand in
-the view.
+Lines of B around the measured coil with its neighbours grounded. The view takes any of the items of
+`coilarray view --show`.
 """
 
 import pyvista
@@ -15,4 +15,5 @@ from coilarray.viz.scenes.of_design import View, scene_of_design
 design = ca.load_design("starter")
 plotter = pyvista.Plotter(window_size=(900, 500))
 draw(scene_of_design(design, View(show=("board", "lines"))), plotter)
+plotter.camera.zoom(1.2)
 plotter.show()

@@ -1,0 +1,53 @@
+"""The pages in a browser, as they were built: in the folder of COILARRAY_PAGES, or in docs/_build/html."""
+
+import os
+from pathlib import Path
+
+import pytest
+from support import browser
+
+BUILT = Path(os.environ.get("COILARRAY_PAGES") or Path(__file__).parents[1] / "docs" / "_build" / "html")
+ALIKE = 15  # pages of single names, of which one in so many is looked at
+
+# boxes around the page's heading that scroll sideways: the theme's article does, so that the page itself does not
+_SIDEWAYS = """() => {
+    const found = [];
+    for (let box = document.querySelector("h1"); box; box = box.parentElement)
+        if (box.scrollWidth > box.clientWidth + 1) found.push(`${box.tagName}.${box.className}: ${box.scrollWidth} px`);
+    return found;
+}"""
+# links of running text that look like the words beside them
+_LIKE_TEXT = """[...document.querySelectorAll(".bd-article :is(p, li, td) > a:not(.headerlink, .sd-stretched-link)")]
+    .filter(one => one.checkVisibility() && !one.querySelector("img, code"))
+    .filter(one => !getComputedStyle(one).textDecorationLine.includes("underline")).map(one => one.innerText)"""
+
+
+def pages():
+    """The pages that are looked at."""
+    every = [path for path in sorted(BUILT.rglob("*.html")) if "_static" not in path.parts]
+    names = [path for path in every if path.name.startswith("coilarray.")]
+    return [path for path in every if path not in names] + names[::ALIKE]
+
+
+@pytest.fixture(scope="module")
+def opened(chromium):
+    """A page of a browser without a network."""
+    context = browser.profile(chromium, offline=True, reduced_motion="reduce")
+    yield context.new_page()
+    context.close()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (BUILT / "index.html").exists(), reason="the pages have not been built")
+def test_no_page_scrolls_sideways_and_links_look_like_links(opened):
+    """At 400 and 1400 pixels; wide tables, formulas and programs scroll by themselves, each in its box."""
+    wrong = {}
+    for path in pages():
+        opened.goto(path.as_uri())
+        for width in (400, 1400):
+            opened.set_viewport_size({"width": width, "height": 900})
+            if found := opened.evaluate(_SIDEWAYS):
+                wrong[f"{path.relative_to(BUILT)} at {width}"] = found
+        if found := opened.evaluate(_LIKE_TEXT):
+            wrong[f"{path.relative_to(BUILT)}, links"] = found
+    assert wrong == {}
