@@ -6,6 +6,7 @@ import html.parser
 import io
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import xarray as xr
 from matplotlib.image import imread
 from support import browser
 from support.contacts import coarse_maps, few_turns
+from support.patience import until
 from support.plot_results import distortion
 
 from coilarray import (
@@ -141,10 +143,11 @@ def test_close_frequencies_are_explained_and_no_warning(made):
 
 
 def test_page_needs_no_other_file(page, made):
-    assert not {"script", "link"} & set(page.tags)
+    assert "link" not in page.tags
     assert page.sources
     assert all(source.startswith(("data:image/png;base64,", "#section-")) for source in page.sources)
-    assert not re.search(r"@import|url\(", made.page.read_text(encoding="utf-8"))
+    own = re.sub(r"(?s)<script.*?</script>", "", made.page.read_text(encoding="utf-8"))  # the scene: test_page
+    assert not re.search(r"@import|url\(", own)
 
 
 def test_page_has_every_part(page):
@@ -535,6 +538,37 @@ via = { drill_mm = 0.3, pad_mm = 0.6 }
 def sixteen(tmp_path_factory):
     """The report of sixteen coils of few turns, whose lists of names and pairs are long."""
     return written_report(parse_design(PAD), tmp_path_factory.mktemp("sixteen"), drawn=True)
+
+
+def test_the_board_is_turned_in_the_page(made):
+    """A button puts a scene in the picture's place, drawn without a network, and takes it away again."""
+    if (problem := browser.missing()) is not None:
+        pytest.skip(problem)
+    with browser.launched(*browser.SOFTWARE_GL) as started:
+        page = browser.profile(started, offline=True).new_page()
+        page.set_viewport_size({"width": 1000, "height": 900})
+        page.goto(made.page.as_uri())
+        page.click("#turn button")
+        assert not page.locator("#board").is_visible()
+        scene = page.frame_locator("iframe")
+        scene.locator("canvas").wait_for()
+        assert scene.get_by_text("copper L4").count() == 1
+        frame = page.locator("iframe")
+        until(lambda: np.ptp(imread(io.BytesIO(frame.screenshot()))[200:500, 500:900, 0]) > 0.2)  # else it is all white
+        page.emulate_media(media="print")
+        assert not frame.is_visible()
+        assert page.locator("#board").is_visible()
+        page.emulate_media(media="screen")
+        page.click("#turn button")
+        assert frame.count() == 0
+        assert page.locator("#board").is_visible()
+
+
+def test_without_trame_vtk_the_picture_stays(monkeypatch):
+    for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "trame_vtk", None)
+    assert figures.board_page(BOARD.design) is None
 
 
 @pytest.fixture(params=["made", "sixteen"])
