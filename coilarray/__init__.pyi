@@ -56,7 +56,7 @@ from .geometry.coil import PlatedHole as PlatedHole
 from .geometry.coil import path_coil as path_coil
 from .geometry.coil import spiral_coil as spiral_coil
 from .geometry.conductor import Conductor as Conductor
-from .geometry.connector import lead_out as lead_out
+from .geometry.connector import route_leads as route_leads
 from .geometry.indenter import Cone as Cone
 from .geometry.indenter import CylinderEdge as CylinderEdge
 from .geometry.indenter import FlatPunch as FlatPunch

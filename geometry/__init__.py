@@ -5,7 +5,7 @@ from coilarray.geometry.ball import Ball
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, Wound, hull_outline, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connectivity import Barrel, NetCheck, NetFault, board_layers, check_nets, connected_pieces
-from coilarray.geometry.connector import lead_out
+from coilarray.geometry.connector import route_leads
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 from coilarray.geometry.material import MATERIAL_SOURCES, MATERIALS, Material
@@ -25,6 +25,6 @@ __all__ = [
     "Paraboloid", "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat",
     "Sheet", "Spiral", "Stackup", "Target", "Unevenness", "Wound", "apothem_from_size", "board_layers",
     "board_outline", "check_nets", "check_rules", "connected_pieces", "copper_by_layer", "copper_features",
-    "drills", "hull_outline", "lattice", "lattice_array", "lead_out", "path_coil", "require_kept", "require_rules",
+    "drills", "hull_outline", "lattice", "lattice_array", "path_coil", "require_kept", "require_rules", "route_leads",
     "solids", "spiral_coil",
 ]  # fmt: skip

@@ -237,8 +237,8 @@ class Connector:
 
 
 @dataclass(frozen=True, eq=False)
-class LedOut:
-    """The array and connector that `coilarray.geometry.connector.lead_out` made other placements from."""
+class Routing:
+    """The array and connector that `coilarray.geometry.connector.route_leads` made other placements from."""
 
     array: CoilArray
     connector: Connector
@@ -262,8 +262,8 @@ class CoilArray:
     lattice : Lattice or None
         The lattice that `lattice_array` made the placements from: a hint for design files, which has no effect where
         the placements have been changed since.
-    led_out : LedOut or None
-        What `coilarray.geometry.connector.lead_out` made the placements from: such a hint, too.
+    routing : Routing or None
+        What `coilarray.geometry.connector.route_leads` made the placements from: such a hint, too.
     """
 
     stackup: Stackup
@@ -271,7 +271,7 @@ class CoilArray:
     board_margin: float = 2e-3
     through_holes: bool = True
     lattice: Lattice | None = None
-    led_out: LedOut | None = None
+    routing: Routing | None = None
 
     def __post_init__(self) -> None:
         if not self.placements:

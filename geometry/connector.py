@@ -1,4 +1,4 @@
-"""Leads of all coils of an array, led to one row of pads at an edge of the board without crossing.
+"""Leads of all coils of an array, routed to one row of pads at an edge of the board without crossing.
 
 The leads run on a grid of their own pitch, straight or at 45°, each on the layer on which its coil ends, along the
 shortest way that keeps the gap from all copper there and from the leads before it. A way across a coil's winding, on
@@ -22,7 +22,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.arcs import Arc, rounded_line
-from coilarray.geometry.array import CoilArray, Connector, LedOut, Placement
+from coilarray.geometry.array import CoilArray, Connector, Placement, Routing
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import disc, drills, trace_outline
 from coilarray.geometry.stackup import Stackup
@@ -38,8 +38,8 @@ _NANOMETRE = 9  # digits of m: rounding errors of a design's lengths are to lead
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
 
 
-def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
-    """Lead both ends of every coil to a connector, whose holes take the place of the coils' own terminals.
+def route_leads(array: CoilArray, connector: Connector) -> CoilArray:
+    """Route both ends of every coil to a connector, whose holes take the place of the coils' own terminals.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     Returns
     -------
     CoilArray
-        Each coil with a path of its own; `CoilArray.led_out` says from what it was made.
+        Each coil with a path of its own; `CoilArray.routing` says from what it was made.
 
     Raises
     ------
@@ -64,21 +64,21 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     >>> via, leads = PlatedHole(0.25e-3, 0.5e-3), Leads(1e-3, 1e-3, PlatedHole(0.8e-3, 1.4e-3))
     >>> coil = spiral_coil(RoundedSpiral(12e-3, 12e-3, 8, 0.2e-3, 0.2e-3, 2e-3), 2, via, leads)
     >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
-    >>> led = lead_out(lattice_array(board, coil, Lattice("linear", 16e-3, 2)), Connector("bottom"))
-    >>> ends = [place.to_board(place.coil.terminal_points) for place in led.placements]
+    >>> routed = route_leads(lattice_array(board, coil, Lattice("linear", 16e-3, 2)), Connector("bottom"))
+    >>> ends = [place.to_board(place.coil.terminal_points) for place in routed.placements]
     >>> sorted(round(float(x) * 1e3, 2) for end in ends for x in end[:, 0])
     [-2.91, -0.37, 2.17, 4.71]
     """
     key = tuple((p.name, p.coil, p.layers, p.x, p.y, p.rotation) for p in array.placements)
-    placements = _led(array.stackup, array.through_holes, key, connector)
-    return replace(array, placements=placements, led_out=LedOut(array, connector, placements))
+    placements = _routed(array.stackup, array.through_holes, key, connector)
+    return replace(array, placements=placements, routing=Routing(array, connector, placements))
 
 
 _Place = tuple[str, Coil, tuple[str, ...], float, float, float]
 
 
-@lru_cache(maxsize=16)  # a design is read several times, and what it leads out stays
-def _led(
+@lru_cache(maxsize=16)  # a design is read several times, and its routes stay
+def _routed(
     stackup: Stackup, through_holes: bool, places: tuple[_Place, ...], connector: Connector
 ) -> tuple[Placement, ...]:
     array = CoilArray(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
@@ -97,8 +97,8 @@ def _led(
             try:
                 ways = grid.ways(order)
             except NoWayError as error:
-                hopeless = farthest is not None and error.led <= farthest.led and 2 * error.led < len(order)
-                farthest = error if farthest is None or error.led > farthest.led else farthest
+                hopeless = farthest is not None and error.routed <= farthest.routed and 2 * error.routed < len(order)
+                farthest = error if farthest is None or error.routed > farthest.routed else farthest
                 if hopeless and len(tried) > 1:
                     break
                 order = [error.coil, *(coil for coil in order if coil != error.coil)]
@@ -119,14 +119,14 @@ class NoWayError(GeometryError):
     ----------
     coil : int
         Index of the coil: it had better be the first.
-    led : int
-        Number of coils that had been led out before it.
+    routed : int
+        Number of coils that had been routed before it.
     """
 
     def __init__(self, coil: int, message: str) -> None:
         super().__init__(message)
         self.coil = coil
-        self.led = 0
+        self.routed = 0
 
 
 def _to_bottom(side: Side) -> int:
@@ -271,7 +271,7 @@ class _Grid:
             try:
                 found[coil] = [self._way(coil, end) for end in (0, 1)]
             except NoWayError as error:
-                error.led = len(found)
+                error.routed = len(found)
                 raise
         for coil, ways in found.items():
             for end in (0, 1):

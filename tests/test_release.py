@@ -33,7 +33,7 @@ def test_the_conda_recipe_has_version_and_dependencies_of_the_project():
     assert recipe["build"]["entry_points"] == ["coilarray = coilarray.cli.main:run"]
     python, *needed = recipe["requirements"]["run"]
     assert python == f"python {PROJECT['requires-python']}"
-    bounds = [re.fullmatch(r"[\w-]+ (>=[\d.]+)", line)[1] for line in needed]  # one package with one bound each
+    bounds = [re.fullmatch(r"[\w-]+ (>=[\d.<>=,]+)", line)[1] for line in needed]  # one package with its bounds each
     declared = PROJECT["dependencies"] + PROJECT["optional-dependencies"]["3d"]
     assert bounds == [re.search(r">=.*", line)[0] for line in declared]
 

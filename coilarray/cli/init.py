@@ -47,7 +47,10 @@ def init(
     shape: Annotated[Shape | None, typer.Option(help="Shape of the coils; hexagon by default.")] = None,
     size_mm: Annotated[
         str | None,
-        typer.Option(help="Width of a coil's copper, of a hexagon across flats; 20x12 for a rectangle; 16 by default."),
+        typer.Option(
+            help="Width of a coil's copper, of a hexagon across flats, 16 by default; width and height of a rectangle "
+            "or racetrack, 20x12 by default."
+        ),
     ] = None,
     inductance_uH: Annotated[
         float | None, typer.Option("--inductance-uH", help="Inductance to find turns and trace for.")
@@ -172,7 +175,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     from coilarray.circuit.coupling import design_inductance
     from coilarray.circuit.impedance import scan_design
     from coilarray.compute.display_units import number_text
-    from coilarray.studies.create import broken_limits, is_standard, neighbour_coupling
+    from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
 
     design, values = file.design, file.values
     scan = scan_design(design, elastomer=False, accuracy="screen", progress=progress)
@@ -187,8 +190,9 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         wanted = chosen["inductance_uH"]
         off = float(np.abs(L / wanted - 1).max()) > _MET
         asked = f" ({wanted:g} wanted{_why_not_met(design) if off else ''})"
+    size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(**in_si(chosen)).sides))
     lines = [
-        f"coil: {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
+        f"coil: {size} mm, {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
         f"inductance: {span} µH{asked}",
         _resistance(design, scan),
     ]
@@ -217,7 +221,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
 
 def _why_not_met(design: Design) -> str:
     """Say why coils have another inductance than the wanted one, which a coil alone on the topmost layers has."""
-    if design.array.led_out is not None:
+    if design.array.routing is not None:
         return " without the leads to the connector"
     if len({place.layers for place in design.array.placements}) > 1:
         return "; met on the topmost layers, and other distances on the others"

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
-from coilarray.compute.display_units import value_text
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -179,22 +178,33 @@ def _print_quantities(*, as_json: bool) -> None:
 def _print_result(result: Optimization) -> None:
     """Print the given and the best design side by side, one quantity or entry per line."""
     from coilarray.geometry import check_rules
-    from coilarray.report.optimization import chosen_designs, none_better, reason_table
+    from coilarray.report.optimization import (
+        at_ends,
+        chosen_designs,
+        none_better,
+        quantity_table,
+        reason_table,
+        variable_table,
+    )
 
-    tried = f"{len(result.trials)} points, of which {sum(trial.feasible for trial in result.trials)} keep all bounds"
+    searched = sum(trial.kind == "search" for trial in result.trials)
+    refined = len(result.trials) - searched
+    tried = f"{searched} points tried{f', {refined} more to refine the best' if refined else ''}; "
+    tried += f"{sum(trial.feasible for trial in result.trials)} keep all bounds"
     if not result.front:
         typer.echo(f"{tried}: {none_better(result)}")
         for reason, *_ in reason_table(result).rows[:1]:
             typer.echo(f"the most frequent reason why points give no design: {reason}")
         return
     chosen = chosen_designs(result)
-    shown = [result.start, *(one.trial for one in chosen)]
-    rows = [
-        [key, *(value_text(trial.quantities.get(key)) for trial in shown)] for key in result.goal.quantities
-    ] + [
-        [axis.entry, *(value_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
-    ]  # fmt: skip
-    shared.print_table(("", "given", *(one.label for one in chosen)), rows, title=tried)
+    typer.echo(f"{tried}\n")
+    found = quantity_table(result, chosen, result.goal.quantities)
+    shared.print_table(found.headers[:-1], [row[:-1] for row in found.cells()])  # without what a quantity is
+    typer.echo()
+    varied = variable_table(result, chosen)
+    shared.print_table(varied.headers, varied.cells())
+    for line in ("", *at_ends(result, chosen)):
+        typer.echo(line)
     broken = [
         one.label
         for one in chosen

@@ -9,14 +9,13 @@ import typer
 
 from coilarray.errors import DesignError
 
-_LONG = ("rectangle", "racetrack")  # shapes with a width and a height
 _FIT, _BESIDE, _DECOUPLED, _ANY, _NONE = "fit", "side by side", "decoupled", "any", "none"
 
 
 def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
     """Ask for the choices of a new design, by the names of the options; each answer is checked at once."""
     from coilarray.design import fabs
-    from coilarray.studies.create import Choices, read_arrangement
+    from coilarray.studies.create import LONG_SHAPES, Choices, read_arrangement
 
     def checked_coils(text: str) -> str:
         read_arrangement(text)
@@ -30,8 +29,8 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
     coils = _ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), checked_coils)
     shape = _ask(f"Shape: {', '.join(shapes)}", Choices.shape, _one_of(shapes))
     chosen = {"coils": coils, "shape": shape}
-    sides = "Width, or width x height" if shape in _LONG else "Width"
-    usual = f"{Choices().sides[0] * 1e3:g}"
+    sides = "Width x height" if shape in LONG_SHAPES else "Width"
+    usual = "x".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(shape=shape).sides))
     chosen["size_mm"] = _ask(f"{sides} of a coil in mm", usual, checked_size)
     chosen |= _ask("Inductance in µH, or as many turns as fit", _FIT, _number_or("inductance_uH", {_FIT: {}}))
     if read_arrangement(coils).lattice != "single":

@@ -41,7 +41,7 @@ from coilarray.geometry import (
     Target,
     Unevenness,
 )
-from coilarray.geometry.connector import lead_out
+from coilarray.geometry.connector import route_leads
 from coilarray.geometry.sheet import Base, Strain
 
 
@@ -537,7 +537,7 @@ def _build(parsed: Document) -> Design:
         array = parsed.array.build(stackup, coils, parsed.board)
     if parsed.connector is not None:
         with _named("connector"):
-            array = lead_out(array, parsed.connector.build())
+            array = route_leads(array, parsed.connector.build())
     sheets = tuple(sheet.build() for sheet in parsed.elastomer)
     return Design(
         name=parsed.name,

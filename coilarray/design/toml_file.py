@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import tomllib
 from collections.abc import Mapping
@@ -67,12 +68,10 @@ class TomlFiles:
 
     def _meant(self, path: Path) -> str:
         """End of a message about a file that is not there: one beside it, or one of the package, with such a name."""
-        beside = path.with_name(f"{path.name}.toml")
-        try:
-            there = {str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
-        except (OSError, ValueError):  # a folder that cannot be read, a name that none can have
-            there = set()
-        close = [str(beside)] if str(beside) in there else difflib.get_close_matches(str(path), [*there, *self.names()])
+        names = {name: name for name in self.names()}
+        with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, a name that none can have
+            names |= {entry.stem: str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
+        close = [names[name] for name in difflib.get_close_matches(path.name.removesuffix(".toml"), names)]
         return f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:

@@ -122,8 +122,8 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
 
 
 def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
-    """Return an array whose leads have not been led out, and the connector's table; None if it has none."""
-    led = array.led_out
+    """Return an array whose leads have not been routed, and the connector's table; None if it has none."""
+    led = array.routing
     if led is None or led.placements != array.placements:
         return array, None  # the placements have been changed since
     table = {"side": led.connector.side} | _entries(led.connector, *list(ConnectorTable.model_fields)[1:])

@@ -18,6 +18,7 @@ from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import writing
 from coilarray.compute.html import png_url
 from coilarray.design.model import Design
+from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
@@ -52,6 +53,20 @@ def board_picture(design: Design) -> list[Picture]:
         return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
     caption = "The board from above; lengths in mm. This computer could not render it in three dimensions."
     return [draw("board", caption, viz.plot_board(design.array))]
+
+
+def board_page(design: Design) -> str | None:
+    """Return a page on which the board can be turned; none where PyVista or trame-vtk is not installed."""
+    from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_design
+    from coilarray.viz.scenes.page import scene_page
+
+    try:
+        return scene_page(
+            scene_of_design(design, View(show=board_and_metal(design))),
+            title="Drag to turn, use the wheel to come nearer",
+        )
+    except MissingDependencyError:
+        return None
 
 
 def copper_pictures(design: Design) -> list[Picture]:

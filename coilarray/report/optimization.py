@@ -138,8 +138,22 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
     return Table("variables", "Variables", columns, rows)
 
 
-def quantity_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """Return one row for each quantity, those of the goal first, then all that are cheap: before and after."""
+def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
+    """Say for each variable that ends at a bound of its range that the bound decides, not the goal."""
+    lines = []
+    for axis in result.axes:
+        if axis.choices:
+            continue
+        values = [one.trial.changes[axis.entry] for one in chosen]
+        ends = [end for end in (axis.low, axis.high) if any(math.isclose(value, end) for value in values)]
+        if ends:
+            shown = " and ".join(f"{end:g}" for end in ends)
+            lines.append(f"{axis.entry} ends at a bound of its range, {shown}: the bound decides, not the goal.")
+    return lines
+
+
+def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequence[str] = ()) -> Table:
+    """Return one row for each quantity, before and after: of `keys`, or those of the goal and all that are cheap."""
     columns = (
         Column("quantity"),
         Column("unit"),
@@ -150,7 +164,7 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
     )
     wanted = _wishes(result)
     cheap = [q.name for q in QUANTITIES.values() if q.cost in _CHEAP and not any(o.required for o in q.options)]
-    keys = tuple(dict.fromkeys((*result.goal.quantities, *cheap)))
+    keys = keys or tuple(dict.fromkeys((*result.goal.quantities, *cheap)))
     values = [
         _quantities(design, trial, keys)
         for design, trial in ((result.design, result.start), *((one.design, one.trial) for one in chosen))
@@ -251,7 +265,7 @@ def _wishes(result: Optimization) -> dict[str, str]:
         target = objective.target
         wishes[objective.quantity].append(f"{objective.direction}" if target is None else f"to {target:g}")
     for constraint in result.goal.constraints:
-        wishes[constraint.quantity].append(constraint.wish.removeprefix(constraint.quantity).strip())
+        wishes[constraint.quantity].append(true_minus(constraint.wish.removeprefix(constraint.quantity).strip()))
     return {key: ", ".join(texts) or "watched" for key, texts in wishes.items()}
 
 

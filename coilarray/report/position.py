@@ -71,6 +71,8 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     LocalizeError for a map with fewer than two coils whose curves close, or at none of whose places the model has a
     position.
     """
+    if response.sizes["state"] < 2:
+        raise LocalizeError(f"a position needs two coils; the map has only {response.state.values[0]}.")
     fits = fit_ellipses(response, -1)
     model = ellipse_model(fits)
     if len(model.coils) < 2:

@@ -181,6 +181,7 @@ def write_report(
         # what needs no circuit comes first
         draw(figures.copper_pictures, design)
         draw(figures.board_picture, design)
+        scene = drawing.submit(figures.board_page, design)
         problem = drawing.submit(viz.rendering_problem)
         margins = check_rules(design.array, design.rules)
         step()
@@ -279,7 +280,7 @@ def write_report(
         drawing.finish()
         step()
     # everything that can fail on the numbers comes before the first file
-    page = _page(file, data, all_tables, [picture for drawn in pictures for picture in drawn.result()])
+    page = _page(file, data, all_tables, [picture for drawn in pictures for picture in drawn.result()], scene.result())
     make_folder(data_folder)
     for name, text in texts.items():
         write_text(data_folder / name, text)
@@ -424,6 +425,7 @@ def _page(
     data: Mapping[str, object],
     all_tables: Sequence[tables.Table],
     pictures: Sequence[figures.Picture],
+    scene: str | None,
 ) -> str:
     by_name = {table.name: table for table in all_tables}
     profile = file.values.get("fab.profile")
@@ -446,6 +448,7 @@ def _page(
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],
         maps=[picture for picture in pictures if picture.name.startswith("field_map_")],
+        scene=scene,
         made=data["provenance"],
     )
     return with_contents(page)

@@ -94,8 +94,8 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     A track is divided wherever another track's end, a hole or a pad lies on its centre line to within `JOINED`; parts
     that then lie on each other count once, with the larger width. So tracks that overlap lengthwise become one path,
     and a track that ends on the middle of another one gives a node of three edges. A loose end, where nothing else
-    stands or ends, is led on to the centre of the hole or pad that it lies in, or to another loose end that its round
-    cap reaches.
+    stands or ends, is continued to the centre of the hole or pad that it lies in, or to another loose end that its
+    round cap reaches.
 
     Examples
     --------

@@ -50,7 +50,9 @@ class ChannelBoard:
 
 
 _LDC1612, _LDC1614 = CONVERTERS["LDC1612"], CONVERTERS["LDC1614"]
-_PRINTER = "clock and address: public firmware of 3-D printers; its I²C must be led out, its clock may need firmware"
+_PRINTER = (
+    "clock and address: public firmware of 3-D printers; its I²C needs soldered wires, its clock may need firmware"
+)
 BOARDS = MappingProxyType({
     "grove-ldc1612": ChannelBoard(
         _LDC1612, (0, 1), 40e6, "Grove 2-channel inductive sensor", 0x2B,

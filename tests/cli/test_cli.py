@@ -225,7 +225,8 @@ def test_the_help_of_init_names_the_defaults():
     words = {parameter.name: parameter.help for parameter in program("init").commands["init"].params}
     assert words["coils"].endswith(f"; {Choices.coils} by default.")
     assert words["shape"].endswith(f"; {Choices.shape} by default.")
-    assert words["size_mm"].endswith(f"; {Choices.size * 1e3:g} by default.")
+    assert re.search(" 16 by default; .* 20x12 by default.$", words["size_mm"])
+    assert (Choices().sides, Choices(shape="racetrack").sides) == ((16e-3, 16e-3), (20e-3, 12e-3))
     assert words["elastomer"].endswith("; by default.") == Choices.elastomer
 
 

@@ -88,8 +88,11 @@ def test_the_whole_of_it(capsys, monkeypatch):
     assert best["covered_mm2"] >= 500 * (1 - 1e-9)
     assert best["board_area_mm2"] < evaluate(load_design("starter"), ["board_area_mm2"])["board_area_mm2"]
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line and not line.startswith("wrote")}
-    assert rows["array.columns"][0] == "3"
-    assert float(rows["board_area_mm2"][1]) == pytest.approx(best["board_area_mm2"], rel=1e-5)
+    assert rows["10"][:3] == ["points", "tried,", str(len(trials) - 11)]  # the start is none of them
+    assert rows["array.columns"][:5] == ["2", "to", "4,", "whole", "3"]
+    assert rows["board_area_mm2"][:2] == ["mm²", "minimize"]
+    assert float(rows["board_area_mm2"][3]) == pytest.approx(best["board_area_mm2"], rel=1e-4)  # of five digits
+    assert rows["covered_mm2"][:3] == ["mm²", "≥", "500"]
     # the same command again changes nothing and says so, one of fewer trials too
     monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
     for fewer in ((), ("--trials", "3")):
@@ -100,6 +103,12 @@ def test_the_whole_of_it(capsys, monkeypatch):
         assert len(rest) == bool(fewer)
         assert all("tried 10 points, more than 3; all are kept" in line for line in rest)
         assert Path("found/trials.csv").read_text(encoding="utf-8") == before
+
+
+def test_a_bound_of_a_range_that_decides_is_named(capsys):
+    wide = ("--vary", "array.pitch_mm=11:13:3", "--goal", "maximize span_mm", "--trials", "6", "--workers", "1")
+    (line,) = [line for line in good(capsys, "starter", *wide).splitlines() if "ends at a bound" in line]
+    assert line == "array.pitch_mm ends at a bound of its range, 13: the bound decides, not the goal."
 
 
 def test_more_trials_and_json(capsys):
@@ -180,8 +189,7 @@ def test_several_objectives_and_none_found(capsys):
     assert Path("optimization/pareto_01.toml").exists()
     out = none_found(capsys, goal=GOAL.replace("at_least = 500", "at_least = 50000"))
     assert (
-        "10 points, of which 0 keep all bounds: no design is found that keeps all bounds; the given design does not"
-        in out
+        "10 points tried; 0 keep all bounds: no design is found that keeps all bounds; the given design does not" in out
     )
 
 

@@ -1,4 +1,4 @@
-"""Leads led to a connector: they reach their pads at the edge, keep every rule, and change nothing of the winding."""
+"""Leads routed to a connector: they reach their pads, keep every rule, and change nothing of the winding."""
 
 import math
 
@@ -24,7 +24,7 @@ from coilarray.geometry import (
     copper_by_layer,
     drills,
     lattice_array,
-    lead_out,
+    route_leads,
     spiral_coil,
 )
 from coilarray.geometry.connectivity import Barrel
@@ -44,7 +44,7 @@ def coils(columns, rows, pitch, layers=2, start=0.0):
 @pytest.mark.parametrize("side", ["bottom", "left", "top", "right"])
 def test_leads_reach_any_side_and_keep_the_rules(side):
     array = coils(2, 2, 9e-3, layers=3 if side == "left" else 2)
-    led = lead_out(array, Connector(side, pitch=1.3e-3, distance=3e-3, at=1e-3, trace_width=0.15e-3, gap=0.2e-3))
+    led = route_leads(array, Connector(side, pitch=1.3e-3, distance=3e-3, at=1e-3, trace_width=0.15e-3, gap=0.2e-3))
     assert [margin for margin in check_rules(led, FabRules(min_trace=0.15e-3, min_gap=0.2e-3)) if not margin.kept] == []
     ends = np.vstack([place.to_board(place.coil.terminal_points) for place in led.placements])
     along, across = (ends[:, 0], ends[:, 1]) if side in ("bottom", "top") else (ends[:, 1], ends[:, 0])
@@ -77,7 +77,7 @@ def test_a_way_does_not_turn_back_on_the_lead_that_it_begins_at():
         Leads(2.5e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)),
     )
     array = lattice_array(many_layers(2), coil, Lattice("square", 17.77275e-3, 4, 4, (many_layers(2).names,)))
-    led = lead_out(array, Connector("bottom", distance=6e-3))
+    led = route_leads(array, Connector("bottom", distance=6e-3))
     for place in led.placements:
         for line in place.coil.lines:
             steps = np.diff(line, axis=0)
@@ -86,7 +86,7 @@ def test_a_way_does_not_turn_back_on_the_lead_that_it_begins_at():
 
 
 def test_a_design_keeps_its_connector():
-    led = lead_out(coils(2, 1, 9e-3), Connector("top", pitch=2e-3, distance=4e-3))
+    led = route_leads(coils(2, 1, 9e-3), Connector("top", pitch=2e-3, distance=4e-3))
     document = design_document(Design(led))
     assert document["connector"] == {"side": "top", "pitch_mm": 2.0, "distance_mm": 4.0}
     assert document["array"]["lattice"] == "square"
@@ -107,16 +107,16 @@ def test_connectors_that_cannot_be(monkeypatch):
     refused(
         GeometryError,
         r"more than the pads of 0\.8 mm; got 0\.7 mm: pitch_mm",
-        lead_out,
+        route_leads,
         coils(2, 1, 9e-3),
         Connector(pitch=0.7e-3),
     )
     bare = lattice_array(
         many_layers(2), spiral_coil(RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3), 2, VIA), Lattice("single")
     )
-    refused(GeometryError, "coil1 has no leads that could be routed to a connector", lead_out, bare, Connector())
+    refused(GeometryError, "coil1 has no leads that could be routed to a connector", route_leads, bare, Connector())
     tried = []
     monkeypatch.setattr(_Grid, "ways", lambda grid, order: tried.append(order) or ways(grid, order))
     message = r"the lead of coil\d on L\d cannot be routed to the bottom edge .*connector\.distance_mm"
-    refused(GeometryError, message, lead_out, coils(3, 3, 7.1e-3), Connector(pitch=1e-3))
+    refused(GeometryError, message, route_leads, coils(3, 3, 7.1e-3), Connector(pitch=1e-3))
     assert len(tried) <= 4  # two from either side: no order leads out half of the coils

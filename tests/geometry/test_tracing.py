@@ -187,7 +187,7 @@ def test_ends_that_are_joined():
     np.testing.assert_allclose(coil.lines[0] * 1e3, [(0, 0), (5, 0), (5.08, 0.02), (9, 0)], atol=1e-12)
     apart = copper(("top", (0, 0), (5, 0)), ("top", (5.11, 0), (9, 0)))
     refused(BoardError, "2 that do not meet", traced, apart)
-    # a track that ends in a pad beside its centre is led on
+    # a track that ends in a pad beside its centre is continued
     pad, track = SurfacePad(0, 0, "top", "A", "file:pad", "1", 1e-3), ("top", (0.3, 0.2), (5, 0.2))
     coil = traced(copper(track, holes=[hole(5.1, 0.1)], pads=[pad]))
     np.testing.assert_allclose(coil.lines[0] * 1e3, [(0, 0), (0.3, 0.2), (5, 0.2), (5.1, 0.1)], atol=1e-12)

@@ -6,6 +6,7 @@ import html.parser
 import io
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import xarray as xr
 from matplotlib.image import imread
 from support import browser
 from support.contacts import coarse_maps, few_turns
+from support.patience import until
 from support.plot_results import distortion
 
 from coilarray import (
@@ -141,10 +143,11 @@ def test_close_frequencies_are_explained_and_no_warning(made):
 
 
 def test_page_needs_no_other_file(page, made):
-    assert not {"script", "link"} & set(page.tags)
+    assert "link" not in page.tags
     assert page.sources
     assert all(source.startswith(("data:image/png;base64,", "#section-")) for source in page.sources)
-    assert not re.search(r"@import|url\(", made.page.read_text(encoding="utf-8"))
+    own = re.sub(r"(?s)<script.*?</script>", "", made.page.read_text(encoding="utf-8"))  # the scene: test_page
+    assert not re.search(r"@import|url\(", own)
 
 
 def test_page_has_every_part(page):
@@ -356,8 +359,15 @@ def test_the_example_of_two_ellipses_is_beside_the_axis():
 
 @pytest.mark.parametrize("states", [["coil1"], ["coil2"]])
 def test_one_coil_gives_no_position(states):
-    with pytest.raises(LocalizeError, match=f"closed curves of two coils; the map has only those of {states[0]}"):
+    with pytest.raises(LocalizeError, match=f"a position needs two coils; the map has only {states[0]}"):
         map_positions(published_map().sel(state=states))
+
+
+def test_two_coils_of_which_one_hardly_responds_give_no_position():
+    both = published_map().sel(state=["coil1", "coil2"])
+    weak = both.assign(delta=both.delta * [1.0, 0.01])
+    with pytest.raises(LocalizeError, match="closed curves of two coils; the map has only those of coil1"):
+        map_positions(weak.assign(delta=weak.delta.assign_attrs(both.delta.attrs)))
 
 
 def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
@@ -393,9 +403,10 @@ def test_single_coil_report(tmp_path):
     coils = text[text.index(">Coils</h2>") : text.index(">Field</h2>")]
     assert not re.search("change by the others|others open|other coils", coils)  # of nothing
     assert made.data["sheet_share"]["least"] > 0
-    # a single line of places has no closed curves
-    assert "at least 4 positions along y" in made.data["position_problem"]
-    assert made.data["position_problem"] in text
+    # one coil has no position to tell, and no neighbours whose currents sheets change
+    assert made.data["position_problem"] == "a position needs two coils; the map has only coil1."
+    assert "<h2>Position</h2>" not in text
+    assert "other coils" not in text
 
 
 def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
@@ -527,6 +538,37 @@ via = { drill_mm = 0.3, pad_mm = 0.6 }
 def sixteen(tmp_path_factory):
     """The report of sixteen coils of few turns, whose lists of names and pairs are long."""
     return written_report(parse_design(PAD), tmp_path_factory.mktemp("sixteen"), drawn=True)
+
+
+def test_the_board_is_turned_in_the_page(made):
+    """A button puts a scene in the picture's place, drawn without a network, and takes it away again."""
+    if (problem := browser.missing()) is not None:
+        pytest.skip(problem)
+    with browser.launched(*browser.SOFTWARE_GL) as started:
+        page = browser.profile(started, offline=True).new_page()
+        page.set_viewport_size({"width": 1000, "height": 900})
+        page.goto(made.page.as_uri())
+        page.click("#turn button")
+        assert not page.locator("#board").is_visible()
+        scene = page.frame_locator("iframe")
+        scene.locator("canvas").wait_for()
+        assert scene.get_by_text("copper L4").count() == 1
+        frame = page.locator("iframe")
+        until(lambda: np.ptp(imread(io.BytesIO(frame.screenshot()))[200:500, 500:900, 0]) > 0.2)  # else it is all white
+        page.emulate_media(media="print")
+        assert not frame.is_visible()
+        assert page.locator("#board").is_visible()
+        page.emulate_media(media="screen")
+        page.click("#turn button")
+        assert frame.count() == 0
+        assert page.locator("#board").is_visible()
+
+
+def test_without_trame_vtk_the_picture_stays(monkeypatch):
+    for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "trame_vtk", None)
+    assert figures.board_page(BOARD.design) is None
 
 
 @pytest.fixture(params=["made", "sixteen"])

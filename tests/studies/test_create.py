@@ -17,7 +17,7 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
-from coilarray.studies.create import Choices, reach_of_fewer_layers
+from coilarray.studies.create import LONG_SHAPES, Choices, reach_of_fewer_layers
 from coilarray.studies.create.arrangement import Arrangement, read_arrangement
 from coilarray.studies.create.decoupling import neighbour_coupling
 from coilarray.studies.create.plan import Plan
@@ -181,16 +181,16 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
     def no_way(array, connector):
         tried.append(connector.distance)
         error = NoWayError(0, "")
-        error.led = led
+        error.routed = led
         raise error
 
     module = sys.modules["coilarray.studies.create.connector"]
-    monkeypatch.setattr(module, "lead_out", no_way)
+    monkeypatch.setattr(module, "route_leads", no_way)
     arrangement = Arrangement("square", 2, 2)
     plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=10e-3)
     # 8 mm of coil, leads of 2.5 mm, two traces of 0.15 mm, three gaps of 0.15 mm: 11.25 mm; in steps of 0.5 mm
     tail = "" if movable or led > 1 else "; try a pitch of about 11.5 mm, smaller coils, another side"
-    words = rf"at most {led} of 4 coils can be led to the top edge at a pitch of {13 if movable else 10} mm{tail}"
+    words = rf"at most {led} of 4 coils can be routed to the top edge at a pitch of {13 if movable else 10} mm{tail}"
     refused(DesignError, words, module.with_connector, plan, "top", movable=movable)
     assert len(tried) == boards
 
@@ -319,3 +319,11 @@ def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold
 def test_the_vias_of_many_layers_have_room_between_the_leads(layers):
     made = new_design("many", inductance=18e-6, layers=layers)
     assert not [margin for margin in check_rules(made.design.array, made.design.rules) if not margin.kept]
+
+
+@pytest.mark.parametrize("shape", LONG_SHAPES)
+def test_a_rectangle_and_a_racetrack_are_longer_than_wide_by_default(shape):
+    """With two equal sides they would be a square and a circle, which have names of their own."""
+    (placed,) = new_design("long", "1", shape=shape, elastomer=False).design.array.placements
+    width, height = np.ptp(placed.coil.outline, axis=0)
+    assert (width, height) == pytest.approx((20e-3, 12e-3), rel=1e-6)  # to the corners of the arcs' polygons

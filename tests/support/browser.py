@@ -36,6 +36,9 @@ _SLOW = 600.0  # s
 _TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may be busy
 SIZE = {"width": 1280, "height": 760}
 
+SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+"""Options of `launched` for scenes: test machines have no graphics card."""
+
 
 def missing():
     """Say why there can be no browser test here, or None."""

@@ -55,9 +55,7 @@ def scene():
 def chromium():
     if (problem := browser.missing()) is not None:
         pytest.skip(problem)
-    # the software renderer: test machines have no graphics card
-    options = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
-    with browser.launched(*options) as started:
+    with browser.launched(*browser.SOFTWARE_GL) as started:
         yield started
 
 
@@ -196,7 +194,7 @@ def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path, monkeypatch):
     for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "trame_vtk", None)
-    with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* -m pip install .*\[page\]"'):
+    with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* -m pip install .*\[3d\]"'):
         save_page(scene(), tmp_path / "scene.html")
     assert not list(tmp_path.iterdir())
 

@@ -259,11 +259,11 @@ def test_an_error_in_what_follows_a_job_is_told_on_the_page(on_a_page, capfd):
 def test_coils_are_led_out_beside_the_page_and_what_is_changed_meanwhile_waits(on_a_page, monkeypatch):
     gate, with_document = threading.Event(), Work.with_document
 
-    def led_out(work, document):
+    def routed(work, document):
         assert gate.wait(PATIENCE)  # for ever, if the page itself waited here
         return with_document(work, document)
 
-    monkeypatch.setattr(Work, "with_document", led_out)
+    monkeypatch.setattr(Work, "with_document", routed)
 
     def connector(work):
         return structure.set_connector(work.opened.document, work.design, "top")
@@ -289,7 +289,7 @@ def test_coils_are_led_out_beside_the_page_and_what_is_changed_meanwhile_waits(o
         gate.set()
         await done()
         values, array = page.work.opened.values, page.work.design.array
-        assert (values["board.margin_mm"], array.led_out.connector.side, page.work.file) == (4.0, "top", "saved.toml")
+        assert (values["board.margin_mm"], array.routing.connector.side, page.work.file) == (4.0, "top", "saved.toml")
         assert page.state.array_words.startswith("3 hexagonal coils of 16 × ")
         assert told == ["array.columns must leave at most 64 coils for the studio to follow; got 1000."]
         for expected in ({"connector.side": "top"}, {}):

@@ -172,8 +172,8 @@ def test_a_design_is_built_piece_by_piece(starter):
     then(structure.add_sheet)
     assert work.opened.assumed["indenter.radius_mm"] == "set by the studio"
     then(structure.remove_sheet, 0)
-    assert then(structure.set_connector, "top").array.led_out.connector.side == "top"
-    assert then(structure.set_connector, "none").array.led_out is None
+    assert then(structure.set_connector, "top").array.routing.connector.side == "top"
+    assert then(structure.set_connector, "none").array.routing is None
     for wrong, arguments, line in (
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
         (structure.set_layers, (0,), "copper layers must be a whole number from 1 to 64; got 0"),
@@ -212,7 +212,7 @@ def test_what_is_turned_off_and_on_again_has_its_values_and_reasons_back(starter
     assert again["coils"] == had["coils"]
     work = work_on(OPENED, "starter")
     assert structure.set_leads(off, starter, there=True)["coils"]["hexagon"]["leads"] == {}  # never seen: as usual
-    assert work.with_document(on).design.array.led_out.connector.side == "top"
+    assert work.with_document(on).design.array.routing.connector.side == "top"
 
 
 def test_what_names_a_coil_stays_possible_without_it():

@@ -35,9 +35,7 @@ _POLICY = (
 
 
 def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
-    """Write a scene as a web page that can be turned, with a switch for every group, and its slider where it has one.
-
-    The page is one file and asks no host for anything. Making it needs neither a screen nor a graphics driver.
+    """Write a scene as a web page, the text of `scene_page`.
 
     Parameters
     ----------
@@ -54,6 +52,15 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
         If trame-vtk is not installed.
     OutputError
         If the file cannot be written.
+    """
+    write_text(path, scene_page(scene, title=title, side=side))
+
+
+def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique") -> str:
+    """Return a web page on which a scene can be turned, with a switch for every group, and its slider where it has one.
+
+    The page asks no host for anything. Making it needs neither a screen nor a graphics driver. MissingDependencyError
+    if trame-vtk is not installed.
     """
     from jinja2 import Environment, PackageLoader
     from markupsafe import escape
@@ -79,18 +86,18 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
     )
     head, body = viewer.split("</body>")
     head = re.sub("<title>.*?</title>", lambda _: f"<title>{escape(title)}</title>{_POLICY}", head, count=1)
-    write_text(path, _ICONS.sub("data:,", head) + addition + "</body>" + body)
+    return _ICONS.sub("data:,", head) + addition + "</body>" + body
 
 
 def check_page() -> None:
     """Refuse pages where PyVista or a known trame-vtk is missing, before a scene is made: MissingDependencyError."""
-    require_pyvista("pages", "page")
+    require_pyvista("pages", "3d")
     _viewer()
 
 
 def _viewer() -> str:
     """Return the page of trame-vtk that shows scenes of vtk.js: it contains the library and loads nothing."""
-    tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="page")
+    tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="3d")
     text = Path(tools.HTML_VIEWER_PATH).read_text(encoding="utf-8")
     if text.count("</body>") != 1 or "OfflineLocalView" not in text:
         raise MissingDependencyError(
@@ -103,7 +110,7 @@ def _archive(scene: Scene) -> bytes:
     """Return meshes and colours in the format of the viewer."""
     from vtkmodules.vtkRenderingCore import vtkRenderer
 
-    serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="page")
+    serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="3d")
     serializers.initialize_serializers()
     camera = aim(scene.bounds, _SIZE, direction("oblique"))
     renderer = vtkRenderer()

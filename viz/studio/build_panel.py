@@ -46,7 +46,7 @@ class BuildPanel(Panel):
     def show(self, work: Work) -> None:
         """Show what a design is made of."""
         document, array = work.opened.document, work.design.array
-        array = array if array.led_out is None else array.led_out.array
+        array = array if array.routing is None else array.routing.array
         state = self._page.state
         state.build_problem = ""
         state.build_lattices = [

@@ -85,7 +85,7 @@ class DesignPanel(Panel):
         page.begin(self._read, name)
 
     async def _read(self, name: str) -> None:
-        """Read a file, which takes seconds where coils are led to a connector, and show its design."""
+        """Read a file, which takes seconds where coils are routed to a connector, and show its design."""
         page = self._page
         try:
             work = await asyncio.to_thread(page.setup.shelf.open, name)

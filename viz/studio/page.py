@@ -59,7 +59,7 @@ _PARTS = (
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 _NUMBERS_FIRST = 0.015  # s for which the scene waits: of two threads of Python each makes the other one slow
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
-_NOTICED = 0.3  # s after which the page says that coils are being led out
+_NOTICED = 0.3  # s after which the page says that leads are being routed
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 
 
@@ -94,7 +94,7 @@ class Page:
         self.state.update(
             {
                 "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "can_undo": False,
-                "can_redo": False, "leading_out": False,
+                "can_redo": False, "routing": False,
             }
         )  # fmt: skip
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
@@ -200,7 +200,7 @@ class Page:
     ) -> None:
         """Show the design of a document made of the present one; `refused` is called with one line where it cannot be.
 
-        To lead all coils to a connector takes seconds: that is done beside the page, and what is changed meanwhile
+        Routing all coils to a connector takes seconds: that is done beside the page, and what is changed meanwhile
         waits for it, of several changes of one `entry` the last. `typed` is as in `take`.
         """
         change = _Change(made, refused, typed)
@@ -220,9 +220,9 @@ class Page:
     async def _lead_out(self) -> None:
         """Make the changes that wait, unless the design is undone or another one opened meanwhile."""
 
-        def say(leading_out: bool) -> None:
+        def say(routing: bool) -> None:
             with self.state:
-                self.state.leading_out = leading_out
+                self.state.routing = routing
 
         saying = self._loop.call_later(_NOTICED, say, True)
         try:

@@ -285,10 +285,10 @@ def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
-    """Return the places of all coils as a file has them; of coils whose leads are led out, as before."""
+    """Return the places of all coils as a file has them; of coils whose leads are routed, as before."""
     if document["array"]["lattice"] == "free":
         return [dict(place) for place in document["array"]["placements"]]
-    array = design.array if design.array.led_out is None else design.array.led_out.array
+    array = design.array if design.array.routing is None else design.array.routing.array
     return [
         {
             "name": place.name, "coil": document["array"]["coil"], "layers": list(place.layers),

@@ -14,6 +14,8 @@ from coilarray.studies.create.arrangement import Arrangement, read_arrangement
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
+LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")
+"""Those with a width and a height."""
 Overlap = Literal["none", "decoupled"]
 _FROM_TO = {
     "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
@@ -32,7 +34,7 @@ class Choices:
 
     coils: str | int = "3"
     shape: Shape = "hexagon"
-    size: float | tuple[float, float] = 16e-3
+    size: float | tuple[float, float] | None = None
     inductance: float | None = None
     layers: int | None = None
     fab: str | None = None
@@ -49,7 +51,7 @@ class Choices:
             if getattr(self, what) not in allowed:
                 listed = ", ".join(word for word in allowed if word is not None)
                 raise DesignError(f"{what} must be one of {listed}; got {getattr(self, what)!r}.")
-        if isinstance(self.size, tuple) and self.shape not in ("rectangle", "racetrack"):
+        if isinstance(self.size, tuple) and self.shape not in LONG_SHAPES:
             sides = " × ".join(f"{side * 1e3:g}" for side in self.size)
             raise DesignError(f"size must be one number for a {self.shape}; got {sides} mm.")
         for one, other, why in (
@@ -73,8 +75,10 @@ class Choices:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Width and height of a coil in m."""
-        return self.size if isinstance(self.size, tuple) else (self.size, self.size)
+        """Width and height of a coil in m; what is longer than wide is so by default too."""
+        usual = (20e-3, 12e-3) if self.shape in LONG_SHAPES else 16e-3
+        size = usual if self.size is None else self.size
+        return size if isinstance(size, tuple) else (size, size)
 
     @property
     def layers_of_fab(self) -> int | None:

@@ -1,4 +1,4 @@
-"""The leads of all coils of a new design led to a connector at one edge of its board."""
+"""The leads of all coils of a new design routed to a connector at one edge of its board."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from coilarray.design.tables import ConnectorTable
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
-from coilarray.geometry import lead_out, require_rules
+from coilarray.geometry import require_rules, route_leads
 from coilarray.geometry.connector import NoWayError
 from coilarray.geometry.values import Side
 from coilarray.studies.create.plan import Plan
@@ -21,7 +21,7 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
     """Find room for the ways of all leads: a distance of the connector, longer leads, and coils that are `movable`.
 
     DesignError where no lead finds a way, or a rule is broken: the line of the roomiest board that was tried. Where
-    less than half of the coils are led out, and neighbours that may not move are too near for the leads of a row
+    less than half of the coils are routed, and neighbours that may not move are too near for the leads of a row
     between them, no other board is tried.
     """
     problem = ""
@@ -31,16 +31,16 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
         tried = replace(plan, lead=plan.lead + k * _LONGER, pitch=plan.pitch + further)
         ways = ConnectorTable(side=side, distance_mm=distance)
         try:
-            require_rules(lead_out(tried.design.array, ways.build()), tried.rules)
+            require_rules(route_leads(tried.design.array, ways.build()), tried.rules)
         except NoWayError as error:
             coils, roomy = len(tried.design.array.placements), _roomy_pitch(tried, side)
             tight = several and tried.pitch < roomy
             pitch = f"a pitch of about {roomy * 1e3:g} mm" if tight else "another pitch"
             problem = (
-                f"connector: at most {error.led} of {coils} coils can be led to the {side} edge at a pitch of "
+                f"connector: at most {error.routed} of {coils} coils can be routed to the {side} edge at a pitch of "
                 f"{tried.pitch * 1e3:g} mm; try {pitch}, smaller coils, another side, or no connector."
             )
-            if tight and not movable and 2 * error.led < coils:
+            if tight and not movable and 2 * error.routed < coils:
                 break
         except (GeometryError, RuleViolationError) as error:
             problem = f"connector: {str(error).removeprefix(f'{plan.name}: ')}"

@@ -32,7 +32,7 @@ def new_design(
     coils: str | int = Choices.coils,
     *,
     shape: Shape = Choices.shape,
-    size: float | tuple[float, float] = Choices.size,
+    size: float | tuple[float, float] | None = Choices.size,
     inductance: float | None = Choices.inductance,
     layers: int | None = Choices.layers,
     fab: str | None = Choices.fab,
@@ -55,8 +55,9 @@ def new_design(
         ``"37-hex"``: rings about a centre.
     shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
         Shape of the coils.
-    size : float or tuple of float
-        Width in m of a coil's copper: of a hexagon across flats. A rectangle or racetrack has width and height.
+    size : float or tuple of float, optional
+        Width in m of a coil's copper, of a hexagon across flats; 16 mm by default. A rectangle or racetrack has width
+        and height; 20 and 12 mm by default.
     inductance : float, optional
         Inductance in H that a coil is to have, alone and under the flat sheets; turns and trace are found for it. By
         default the turns of a usual trace that fit.
@@ -76,7 +77,7 @@ def new_design(
     capacitance : float, optional
         Capacitance in F of the tank, instead.
     connector : {"right", "top", "left", "bottom"}, optional
-        Edge of the board to which the leads of all coils are led; coils may then lie a little further apart.
+        Edge of the board to which the leads of all coils are routed; coils may then lie a little further apart.
     title : str
         Title in reports; by default it says what the design is.
 

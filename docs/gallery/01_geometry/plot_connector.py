@@ -2,7 +2,7 @@
 Leads to a connector
 ====================
 
-`lead_out` routes the leads of all coils to one row of pads at an edge of the board, without a crossing.
+`route_leads` routes the leads of all coils to one row of pads at an edge of the board, without a crossing.
 """
 
 import coilarray as ca

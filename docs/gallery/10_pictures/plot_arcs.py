@@ -14,4 +14,6 @@ from coilarray.viz.scenes.of_design import View, scene_of_design
 design = ca.load_design("gast2020")
 plotter = pyvista.Plotter(window_size=(900, 500))
 draw(scene_of_design(design, View(show=("board", "coupling"))), plotter)
+plotter.camera.elevation = -30  # so low that the arcs stand above the board
+plotter.camera.zoom(1.15)
 plotter.show()

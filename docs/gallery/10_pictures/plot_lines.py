@@ -15,4 +15,5 @@ from coilarray.viz.scenes.of_design import View, scene_of_design
 design = ca.load_design("starter")
 plotter = pyvista.Plotter(window_size=(900, 500))
 draw(scene_of_design(design, View(show=("board", "lines"))), plotter)
+plotter.camera.zoom(1.2)
 plotter.show()
