@@ -18,8 +18,9 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
 from coilarray.compute.display_units import value_text
 from coilarray.design import bundled
+from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design, parse_design_file
-from coilarray.design.vary import vary
+from coilarray.design.vary import vary, vary_chosen
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
@@ -48,6 +49,7 @@ from coilarray.viz.studio.touch_panel import touch_work
 from coilarray.viz.studio.trail import Trail
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 
+WOUND = "coils.hexagon.winding_layers"
 OPENED = load_design_file("starter")
 
 
@@ -238,6 +240,35 @@ def test_what_names_a_coil_stays_possible_without_it():
     more = build_design_file(structure.add_coil(free.document, free.design)).assumed
     assert more["array.placements.0.layers"] == free.assumed["array.placements.0.layers"]
     assert more["array.placements.1.x_mm"] == "set by the studio"
+
+
+def test_coils_lie_on_as_many_layers_as_they_are_wound_on():
+    opened = load_design_file("starter")
+    fewer = build_design_file(structure.set_layers(opened.document, opened.design, 2))
+    assert {place.layers for place in fewer.design.array.placements} == {("L1", "L2")}
+    assert fewer.assumed["array.layers"] == "set by the studio"
+    every = build_design_file(structure.on_its_layers(vary_chosen(opened.document, {WOUND: 4})))
+    assert {place.layers for place in every.design.array.placements} == {("L1", "L2", "L3", "L4")}
+    one = build_design_file(structure.on_its_layers(vary_chosen(opened.document, {WOUND: 1})))
+    assert [place.layers for place in one.design.array.placements] == [("L1",), ("L2",), ("L1",)]  # neighbours apart
+    free = structure.add_coil(opened.document, opened.design)
+    assert structure.on_its_layers(free) == free  # where it fits, nothing is moved
+    moved = build_design_file(structure.set_layers(free, opened.design, 3))
+    assert {place.layers for place in moved.design.array.placements} == {("L1", "L2")}
+    with pytest.raises(DesignError, match=r"coils\.hexagon\.winding_layers is 2; the board has 1 copper layer only"):
+        structure.set_layers(opened.document, opened.design, 1)
+
+
+def test_a_board_house_brings_its_own_limits_alone():
+    opened = load_design_file("starter")
+    own = {**opened.document, "fab": {"min_trace_mm": 0.3}, "assumed": {"fab.min_trace_mm": "a guess"}}
+    made = build_design_file(structure.set_house(own, opened.design, "oshpark-2-layer"))
+    assert made.design.rules == load_profile("oshpark-2-layer").rules
+    assert "fab.min_trace_mm" not in made.assumed
+    four = build_design_file(structure.set_house(opened.document, opened.design, "oshpark-4-layer"))
+    inner = load_profile("oshpark-4-layer").limits["max_inner_copper_um"]
+    assert four.values["stackup.copper_thickness_um"] == [35, inner, inner, 35]
+    assert all(margin.kept for margin in check_rules(four.design.array, four.design.rules) if "copper" in margin.rule)
 
 
 def test_steps_are_undone_and_done_again(starter):
@@ -678,13 +709,13 @@ def test_a_field_that_is_left_as_it_was_changes_nothing(tmp_path):
 @pytest.mark.parametrize("wanted", [True, False])
 def test_a_new_design_has_an_elastomer_where_it_is_wanted(wanted):
     texts = {"name": "coil", "coils": "1", "shape": "circle", "size": "40", "elastomer": wanted}
-    name, choices = choices_of(texts)
-    assert (name, choices.get("elastomer", True), choices["size"]) == ("coil", wanted, pytest.approx(40e-3))
+    choices = choices_of(texts)
+    assert (choices.get("elastomer", True), choices["size"]) == (wanted, pytest.approx(40e-3))
 
 
 def test_layers_and_pitch_of_a_new_design_are_chosen_where_they_matter():
     texts = {"name": "x", "coils": "3", "shape": "circle", "size": "16", "layers": "4", "pitch": "20.5"}
-    _, choices = choices_of(texts)
+    choices = choices_of(texts)
     assert (choices["layers"], choices["pitch"]) == (4, pytest.approx(20.5e-3))
     for layers, words in (
         ("2.5", r"layers must be a whole number; got 2\.5\."),

@@ -19,8 +19,9 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
 from coilarray.design import bundled
 from coilarray.design.model import build_design, load_design_file
-from coilarray.design.vary import vary
+from coilarray.design.vary import vary, vary_chosen
 from coilarray.localize.forward import forward_model
+from coilarray.viz.studio import structure
 from coilarray.viz.studio.metal import moved, target_rows
 from coilarray.viz.studio.numbers import numbers_of
 from coilarray.viz.studio.switching import state_of
@@ -48,6 +49,7 @@ def served_page(**environment):
 
 with_scenes, without_scenes = served_page(), served_page(COILARRAY_NO_RENDERING="1")
 BOXES = "all => all.map(one => one.getBoundingClientRect()).map(one => [one.left, one.top, one.right, one.bottom])"
+WOUND = "coils.hexagon.winding_layers"
 ALERTS = "[role=alert]:not(#scene-problem)"
 # scenes cost more than all the rest: only tests with this mark have them
 scenes = pytest.mark.parametrize("shared", ["with_scenes"], indirect=True)
@@ -364,6 +366,9 @@ def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page
     (folder / "there.toml").write_text("another's", encoding="utf-8")
     change(page, "array.pitch_mm", "12")
     page.click("#new")
+    page.fill("#new-name", "two words")
+    page.click("#make")
+    page.wait_for_selector("#new-problem:has-text('name must have letters, ')")
     page.fill("#new-name", "there")
     page.click("#make")
     page.wait_for_selector("#new-problem:has-text('there.toml is there already; give the new design another name.')")
@@ -497,6 +502,22 @@ def test_leads_that_were_turned_off_come_back_as_they_were(page):
     page.click("#leads")
     page.wait_for_function("trame.state.get('build').leads")
     assert browser.field(page, length).input_value() == "3.25"
+
+
+def test_a_board_of_another_house_has_coils_on_all_its_layers(page):
+    page.click("#tab-build")
+    page.click("div:has(> .v-field #house)")
+    page.click(".v-overlay--active .v-list-item:has-text('oshpark-4-layer')")
+    page.wait_for_function("trame.state.get('build').house === 'oshpark-4-layer'")
+    browser.enter(page, WOUND, "4")  # each, where they had two
+    page.click("#tab-numbers")
+    browser.at_rest(page)
+    opened = load_design_file("starter")
+    four = vary_chosen(structure.set_house(opened.document, opened.design, "oshpark-4-layer"), {WOUND: 4})
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(build_design(structure.on_its_layers(four))).k)
+    browser.enter(page, WOUND, "6")
+    words = "coils.hexagon.winding_layers is 6; the board has 4 copper layers only."
+    assert page.wait_for_selector(f"[data-key='{WOUND}'] [role=alert]").inner_text() == words
 
 
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):

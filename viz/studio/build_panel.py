@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from coilarray.design import fabs
 from coilarray.design.model import Design
 from coilarray.geometry.values import SIDES
 from coilarray.viz.studio import structure
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 
 _PLACE = ("x_mm", "y_mm", "rotation_deg")  # of a coil
+_OWN = "limits of your own"
 _BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
 
 
@@ -30,7 +32,7 @@ class BuildPanel(Panel):
         values = {
             "build": {"coils": [], "sheets": []}, "placing": {}, "build_problem": "", "build_lattices": [],
             "build_bases": [{"value": base, "title": _BASES[base]} for base in structure.BASES],
-            "build_edges": ["none", *SIDES],
+            "build_edges": ["none", *SIDES], "build_houses": list(fabs.names()),
         }  # fmt: skip
         page.state.client_only("placing")
         super().__init__(
@@ -38,7 +40,7 @@ class BuildPanel(Panel):
             place_coil=self._place, set_lattice=self._set_lattice, set_layers=self._set_layers,
             set_leads=self._set_leads, set_connector=self._set_connector,
             add_sheet=lambda: self._change(structure.add_sheet), remove_sheet=self._remove_sheet,
-            set_base=self._set_base,
+            set_base=self._set_base, set_house=self._set_house,
         )  # fmt: skip
 
     def show(self, work: Work) -> None:
@@ -61,6 +63,7 @@ class BuildPanel(Panel):
             "lattice": document["array"]["lattice"],
             "layers": len(array.stackup.names),
             "leads": all(place.coil.terminal is not None for place in array.placements),
+            "house": work.opened.values.get("fab.profile") or _OWN,
             "connector": work.opened.values.get("connector.side", "none"),
             "sheets": [sheet.name for sheet in work.design.sheets],
             "base": document["indentation"].get("base", "bonded") if "indentation" in document else "",
@@ -80,6 +83,9 @@ class BuildPanel(Panel):
 
     def _set_connector(self, edge: str) -> None:
         self._change(structure.set_connector, edge, before=self._page.earlier)
+
+    def _set_house(self, house: str) -> None:
+        self._change(structure.set_house, house)
 
     def _remove_sheet(self, index: int) -> None:
         self._change(structure.remove_sheet, index)

@@ -13,6 +13,8 @@ from coilarray.viz.studio.entries import Entry, entries_of, number_of, text_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.searching import write_board
+from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.structure import on_its_layers
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
@@ -62,7 +64,11 @@ class DesignPanel(Panel):
         def refused(line: str) -> None:
             page.state.errors = {**page.state.errors, key: line}
 
-        page.change(lambda work: work.document_with({key: number_of(key, text)}), refused, entry=key, typed=True)
+        def made(work: Work) -> Document:
+            changed = work.document_with({key: number_of(key, text)})
+            return on_its_layers(changed) if key.endswith(".winding_layers") else changed
+
+        page.change(made, refused, entry=key, typed=True)
 
     def _look(self) -> None:
         self._page.state.shelf = self._page.setup.shelf.names()

@@ -40,19 +40,21 @@ class NewPanel(Panel):
     def _make(self, texts: Mapping[str, Any], discard: bool = False) -> None:
         """Make a design; where that loses changes, `discard` must say that they may be lost."""
         page, state = self._page, self._page.state
+        name = str(texts.get("name", "")).strip().removesuffix(".toml")
         try:
-            path = page.setup.shelf.path(f"{str(texts.get('name', '')).strip()}.toml")
-            if path.exists():
-                raise OutputError(f"{path.name} is there already; give the new design another name.")
-        except OutputError as error:
-            state.new_problem = str(error)
+            path = page.setup.shelf.path(f"{name}.toml")
+        except OutputError:
+            state.new_problem = f"name must have letters, digits, _ . + and, not first, - only; got {name[:60]!r}."
+            return
+        if path.exists():
+            state.new_problem = f"{path.name} is there already; give the new design another name."
             return
         state.new_over = bool(page.work.changed) and not discard
         if state.new_over:
             state.new_problem = page.work.unsaved
             return
         try:
-            name, choices = choices_of(texts)
+            choices = choices_of(texts)
         except CoilarrayError as error:
             state.new_problem = str(error)
             return
@@ -78,13 +80,13 @@ class NewPanel(Panel):
         )
 
 
-def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the name and the choices for `coilarray.studies.create.new_design` from texts of the page, sizes in mm.
+def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the choices for `coilarray.studies.create.new_design` from texts of the page, sizes in mm.
 
     Examples
     --------
-    >>> choices_of({"name": "pad", "coils": "4x4", "shape": "rectangle", "size": "20×12", "inductance": "18"})
-    ('pad', {'coils': '4x4', 'shape': 'rectangle', 'size': (0.02, 0.012), 'inductance': 1.8e-05})
+    >>> choices_of({"coils": "4x4", "shape": "rectangle", "size": "20×12", "inductance": "18"})
+    {'coils': '4x4', 'shape': 'rectangle', 'size': (0.02, 0.012), 'inductance': 1.8e-05}
     """
     given = {key: str(texts.get(key, "")).strip() for key in _FIRST}
     arrangement = read_arrangement(given["coils"], given["shape"])
@@ -105,7 +107,7 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         choices["overlap"] = "decoupled"
     if not texts.get("elastomer", True):
         choices["elastomer"] = False
-    return given["name"], choices
+    return choices
 
 
 def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> DesignFile:

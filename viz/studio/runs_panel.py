@@ -186,14 +186,10 @@ class RunsPanel(Panel):
 
 def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return all goals as the page lists them, those for the design first: what each is, or why it is none for it."""
-    return [
-        {
-            "value": name,
-            "title": name,
-            "props": {"subtitle": unfit.get(name, says), "disabled": name in unfit, "lines": "three"},
-        }
-        for name, says in sorted(NAMES.items(), key=lambda one: one[0] in unfit)
-    ]
+    items = {name: {"subtitle": says, "disabled": False, "lines": "two"} for name, says in NAMES.items()}
+    for name, why in unfit.items():
+        items[name] = items.pop(name) | {"subtitle": why, "disabled": True, "lines": "three"}
+    return [{"value": name, "title": name, "props": props} for name, props in items.items()]
 
 
 def _stamp(folder: Path) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ from functools import reduce
 from operator import getitem
 from typing import Any, get_args
 
+from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
@@ -141,7 +142,51 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
     if before and thick:
         table["dielectric_thickness_mm"] = [round(each * sum(before) / sum(thick), 4) for each in thick]
     changed = [key for key, values in table.items() if values != list(stackup.get(key, []))[: len(values)]]
-    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in changed))
+    return on_its_layers(_made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in changed)))
+
+
+def on_its_layers(document: Document) -> dict[str, Any]:
+    """Lay every coil on as many layers of the board as its shape is wound on: where it cannot stay, on others in turn.
+
+    DesignError where the board has too few.
+    """
+    array, free = document["array"], document["array"]["lattice"] == "free"
+    names = list(document["stackup"]["layers"])
+    laid = [(place["coil"], tuple(place["layers"])) for place in array["placements"]] if free else [
+        (array["coil"], tuple(layers)) for layers in array["layers"]
+    ]  # fmt: skip
+    new = dict[tuple[str, tuple[str, ...]], list[str]]()
+    for shape, layers in dict.fromkeys(laid):
+        winding = document["coils"][shape].get("winding_layers", len(layers))
+        if not (isinstance(winding, int) and winding > 0):
+            return dict(document)  # which is refused by its key
+        if winding > len(names):
+            board = f"{len(names)} copper layer{'' if len(names) == 1 else 's'}"
+            raise DesignError(f"coils.{shape}.winding_layers is {winding}; the board has {board} only.")
+        first = winding * sum(one == shape for one, _ in new) % (len(names) - len(names) % winding)
+        kept = len(layers) == winding and set(layers) <= set(names)
+        new[shape, layers] = list(layers) if kept else names[first : first + winding]
+    if all(list(layers) == found for (_, layers), found in new.items()):
+        return dict(document)
+    if free:
+        places = [{**place, "layers": new[one]} for place, one in zip(array["placements"], laid, strict=True)]
+        moved = (f"array.placements.{k}.layers" for k, one in enumerate(laid) if list(one[1]) != new[one])
+        return _made_up({**document, "array": {**array, "placements": places}}, *moved)
+    sets = list(map(list, dict.fromkeys(map(tuple, new.values()))))
+    return _made_up({**document, "array": {**array, "layers": sets}}, "array.layers")
+
+
+def set_house(document: Document, _: Design, house: str) -> Document:
+    """Take the limits of a board house, and no others, with no more copper than it makes."""
+    changed = no_longer_assumed({**document, "fab": {"profile": house}}, ["fab"])
+    rules, copper = load_profile(house).rules, list(document["stackup"]["copper_thickness_um"])
+    limits = (rules.max_outer_copper, rules.max_inner_copper)
+    outer, inner = (math.inf if limit is None else round(limit * 1e6, 6) for limit in limits)
+    made = [min(one, inner if 0 < k < len(copper) - 1 else outer) for k, one in enumerate(copper)]
+    if made == copper:
+        return changed
+    stackup = {**document["stackup"], "copper_thickness_um": made}
+    return _assumed({**changed, "stackup": stackup}, {"stackup.copper_thickness_um": f"the most that {house} makes"})
 
 
 def set_leads(document: Document, _: Design, *, there: bool, before: Sequence[Document] = ()) -> Document:
