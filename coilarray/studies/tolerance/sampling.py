@@ -91,12 +91,12 @@ def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
         cleared = errors if errors <= _MOST_CLEARED * boards else boards // 4
         before = np.full((boards, 1), boards**-0.5)  # orthonormal columns
         for k in range(errors):
-            order = random.standard_normal(boards)
-            order -= before @ (before.T @ order)
+            order = np.asarray(random.standard_normal(boards))
+            order = order - before @ (before.T @ order)
             paired[low:high, k][np.argsort(order, kind="stable")] = np.sort(points[low:high, k])
             if k < cleared:
-                score = ndtri(np.clip(paired[low:high, k], _LEAST_TAIL, 1 - _LEAST_TAIL))
-                score -= before @ (before.T @ score)
+                score = np.asarray(ndtri(np.clip(paired[low:high, k], _LEAST_TAIL, 1 - _LEAST_TAIL)))
+                score = score - before @ (before.T @ score)
                 before = np.column_stack((before, score / np.linalg.norm(score)))
         low, high = high, 2 * high
     return paired
