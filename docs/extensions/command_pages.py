@@ -55,10 +55,16 @@ def _table(lines: list[str], first: str) -> list[str]:
     return [":::{div} stacked", *table, ":::", ""]
 
 
+_TYPED = re.compile(
+    r"(?<![\w-])--\w[\w-]*"
+    r"|(?<![^\s(])(?:[\w.]+=|/dev/|(?:i2c|ftdi|evm|usb|grbl|marlin):)[^\s;)]*(?:\.\.\.|[^\s;,.:)])"
+)
+
+
 def _prose(text: str) -> str:
-    """Return a line of the help in Markdown; options are set as code."""
+    """Return a line of the help in Markdown; options, ports and values of keys are set as code."""
     pieces = re.split(r"(`+[^`]*`+)", text.replace("<", "&lt;"))  # what is code already stands at odd places
-    pieces[::2] = [re.sub(r"(?<![\w-])--\w[\w-]*", r"`\g<0>`", piece) for piece in pieces[::2]]
+    pieces[::2] = [_TYPED.sub(r"`\g<0>`", piece) for piece in pieces[::2]]
     return "".join(pieces)
 
 

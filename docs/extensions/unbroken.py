@@ -1,8 +1,9 @@
-"""Spaces at which no line ends: between a number and its unit, and between groups of digits."""
+"""Places at which no line ends: between a number and its unit, between groups of digits, and within an option."""
 
 from __future__ import annotations
 
 import re
+from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -13,6 +14,9 @@ _UNITS = (
     r"|mm²|mm³|mrad|kPa/mm|scans/s|bits|bytes|baud)(?!\w)"
 )
 _SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=±) (?=\d)|(?<=\d) (?=±)")
+
+
+_OPTION = re.compile(r'<span class="pre">(?=-[\w-]{1,28}</span>)')  # longer ones may be wider than a telephone
 
 
 def unbroken(text: str) -> str:
@@ -35,7 +39,14 @@ class _Unbroken(SphinxPostTransform):
                 node.parent.replace(node, nodes.Text(text))
 
 
+def _mark(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object) -> None:
+    """Mark options for the style sheet: browsers end lines after hyphens."""
+    if "body" in context:
+        context["body"] = _OPTION.sub('<span class="pre whole">', context["body"])
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Add the transform."""
+    """Add the transform and the hook."""
     app.add_post_transform(_Unbroken)
+    app.connect("html-page-context", _mark)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -15,5 +15,4 @@ design = ca.load_design("gast2020")
 plotter = pyvista.Plotter(window_size=(900, 500))
 draw(scene_of_design(design, View(show=("board", "coupling"))), plotter)
 plotter.camera.elevation = -30  # so low that the arcs stand above the board
-plotter.camera.zoom(1.15)
 plotter.show()
