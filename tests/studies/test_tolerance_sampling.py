@@ -51,6 +51,18 @@ def test_errors_are_independent(sampling):
     assert np.abs(off).max() < 4 / math.sqrt(4096)  # four standard errors of no correlation
 
 
+@pytest.mark.parametrize(("parts", "most", "rms"), [(8, 0.1, 0.04), (36, 0.12, 0.04), (90, 0.6, 0.13)])
+def test_few_boards_of_many_errors_hardly_correlate(parts, most, rms):
+    """As they come, 64 Sobol points have correlations of up to 0.7 among 36 errors; 1/√64 = 0.125 is that of chance."""
+    for count in (64, 128, 256):
+        values = draw([etch(1.0, 1.0)[0]] * parts, count, seed=0)
+        off = np.corrcoef(values.T)[np.triu_indices(parts, 1)]
+        assert np.abs(off).max() < most
+        assert math.sqrt((off**2).mean()) < rms
+        # and each has one board in each of as many equal parts of its range
+        assert (np.sort((norm.cdf(values) * count).astype(int), axis=0).T == np.arange(count)).all()
+
+
 def test_seeds_repeat():
     found = etch(1.0, 1.0)
     for sampling in ("sobol", "random"):

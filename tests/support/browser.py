@@ -281,10 +281,11 @@ def bells(document, name, progress=lambda done, total: None):
 
 def summary_of_circuit(design, coupling, response):
     """The report's summary without its scan, which takes seconds."""
+    from coilarray.geometry import check_rules
     from coilarray.report.summary import summary_table, verdicts
     from coilarray.viz.studio.services import Summary
 
-    table = summary_table(coupling, None, (), response)
+    table = summary_table(coupling, None, check_rules(design.array, design.rules), response).brief()
     return Summary(table.headers, table.cells(), verdicts(None, ()))
 
 

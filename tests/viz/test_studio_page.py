@@ -558,6 +558,21 @@ def test_goals_that_do_not_fit_say_why_and_a_failed_search_is_said_once(page):
     page.wait_for_selector("#problem", state="detached")
 
 
+def test_the_summary_of_one_coil_has_one_column_of_values_and_room(page):
+    browser.enter(page, "array.columns", "1")
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 0")
+    browser.enter(page, "coils.hexagon.trace_width_mm", "0.1")
+    page.wait_for_selector("#summary td >> text=which is exactly at its limit of 0.1 mm")
+    browser.at_rest(page)
+    assert page.locator("#summary th").all_inner_texts() == ["quantity", "value", "unit", "where"]
+    page.set_viewport_size({"width": 1280, "height": 720})
+    try:
+        whole, part = page.eval_on_selector("#summary table", "one => [one.scrollWidth, one.parentElement.clientWidth]")
+        assert whole <= part
+    finally:
+        page.set_viewport_size(browser.SIZE)
+
+
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     pytest.importorskip("optuna")
     result = browser.quick_run(folder / "found")

@@ -338,6 +338,7 @@ class _Making:
                 scene += overlays.scene_of_lines(box, line_seeds(design, coil), scale)
             if "surfaces" in shown:
                 scene += overlays.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
-        carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {self._others}"
+        others = f", the others {self._others}" if len(self.design.array.names) > 1 else ""
+        carried = f"{coil} carries {self.view.current * 1e3:g} mA{others}"
         beside = "beside the plates and under the sheets" if design.plates else "without elastomer"
         return scene + Scene(notes=(f"B in phase, {beside}; {carried}.",))

@@ -15,10 +15,13 @@ from coilarray.errors import GoalError
 from coilarray.studies.tolerance.tolerances import Contributor
 
 Sampling = Literal["sobol", "random"]
-"""Scrambled Sobol points, which fill the space evenly, or independent ones."""
+"""Scrambled Sobol points, which fill the range of every error evenly and are paired anew, or independent ones."""
 
 MOST_SAMPLES = 1_000_000
 _LEAST_TAIL = 2.0**-40  # a probability of 0 or 1 would lie at infinity
+_BLOCK, _MOST_PAIRED = 64, 4096  # boards that are paired at once at first, and from which Sobol's own pairing is good
+_WELL_PAIRED = 6  # errors of which 64 Sobol points correlate by 0.2 at the most
+_MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be uncorrelated to all before
 
 
 def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, sampling: Sampling = "sobol") -> FloatArray:
@@ -29,7 +32,7 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     contributors : sequence of Contributor
         Independent errors.
     count : int
-        Number of boards, up to 1 000 000; a power of 2 suits Sobol points best.
+        Number of boards, up to 1 000 000; a power of 2 from 64 on suits Sobol points best.
     seed : int
         Seed of the sequence. Equal seeds give equal boards; a larger count begins with the same boards.
     sampling : {"sobol", "random"}
@@ -60,14 +63,43 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
         dimensions = len(contributors)
         if dimensions > qmc.Sobol.MAXDIM:
             raise GoalError(f"Sobol points have at most {qmc.Sobol.MAXDIM} dimensions; got {dimensions} errors.")
-        sequence = qmc.Sobol(dimensions, scramble=True, seed=np.random.default_rng(seed))
-        quantiles = sequence.random_base2(max(count - 1, 0).bit_length())[:count]
+        random = np.random.default_rng(seed)
+        sequence = qmc.Sobol(dimensions, scramble=True, seed=random)
+        quantiles = _paired(sequence.random_base2(max(count - 1, _BLOCK - 1).bit_length()), random)[:count]
     else:
         quantiles = np.random.default_rng(seed).random((count, len(contributors)))
     quantiles = np.clip(quantiles, _LEAST_TAIL, 1 - _LEAST_TAIL)
     uniform = np.array([one.distribution == "uniform" for one in contributors])
     unit = np.where(uniform, np.sqrt(3) * (2 * quantiles - 1), ndtri(quantiles))
     return np.asarray(unit * [one.deviation for one in contributors])
+
+
+def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Pair the coordinates of Sobol points, shape (n, dimensions), anew, so that they hardly correlate.
+
+    Of some pairs of the first 36 dimensions 64 Sobol points have correlations of 0.7 (0.07 so): a spread of two errors
+    was 20 % off. Each block of 64, 64, 128, … points keeps its values of each coordinate, of which every equal part of
+    its range has one; their order is that of random numbers from which all that correlates with the coordinates before
+    is taken away (Owen, J. Am. Stat. Assoc. 89, 1517, 1994).
+    """
+    if points.shape[1] <= _WELL_PAIRED:
+        return points
+    paired = points.copy()
+    low, high = 0, _BLOCK
+    while low < min(len(points), _MOST_PAIRED):
+        boards, errors = points[low:high].shape
+        cleared = errors if errors <= _MOST_CLEARED * boards else boards // 4
+        before = np.full((boards, 1), boards**-0.5)  # orthonormal columns
+        for k in range(errors):
+            order = np.asarray(random.standard_normal(boards))
+            order = order - before @ (before.T @ order)
+            paired[low:high, k][np.argsort(order, kind="stable")] = np.sort(points[low:high, k])
+            if k < cleared:
+                score = np.asarray(ndtri(np.clip(paired[low:high, k], _LEAST_TAIL, 1 - _LEAST_TAIL)))
+                score = score - before @ (before.T @ score)
+                before = np.column_stack((before, score / np.linalg.norm(score)))
+        low, high = high, 2 * high
+    return paired
 
 
 def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dict[str, float]:
