@@ -111,6 +111,18 @@ def test_options_in_a_help_are_code_and_what_is_code_stays_as_it_is():
     )
 
 
+def test_options_in_tables_are_typed_as_on_the_command_line():
+    lines = [
+        "--to <stl|glb>  Format.",
+        "--coil <list[str]>  Coils.",
+        "--fineness <float range>  Mesh.  [default: 1.0; 0.5<=x<=4.0]",
+    ]
+    *_, first, second, third, _, _ = command_pages._table(lines, "option")
+    assert (first, second) == ("| `` --to <stl\\|glb> `` | Format. |", "| `` --coil <str>... `` | Coils. |")
+    assert third == "| `` --fineness <float> `` | Mesh.  [default: 1.0; 0.5 to 4.0] |"
+    assert command_pages._range("Draws. [default: 16; x>=2]") == "Draws. [default: 16; at least 2]"
+
+
 ROOMS = ("coilarray", "geometry", "viz", "hardware")
 RETURNING = {name: one for name, *one in name_pages.returning()}
 UNIT = re.compile(
