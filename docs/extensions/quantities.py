@@ -14,7 +14,7 @@ _UNITS = (
     r"%|°C|‰|(?:[pnµmck]?m|[pnµm]?s|min|[kMG]?Hz|[pnµ]?F|[nµm]?H|[mkM]?Ω|[nµm]?V|[nµm]?A|[mk]?W|[nµm]?T|[kM]?Pa|m?N|[KJ]|[kMGK]?B"
     r"|mm²|mm³|mrad|kPa/mm|scans/s|bits|bytes|baud)(?!\w)"
 )
-_SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=±) (?=\d)|(?<=\d) (?=±)")
+_SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=[±<>≤≥]) (?=\d)|(?<=\d) (?=±)")
 
 
 _POWER = re.compile(r"(?<![\w.·])(\d+(?:\.\d+)?)e([+-]?\d+)(?!\w|\.\w)")
