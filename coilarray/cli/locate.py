@@ -206,6 +206,7 @@ def _with_all_coils(
 
     `given` are the readings, and the texts of the command line that they come from; empty for a stream.
     """
+    from coilarray.compute.display_units import PER_MILLION
     from coilarray.design.scan_states import referenced_names
     from coilarray.hardware.record.reference_coil import less_reference
     from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
@@ -235,7 +236,8 @@ def _with_all_coils(
         except LocalizeError as error:
             wrong.append(error)
     if given and len(wrong) == len(given):
-        raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}")
+        hint = "" if coils or "missing" not in str(wrong[0]) else " --coil takes only the states that it names."
+        raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}{hint}")
     table = on_board(response.compute())
     model = forward_model(table).select(used)
     model = model.referenced(reference) if reference else model
@@ -259,12 +261,12 @@ def _with_all_coils(
     common = 0.0 if noise is not None else float(model.common_noise.max())
     level, worst = model.noise if noise is None else noise, max(model.errors, default=0.0)
     said = [
-        f"noise of δ {level:.2g} of each coil"
-        + (f", {common:.2g} common to all" if common else "")
+        f"noise of δ {PER_MILLION.text(level, '.2')} of each coil"
+        + (f", {PER_MILLION.text(common, '.2')} common to all" if common else "")
         + shared.noise_source(noise, table)
     ]
     if worst:
-        said.append(f"± includes the mesh error of the table, up to {worst:.2g} of δ (estimated)")
+        said.append(f"± includes the mesh error of the table, up to {PER_MILLION.text(worst, '.2')} of δ (estimated)")
     return solve, {"noise": level, "common_noise": common, "table_error": worst}, said
 
 

@@ -67,6 +67,7 @@ def target(
     """
     distances = shared.lengths("--distance-mm", distance_mm, positive=True)
     places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
+    from coilarray.compute.display_units import PER_MILLION
     from coilarray.report.figures import map_outlines
     from coilarray.report.target_tables import (
         base_table,
@@ -100,9 +101,10 @@ def target(
         **{key: value for key, value in result.attrs.items() if key.startswith("plate_")},
         **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
     }
+    sigma = PER_MILLION.text(result.attrs["sigma"], ".2")
     lines = [
         *shared.plate_error_lines(result.attrs),
-        f"noise of δ {result.attrs['sigma']:.2g}{shared.noise_source(noise, result)}: the range ends where |δ| is "
+        f"noise of δ {sigma}{shared.noise_source(noise, result)}: the range ends where |δ| is "
         f"{result.attrs['range_factor']:g} times that; a step of distance is resolved if it is at least the standard "
         "deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",

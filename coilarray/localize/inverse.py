@@ -21,7 +21,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.threads import ranges
-from coilarray.errors import LocalizeError
+from coilarray.errors import LocalizeError, listed
 from coilarray.localize.forward import ForwardModel, checked_noise, require_states, whitening_of
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, starts
@@ -456,9 +456,9 @@ def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
         for name in reading:
             if name not in states:
                 raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(states)}.")
-        for name in states:
-            if name not in reading:
-                raise LocalizeError(f"a reading must have δ of every state; {name} is missing.")
+        if missing := [name for name in states if name not in reading]:
+            are = "is" if len(missing) == 1 else "are"
+            raise LocalizeError(f"a reading must have δ of every state; {listed(missing)} {are} missing.")
         reading = [reading[name] for name in states]
     try:
         values = np.asarray(reading, dtype=np.float64)

@@ -248,7 +248,7 @@ def test_both_signs_of_y_are_told(capsys, maps):
     code, out, _ = run(capsys, "locate", "--model", maps / "row.nc", text_of(reading(centres=ROW)))
     assert code == 0
     *lines, noise = out.splitlines()
-    assert noise == "noise of δ 1e-05 of each coil by default, as the response states none"
+    assert noise == "noise of δ 10·10⁻⁶ of each coil by default, as the response states none"
     header, *rows = [line.replace("−", "-").split() for line in lines]
     assert header[:3] == ["reading", "status", "x"]
     assert sorted(row[3] for row in rows) == ["-2.000", "2.000"]
@@ -446,7 +446,9 @@ def test_the_example_of_the_help_is_located(capsys):
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; coil3 is missing"),
+    (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; coil3 is missing. --coil takes only"),
+    (("coil1=1e-4,coil22=0",), "a reading must have δ of every state; coil2, coil3 are missing. --coil takes only"),
+    (("coil1=1e-4", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3"), "coil2, coil3 are missing."),
     (("coil1=1e-4,coil2=100,coil3=0",), "δ must be a number between -1 and 1; that of coil2 is 100.0"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "the model has coil1. A map at one place, as of coilarray"),
@@ -465,8 +467,8 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("coil1",), "READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got 'coil1'"),
         (("coil1=a",), "δ of coil1 must be a number; got 'a'"),
         (("coil1=1e-4,coil1=1e-4",), "must name a coil once; got 'coil1' again"),
-        (("coil1=1e-4",), "every state; coil2 is missing"),
-        (("coil9=1e-4",), "every state; coil1 is missing"),
+        (("coil1=1e-4",), "every state; coil2, coil3"),
+        (("coil9=1e-4",), "every state; coil1, coil2, coil3"),
         (("none.csv",), "cannot read none.csv: No such file"),
         *(((name,), f"there is no reading in {name}") for name in ("empty.csv", "names.csv", "list.json")),
         (("twice.csv",), "the first line must name every coil once"),

@@ -8,6 +8,7 @@ from support.command_line import runner, successes
 from support.quick_recordings import stream_file
 
 from coilarray import load_design, noise_budget, response_map
+from coilarray.compute.display_units import PER_MILLION
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 
@@ -136,4 +137,5 @@ def test_every_consumer_has_the_same_number(capsys, tmp_path):
     said, common = json.loads(out), model.common_noise.max()
     assert (said["noise"], said["common_noise"]) == pytest.approx((model.noise, common))
     _, out, _ = locate(capsys, "--model", map_file, reading)
-    assert f"noise of δ {model.noise:.2g} of each coil, {common:.2g} common to all from the noise budget" in out
+    own, shared = (PER_MILLION.text(sigma, ".2") for sigma in (model.noise, common))
+    assert f"noise of δ {own} of each coil, {shared} common to all from the noise budget" in out
