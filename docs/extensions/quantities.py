@@ -15,8 +15,6 @@ _UNITS = (
     r"|mm²|mm³|mrad|kPa/mm|scans/s|bits|bytes|baud)(?!\w)"
 )
 _SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=[±<>≤≥]) (?=\d)|(?<=\d) (?=±)")
-
-
 _POWER = re.compile(r"(?<![\w.·])(\d+(?:\.\d+)?)e([+-]?\d+)(?!\w|\.\w)")
 _FULL = 0.01, 1000.0  # numbers between them are written in full
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -44,7 +42,7 @@ def powers(text: str) -> str:
 class _Quantities(SphinxPostTransform):
     """Write the quantities of running text; code, formulas and signatures stay as they are."""
 
-    default_priority = 900
+    default_priority = 4  # before Sphinx-Gallery makes nodes of the words of programs
 
     def run(self, **kwargs: object) -> None:
         for node in list(self.document.findall(nodes.Text)):
