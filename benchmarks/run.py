@@ -53,22 +53,10 @@ def _speed_table(results: list[speed.Speed]) -> str:
     return "\n".join(lines)
 
 
-def _powers(text: str) -> str:
-    """Write numbers such as 1e-09 with powers of ten, from a hundredth on in full."""
-
-    def power(found: re.Match[str]) -> str:
-        if (number := float(found[0])) >= 0.01:
-            return f"{number:g}"
-        factor = "" if found[1] == "1" else f"{found[1]}·"
-        return f"{factor}10{str(int(found[2])).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
-
-    return re.sub(r"\b(\d(?:\.\d+)?)e([+-]\d+)\b", power, text)
-
-
 def _renew(text: str, name: str, table: str) -> str:
     """Replace what stands between the markers of one table."""
     pattern = re.compile(rf"(<!-- {name}: [^>]*-->\n).*?(<!-- end {name} -->)", re.DOTALL)
-    renewed, count = pattern.subn(lambda match: match.group(1) + _powers(table) + "\n" + match.group(2), text)
+    renewed, count = pattern.subn(lambda match: match.group(1) + table + "\n" + match.group(2), text)
     if count != 1:
         raise SystemExit(f"docs/validation.md must have one place for the {name} table; it has {count}")
     return renewed

@@ -34,9 +34,9 @@ extensions = [
     "link_check",
     "name_pages",
     "native_math",
+    "quantities",
     "report_pages",
     "result_pages",
-    "unbroken",
     "validation_pages",
 ]
 exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]

@@ -10,7 +10,7 @@ from coilarray.geometry.material import Material
 
 @dataclass(frozen=True)
 class Ball:
-    """A solid sphere of one material; where it is, is said where it is used.
+    """A solid sphere of one material, without a position of its own.
 
     `radius` in m is positive and finite; GeometryError otherwise.
     """

@@ -61,7 +61,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Seat:
-    """A soft support under the lowest sheet that answers every point's displacement by itself (a Winkler bed).
+    """A soft support under the lowest sheet; pressure at a point is proportional to its displacement (a Winkler bed).
 
     What lies between a sheet and its board where it is not cast on it: a film, trapped air, the roughness of both.
 

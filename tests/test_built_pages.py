@@ -21,6 +21,10 @@ _LIKE_TEXT = """[...document.querySelectorAll(".bd-article :is(p, li, td) > a:no
     .filter(one => one.checkVisibility() && !one.querySelector("img, code"))
     .filter(one => !getComputedStyle(one).textDecorationLine.includes("underline")).map(one => one.innerText)"""
 
+# numbers in programs that Python could not read
+_NO_NUMBERS = """[...document.querySelectorAll(".highlight :is(.mf, .mi)")].map(one => one.textContent)
+    .filter(text => !/^[\\w.+-]+$/.test(text))"""
+
 
 def pages():
     """The pages that are looked at."""
@@ -39,7 +43,7 @@ def opened(chromium):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (BUILT / "index.html").exists(), reason="the pages have not been built")
-def test_no_page_scrolls_sideways_and_links_look_like_links(opened):
+def test_no_page_scrolls_sideways_links_look_like_links_and_programs_are_as_they_were(opened):
     """At 400 and 1400 pixels; wide tables, formulas and programs scroll by themselves, each in its box."""
     wrong = {}
     for path in pages():
@@ -50,4 +54,6 @@ def test_no_page_scrolls_sideways_and_links_look_like_links(opened):
                 wrong[f"{path.relative_to(BUILT)} at {width}"] = found
         if found := opened.evaluate(_LIKE_TEXT):
             wrong[f"{path.relative_to(BUILT)}, links"] = found
+        if found := opened.evaluate(_NO_NUMBERS):
+            wrong[f"{path.relative_to(BUILT)}, numbers"] = found
     assert wrong == {}

@@ -19,9 +19,9 @@ import file_pages  # noqa: E402
 import link_check  # noqa: E402
 import name_pages  # noqa: E402
 import pyvista  # noqa: E402
+import quantities  # noqa: E402
 import report_pages  # noqa: E402
 import result_pages  # noqa: E402
-import unbroken  # noqa: E402
 import validation_pages  # noqa: E402
 import xarray as xr  # noqa: E402
 from annotated_types import Ge, Gt, Le  # noqa: E402
@@ -78,9 +78,14 @@ def test_tables_of_one_class_each_say_what_they_are():
 
 
 def test_a_number_stays_on_the_line_of_its_unit():
-    text = "0.1 mm and 4 % of 10 000 coils at 5.3 ± 0.9 kPa/mm; 6 V. Not of 2 turns, 3 mmol or 2020 3.5"
-    kept = "0.1_mm and 4_% of 10_000 coils at 5.3_±_0.9_kPa/mm; 6_V. Not of 2 turns, 3 mmol or 2020 3.5"
-    assert unbroken.unbroken(text).replace("\N{NO-BREAK SPACE}", "_") == kept
+    text = "0.1 mm and 4 % of 10 000 coils at 5.3 ± 0.9 kPa/mm; ≤ 6 V. Not of 2 turns, 3 mmol or 2020 3.5"
+    kept = "0.1_mm and 4_% of 10_000 coils at 5.3_±_0.9_kPa/mm; ≤_6_V. Not of 2 turns, 3 mmol or 2020 3.5"
+    assert quantities.unbroken(text).replace("\N{NO-BREAK SPACE}", "_") == kept
+
+
+def test_numbers_of_running_text_have_powers_of_ten():
+    text = "1e-3 of L, 3e-08 or 4.3e6 Pa/m; 7e-01, 2e2 and 0x1e5, 1e-3.x or L1e5 are none"
+    assert quantities.powers(text) == "10⁻³ of L, 3·10⁻⁸ or 4.3·10⁶ Pa/m; 0.7, 200 and 0x1e5, 1e-3.x or L1e5 are none"
 
 
 def test_bounds_are_written_with_all_their_digits():
@@ -104,6 +109,18 @@ def test_options_in_a_help_are_code_and_what_is_code_stays_as_it_is():
     assert command_pages._prose(text) == (
         "at `i2c:1?mode=2&order=lsb`, `ftdi://...` and `/dev/ttyACM0` (`press=X,Y,DEPTH`). Ratios: 1"
     )
+
+
+def test_options_in_tables_are_typed_as_on_the_command_line():
+    lines = [
+        "--to <stl|glb>  Format.",
+        "--coil <list[str]>  Coils.",
+        "--fineness <float range>  Mesh.  [default: 1.0; 0.5<=x<=4.0]",
+    ]
+    *_, first, second, third, _, _ = command_pages._table(lines, "option")
+    assert (first, second) == ("| `` --to <stl\\|glb> `` | Format. |", "| `` --coil <str>... `` | Coils. |")
+    assert third == "| `` --fineness <float> `` | Mesh.  [default: 1.0; 0.5 to 4.0] |"
+    assert command_pages._range("Draws. [default: 16; x>=2]") == "Draws. [default: 16; at least 2]"
 
 
 ROOMS = ("coilarray", "geometry", "viz", "hardware")

@@ -363,14 +363,17 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
     Returns
     -------
     xarray.Dataset
-        The variables of `couple`, under the flat sheets and as the converter sees them; also
-        ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil), the same with the direct-current
-        resistance of the copper and without strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic
-        sheets have in the inductance; with plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil,
-        other), what they add at the attribute ``working_frequency_Hz``, to which the inductance and the coupling belong
-        then, and with an outline the attributes ``plate_error_inductance`` and ``plate_error_resistance``, relative
-        estimates of the model's error, and ``plate_skin_depths``, the thickness in skin depths; the coils' centres
-        ``x`` and ``y`` in m; and the attributes of `provenance`.
+        The variables of `couple`, under the flat sheets and as the converter sees them, and
+
+        - ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil): the same with the direct-current
+          resistance of the copper and without strays;
+        - ``sheet_inductance`` (coil, other): in H, the part of the inductance that is due to the magnetic sheets;
+        - ``x`` and ``y`` (coil): centres in m;
+        - with plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): what they add at the
+          frequency of the attribute ``working_frequency_Hz``, for which inductance and coupling then hold;
+        - with plates that have an outline the attributes ``plate_error_inductance`` and ``plate_error_resistance``,
+          relative estimates of the model's error, and ``plate_skin_depths``, the thickness in skin depths;
+        - the attributes of `provenance`.
 
     Raises
     ------

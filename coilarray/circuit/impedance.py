@@ -80,18 +80,25 @@ def scan_design(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``state`` and ``coil``. For each state ``frequency``, ``effective_inductance`` 1/(ω²C),
-        ``effective_resistance`` Re Z, ``quality_factor`` Im Z/Re Z (without the tank), ``loaded_quality_factor`` (of
-        the resonator), ``state_self_resonance`` (without the tank), ``parallel_resistance``, ``resistance_ratio``
-        (R_eff against the same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A
-        of the first measured coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the
-        states' mean frequency), ``resistance_model``, and what the elastomer's permittivity does where it is asked for:
-        ``bare_winding_capacitance`` without it, ``elastomer_delta``, the apparent change of L when it is laid on,
-        and ``dent_delta_bound``, which no dent through the topmost sheet exceeds
-        (`coilarray.electromagnetics.capacitance.elastomer_effect`). For a design that names the part of its switches
-        but counts other capacitances, also ``part_frequency`` (state), with those of the part, which are typical and
-        not verified. ``capacitance`` (coil, other) is the Maxwell
-        matrix. Units in the attributes.
+        Dimensions ``state`` and ``coil``, units in the attributes. For each state
+
+        - ``frequency``; ``effective_inductance``: 1/(ω²C); ``effective_resistance``: Re Z; ``parallel_resistance``;
+        - ``quality_factor``: Im Z/Re Z, without the tank; ``loaded_quality_factor``: that of the resonator;
+        - ``state_self_resonance``: without the tank;
+        - ``resistance_ratio``: R_eff relative to the same with DC resistances;
+        - ``current_real`` and ``current_imag`` (state, coil): in A per A of the first measured coil.
+
+        For each coil
+
+        - ``winding_capacitance`` and ``self_resonance``;
+        - ``ac_resistance``, at the mean frequency of the states, and its ``resistance_model``;
+        - the effect of the elastomer's permittivity, if it is asked for: ``bare_winding_capacitance``, without the
+          elastomer; ``elastomer_delta``, the apparent change of L when it is laid on; ``dent_delta_bound``, which no
+          dent through the topmost sheet exceeds (`coilarray.electromagnetics.capacitance.elastomer_effect`).
+
+        ``capacitance`` (coil, other) is the Maxwell matrix. For a design that names the part of its switches but gives
+        other capacitances, ``part_frequency`` (state) is the frequency with those of the part, which are typical and
+        not verified.
 
     Raises
     ------

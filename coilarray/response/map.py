@@ -134,24 +134,37 @@ def response_map(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil``, ``other``. ``delta`` (depth, y, x, state) is
-        (L_peak − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``base_inductance`` (state) L_0 in H;
-        ``inductance`` (coil, other) in H with flat sheets; ``force`` in N and ``contact_radius`` in m (depth).
-        ``coil_x`` and ``coil_y`` are the centres in m from the map's origin, which the attributes ``origin_x`` and
-        ``origin_y`` place on the board: `coilarray.response.coordinates.on_board`. With every coil also
-        ``inductance_change`` (depth, y, x, coil, other) in H, dented minus flat, and ``capacitance_change`` (depth, y,
-        x, coil) in F, zero without `dielectric`. Where the indenter's material counts, both parts are in ``delta`` and
-        ``inductance_change``, and the share of the material is ``metal_delta``, ``metal_inductance_change`` in H and
-        ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
-        ``metal_frequency_Hz`` and ``rest_m`` say of what it is. Beside plates ``resistance_change`` (depth, y, x, coil,
-        other) in Ω is what the dent adds to the loss in them; it and the inductance's change are those at the mean
-        frequency of the states, the attribute ``plate_frequency_Hz``. ``plate_inductance_change`` and
-        ``plate_resistance_change`` are both over ``plate_frequency`` in Hz, from which every state in ``delta`` has
-        those of its own. With only near coils, ``delta`` is 0 for the
-        states beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out.
-        The attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
-        deviation of δ of a reading by the noise budget of the design, which is not in ``delta``; ``lifted_m`` is the
-        farthest that a sample rises off a seat that it can leave.
+        Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil`` and ``other``. The variables are
+
+        - ``delta`` (depth, y, x, state): (L_peak − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C);
+        - ``base_inductance`` (state): L_0 in H; ``inductance`` (coil, other): in H, with flat sheets;
+        - ``force`` in N and ``contact_radius`` in m (depth);
+        - ``coil_x`` and ``coil_y`` (coil): centres in m from the map's origin, which the attributes ``origin_x`` and
+          ``origin_y`` place on the board (`coilarray.response.coordinates.on_board`).
+
+        With every coil also
+
+        - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat;
+        - ``capacitance_change`` (depth, y, x, coil): in F, zero without `dielectric`.
+
+        With an indenter whose material counts, ``delta`` and ``inductance_change`` include its effect, and
+
+        - ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in Ω are the share of the
+          material, relative to the indenter at rest;
+        - the attributes ``indenter_material``, ``metal_frequency_Hz`` and ``rest_m`` give the material, the frequency
+          of these shares and the height at rest.
+
+        Beside plates
+
+        - ``resistance_change`` (depth, y, x, coil, other): in Ω, what the dent adds to the losses in the plates. It and
+          ``inductance_change`` are those at the mean frequency of the states, the attribute ``plate_frequency_Hz``;
+        - ``plate_inductance_change`` and ``plate_resistance_change``: the same over ``plate_frequency`` in Hz;
+          ``delta`` uses those at the frequency of each state.
+
+        Attributes: ``noise`` is the standard deviation of δ of a reading by the noise budget of the design, which is
+        not in ``delta``. ``error_of_peak`` is the error that `reach` allows, 0 with every coil. With only near coils
+        ``delta`` is 0 for states beyond ``state_cutoff_m``, and currents in coils beyond ``coil_cutoff_m`` are left
+        out. ``lifted_m`` is the largest height by which a sample rises off a seat that it can leave.
 
     Raises
     ------

@@ -107,20 +107,32 @@ def target_map(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``distance``, ``y``, ``x``, ``state``, ``coil``, ``other``. Over (distance, y, x, state), at the
-        resonance with the target: ``delta``, (L − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``frequency`` in
-        Hz, ``effective_inductance`` in H, ``effective_resistance`` in Ω, ``quality_factor`` of the coils without the
-        tank and ``parallel_resistance`` in Ω. ``base_inductance`` and ``base_…`` (state) are the same without the
-        target. Over (distance, y, x, coil, other): ``inductance_change`` in H and ``resistance_change`` in Ω of the
-        coils' matrix, and its ``coupling``, at ``matrix_frequency`` (distance, y, x), the mean of the states'
-        resonances there. ``inductance`` (coil, other) in H without the target. And the ranges and resolutions of
+        Dimensions ``distance``, ``y``, ``x``, ``state``, ``coil`` and ``other``. Over (distance, y, x, state), each at
+        the resonance with the target:
+
+        - ``delta``: (L − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C);
+        - ``frequency`` in Hz, ``effective_inductance`` in H, ``effective_resistance`` and ``parallel_resistance`` in Ω;
+        - ``quality_factor`` of the coils without the tank.
+
+        Over (state), ``base_inductance`` and the others whose names begin with ``base_``: the same without the target.
+        Over (distance, y, x, coil, other), at ``matrix_frequency`` (distance, y, x), the mean of the states' resonances
+        there:
+
+        - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils;
+        - ``coupling``, the coupling coefficients with the target.
+
+        ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are those of
         `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
-        origin, which ``origin_x`` and ``origin_y`` place on the board. With plates with an outline the attributes
-        ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates of the model's error of ΔL and
-        ΔR, the largest of the target at the least distance and of those that stay, and ``plate_skin_depths`` is the
-        thickness of that plate in skin depths. Of a target with an outline ``delta_error`` (distance, y, x, state) is
-        what the mesh errs in δ: a third of what half the fineness changes, as for an error of the second order;
-        ``plate_error_mesh`` is the same of ΔL, the root of the mean square against that of ΔL.
+        origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
+
+        With plates that have an outline
+
+        - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates of the model's
+          error of ΔL and ΔR: the largest of the target at the least distance and of the fixed plates;
+          ``plate_skin_depths`` is the thickness of that plate in skin depths;
+        - of a target with an outline ``delta_error`` (distance, y, x, state) is the error of δ due to the mesh: a third
+          of the change by half the fineness, as for an error of second order. The attribute ``plate_error_mesh`` is the
+          same of ΔL, as a ratio of root mean squares.
 
     Raises
     ------

@@ -45,18 +45,37 @@ def _sections(text: str) -> dict[str, list[str]]:
     return found
 
 
+_PIPE = "\\|"  # within a cell of a table
+_RANGE = re.compile(r"; (?:([\d.]+)&lt;=)?x(>|&lt;)=([\d.]+)\]")
+
+
+def _option(name: str) -> str:
+    """Return an option or argument with the kind of its value in words of the command line, not of Python."""
+    return re.sub(r"<list\[(\w+)\]>", r"<\1>...", name).replace(" range>", ">")
+
+
+def _range(text: str) -> str:
+    """Return a meaning whose default is followed by what is allowed, in words."""
+
+    def words(found: re.Match[str]) -> str:
+        low, sign, high = found.groups()
+        return f"; {low} to {high}]" if low else f"; {'at least' if sign == '>' else 'at most'} {high}]"
+
+    return _RANGE.sub(words, text)
+
+
 def _table(lines: list[str], first: str) -> list[str]:
     joined = re.sub(r"\n {4,}", "  ", "\n".join(lines))  # the help of a long option stands in a line of its own
     rows = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in joined.splitlines() if line.strip()]
     table = [f"| {first} | meaning |", "| --- | --- |"]
     for name, *meaning in rows:
-        text = _prose(" ".join(meaning)).replace("|", "\\|")
-        table.append(f"| `` {name.replace('|', '¦')} `` | {text} |")
+        cells = f"`` {_option(name)} ``", _range(_prose(" ".join(meaning)))
+        table.append(f"| {' | '.join(cell.replace('|', _PIPE) for cell in cells)} |")
     return [":::{div} stacked", *table, ":::", ""]
 
 
 _TYPED = re.compile(
-    r"(?<![\w-])--\w[\w-]*"
+    r"(?<![\w-])--\w[\w-]*(?:=[^\s;)]*[^\s;,.:)])?"
     r"|(?<![^\s(])(?:[\w.]+=|/dev/|(?:i2c|ftdi|evm|usb|grbl|marlin):)[^\s;)]*(?:\.\.\.|[^\s;,.:)])"
 )
 

@@ -51,8 +51,8 @@ class ChipSettings:
     active: int  # register CONFIG while the converter is awake
     wait: float  # s, until the first look at STATUS
     timeout: float  # s, until giving up
-    discard: int  # conversions to throw away
-    again: float  # s, from one that is thrown away until the next look
+    discard: int  # conversions to discard
+    again: float  # s, from one that is discarded until the next look
     turn: float  # s, from result to result of a converter that stays awake, with its nominal clock
     hash: int
 
@@ -127,7 +127,7 @@ class ChipDriver:
         """Wait for the next results of all channels and read them, each once where states share a channel.
 
         The first look at STATUS comes after `wait` in s; without it the converter was just woken, and its first
-        conversions are thrown away as the settings say. Where nothing is read, the samples have a fault. Where the
+        conversions are discarded as the settings say. Where nothing is read, the samples have a fault. Where the
         converter chose its own drive current, that is read too, before sleep can clear it.
         """
         channels = tuple(dict.fromkeys(settings.channels))

@@ -17,7 +17,7 @@ from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 
 DISCARDS = (0, 1, 2, 4, 8, MOST_DISCARDED)
-"""Numbers of conversions to throw away that are tried."""
+"""Numbers of discarded conversions that are tried."""
 UNSETTLED = 2e-6
 """Least relative offset of a frequency that counts, if the noise is not larger: some codes of the shortest scans, and
 what the clock makes of 0.15 K in the seconds of the test."""
@@ -33,15 +33,15 @@ class FirstConversions:
     Parameters
     ----------
     offsets : mapping of str to tuple of float
-        Relative offsets of the frequency of each state with each of `DISCARDS` thrown away, against that with the most.
+        Relative offsets of the frequency of each state with each of `DISCARDS` discarded, against that with the most.
         States without a result in every scan are missing.
     backwards : mapping of str to float
         Relative change of the frequency of each state where the scan runs in the reversed order, with the recommended
-        number thrown away.
+        number discarded.
     noticeable : float
         Least relative offset that counts: five standard errors, and at least `UNSETTLED`.
     recommended : int
-        Least number of conversions to throw away so that no state has a noticeable offset.
+        Least number of conversions to discard so that no state has a noticeable offset.
     """
 
     offsets: Mapping[str, tuple[float, ...]]

@@ -93,7 +93,7 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Returns
     -------
     SelfTest
-        The faults that were found, named as far as they can be told apart.
+        The faults that were found, named as far as they can be distinguished.
 
     Raises
     ------

@@ -35,7 +35,7 @@ SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
 """From channel to channel in s, and cycles of the reference on top; assumed too for the slot before every conversion of
 a single channel, whose length the data sheet does not give."""
 MOST_DISCARDED = 15
-"""Largest number of conversions that a state may throw away after waking."""
+"""Largest number of conversions that a state may discard after waking."""
 READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
 LEAST_SETTLE_COUNT = 2
@@ -245,7 +245,7 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 class StateTime:
     """Times of the steps of one state, in s.
 
-    `wake`, `settle` and `conversion` are the converter's own; `discarded` are the conversions that are thrown away,
+    `wake`, `settle` and `conversion` are the converter's own; `discarded` are the discarded conversions,
     with their transfers; `result` is the reading of the two data registers, `control` all other transfers: status,
     sleep and wake, drive current, switches.
     """
@@ -285,7 +285,7 @@ def state_time(
     """Return the times of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
 
     All clocks are in Hz; waking is counted with the internal one whatever clock the conversions have. `discard`
-    conversions are thrown away. With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and
+    conversions are discarded. With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and
     reading the result take 293.6 ms; Gast & Zimmermann (2020) print 293.5 ms. That speaks for these settings but does
     not prove them.
     """

@@ -147,7 +147,7 @@ def stability(
     Notes
     -----
     The converter looks at one coil after the other, so that each state is seen for a part of the time only. White noise
-    does not care; noise that is faster than a scan is folded into it.
+    is not affected by this; noise that is faster than a scan is aliased.
     """
     t, values = np.asarray(time, dtype=np.float64), np.asarray(delta, dtype=np.float64)
     if t.ndim != 1 or values.shape != (len(t), len(states)):

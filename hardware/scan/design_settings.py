@@ -75,7 +75,7 @@ def design_settings(
     drives : mapping of str to int, or int, optional
         IDRIVE by coil, or of all coils; by default from the parallel resistance of every state.
     discard : int
-        Number of conversions to throw away after waking, 0 to 15.
+        Number of conversions to discard after waking, 0 to 15.
 
     Returns
     -------

@@ -89,7 +89,7 @@ class ScanSettings:
     slowest_clock : float
         Slowest frequency in Hz that the converter's internal oscillator may have: every wait is long enough for it.
     discard : int
-        Number of conversions of each state that are thrown away after waking.
+        Number of conversions of each state that are discarded after waking.
     scanned : int
         Number of channels that the converter scans by itself, from channel 0 on; 1 for a single one, all the time. A
         scanned channel that no state measures is converted as shortly as the converter allows.
@@ -227,7 +227,7 @@ class ScanSettings:
 
     @property
     def again_us(self) -> int:
-        """Time from reading a result that is thrown away to the next look at STATUS in µs."""
+        """Time from reading a discarded result to the next look at STATUS in µs."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         again = sum(next_conversion_time(rcount, reference) for rcount, _ in counts)
         if self.scanned > 1:  # every channel starts its sensor anew
@@ -236,7 +236,7 @@ class ScanSettings:
 
     @property
     def timeout_us(self) -> int:
-        """Time from waking, or from a result that is thrown away, to giving up in µs.
+        """Time from waking, or from a discarded result, to giving up in µs.
 
         It allows for the slowest clock of all converters and one restart of the sensor.
         """
@@ -439,7 +439,7 @@ def scan_settings(
     offset : int
         Register OFFSET0.
     discard : int
-        Number of conversions to throw away after waking, 0 to 15. Users of the FDC2214, which has the same core, report
+        Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the same core, report
         first conversions that are far off; not verified. The self-test of a board measures how many it takes.
 
     Returns

@@ -265,7 +265,7 @@ def test_strange_messages_and_requests_change_nothing(tmp_path):
         assert resident(studio.process.pid) < before + 500e6
         assert {path.name for path in tmp_path.iterdir()} <= {"designs", "cache"}
         state = asyncio.run(a_good_page(url))
-        assert np.shape(state["matrix"]["k"]) == (3, 3)
+        assert np.shape(state["matrix"]["cells"]) == (3, 3)
         said = studio.end()
     odd = [line for line in said.splitlines() if not re.match(r"studio: http|coilarray: ", line)]
     assert odd == []

@@ -205,6 +205,16 @@ def test_a_step_that_fails_is_told_and_the_next_one_done(capfd):
     assert "KeyError" in capfd.readouterr().err
 
 
+def test_nothing_is_begun_after_the_end():
+    """A job of a page may end, and ask for a new scene, when the threads are gone."""
+
+    async def ask(calculator, seen):
+        calculator.close()
+        calculator.ask([step(seen, "late", 1)])
+
+    assert run(ask) == []
+
+
 @pytest.fixture
 def on_a_page(tmp_path, monkeypatch):
     """Run a coroutine of a page of the starter design, which computes nothing by itself."""

@@ -534,6 +534,13 @@ def test_entries_that_a_lattice_has_not_have_no_slider():
     assert "array.rows" not in [entry.key for entry in entries_of(rings)]
 
 
+def test_what_a_connector_refuses_by_its_key_has_a_slider():
+    led = build_design_file({**OPENED.document, "connector": {"side": "top", "gap_mm": 0.2}})
+    of = {entry.key: entry.value for entry in entries_of(led) if entry.group == "Connector"}
+    assert of == {"connector.pitch_mm": 2.54, "connector.distance_mm": 5.0, "connector.gap_mm": 0.2}
+    assert not any(entry.group == "Connector" for entry in entries_of(OPENED))
+
+
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
     other = with_entry(work_on(OPENED, "starter"), "array.pitch_mm", "12").design
     with pytest.raises(LocalizeError, match="another design"):

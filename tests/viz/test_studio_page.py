@@ -222,10 +222,12 @@ def test_a_wrong_value_is_told_at_its_field_and_a_broken_rule_is_red(page):
 
 def test_rules_that_break_are_red(page):
     assert page.wait_for_selector("#rules").inner_text() == "rules kept"
+    assert page.inner_text("#verdict") == "Every limit of the board house and of the converter is kept."
     browser.enter(page, "coils.hexagon.gap_mm", "0.05")
     page.wait_for_selector("#rules:has-text('rules broken')")
     browser.at_rest(page)
     green = "all => all.filter(one => /green/.test(one.className)).map(one => one.innerText)"
+    assert page.locator("#verdict").count() == 0
     assert page.locator(".v-app-bar .v-chip").evaluate_all(green) == []  # nothing reads as if all were well
     assert "spacing within net" in page.locator("#margins tr.broken").first.inner_text()
     browser.picture(page, "broken_rules")
@@ -502,6 +504,26 @@ def test_leads_that_were_turned_off_come_back_as_they_were(page):
     page.click("#leads")
     page.wait_for_function("trame.state.get('build').leads")
     assert browser.field(page, length).input_value() == "3.25"
+
+
+def test_a_coil_is_laid_on_other_layers(page):
+    page.click("#tab-build")
+    layers = page.locator("[aria-label='layers of coil2']")
+    assert layers.input_value() == "L3 L4"
+    layers.fill("L1, L2")
+    layers.press("Enter")
+    page.wait_for_selector("#broken >> text=The copper of coil1 and coil2 overlaps on L")
+    assert layers.input_value() == "L1 L2"
+    layers.fill("L1")
+    layers.press("Enter")
+    page.wait_for_selector("#build-problem:has-text('layers of coil2 must be 2, as its shape has winding_layers = 2')")
+    page.set_viewport_size({"width": 1280, "height": 720})
+    try:
+        whole, part = page.eval_on_selector("#places", "one => [one.scrollWidth, one.parentElement.clientWidth]")
+        assert whole <= part
+        browser.picture(page, "build")
+    finally:
+        page.set_viewport_size(browser.SIZE)
 
 
 def test_a_board_of_another_house_has_coils_on_all_its_layers(page):

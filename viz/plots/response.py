@@ -112,7 +112,7 @@ def plot_response_profile(
         Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
         Direction of the line, which is that with the largest |δ| of the state, for all states of that in the middle.
-        States of which nothing is felt there are left out.
+        States without a response there are left out.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def plot_bell_curve(
         Result of `coilarray.response_map` or `coilarray.response.two_dimensional` with at least two positions along the
         line.
     state : str, optional
-        Name of the state of a map; by default the one that answers nearest to the middle of the map.
+        Name of the state of a map; by default the one that responds nearest to the middle of the map.
     ax : Axes, optional
         Axes to draw into, mm across. A dotted line marks the centre of the coil.
     along : {"x", "y"}
@@ -248,7 +248,7 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     """Draw the response to the deepest dent or the nearest target, one map per state with a common colour bar.
 
     A response along a single line, or at a single position, is drawn as one curve per state instead. At most
-    `MOST_MAPS` states are shown: of those that answer, the nearest to the middle of the map.
+    `MOST_MAPS` states are shown: of those that respond, the nearest to the middle of the map.
 
     Parameters
     ----------

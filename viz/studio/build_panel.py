@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 
-_PLACE = ("x_mm", "y_mm", "rotation_deg")  # of a coil
+_PLACE = ("x_mm", "y_mm", "rotation_deg", "layers")  # of a coil
 _OWN = "limits of your own"
 _BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
 
@@ -56,7 +56,7 @@ class BuildPanel(Panel):
             "coils": [
                 {
                     "name": place.name, "x_mm": _shown(place.x * 1e3), "y_mm": _shown(place.y * 1e3),
-                    "rotation_deg": _shown(math.degrees(place.rotation)),
+                    "rotation_deg": _shown(math.degrees(place.rotation)), "layers": " ".join(place.layers),
                 }
                 for place in array.placements
             ],
@@ -94,7 +94,7 @@ class BuildPanel(Panel):
         self._change(structure.set_base, base, before=self._page.earlier)
 
     def _place(self, name: str, key: str, text: str) -> None:
-        """Set a coil's place in one direction, or its turn."""
+        """Set a coil's place in one direction, its turn, or its copper layers."""
         if key not in _PLACE:
             return
         self._change(_with_place, name, key, text)
@@ -109,6 +109,8 @@ class BuildPanel(Panel):
 
 
 def _with_place(document: Document, design: Design, name: str, key: str, text: str) -> Document:
+    if key == "layers":
+        return structure.place_on(document, design, name, text.replace(",", " ").split())
     return structure.place_coil(document, design, name, key, number_of(f"{key} of {name}", text))
 
 

@@ -35,9 +35,15 @@ class Calculator:
         self._waiting: dict[str, float] = {}  # since when
         self._wake = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
+        self._closed = False
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Request steps in their order; requests of the same names that have not begun are replaced."""
+        """Request steps in their order; requests of the same names that have not begun are replaced.
+
+        Nothing is done after `close`: a job of a page may end later than its computations.
+        """
+        if self._closed:
+            return
         kept = {name: step for name, step in self._todo.items() if name not in {one.name for one in steps}}
         self._todo = {step.name: step for step in steps} | kept
         self._asked = self._now()
@@ -53,7 +59,8 @@ class Calculator:
         return self._task is None or self._task.done()
 
     def close(self) -> None:
-        """Drop all requests."""
+        """Drop all requests, and those that come later."""
+        self._closed = True
         self._todo.clear()
         if self._task is not None:
             self._task.cancel()

@@ -33,6 +33,10 @@ _NOT_OF = {
     "rings": ("rows",),
     "triangle": ("rows",),
 }  # entries of _ARRAY that a lattice has not
+_CONNECTOR = {
+    "pitch_mm": "distance of the holes", "distance_mm": "distance from the coils", "trace_width_mm": "traces to it",
+    "gap_mm": "gap between them",
+}  # fmt: skip
 _SHEET = {
     "thickness_mm": "thickness", "relative_permeability": "relative permeability",
     "youngs_modulus_kPa": "Young's modulus",
@@ -121,6 +125,7 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
         yield from _table(values, f"coils.{name}.leads", f"Coil {name}", _LEADS)
     without = _NOT_OF.get(str(values.get("array.lattice")), ())
     yield from _table(values, "array", "Array", {key: label for key, label in _ARRAY.items() if key not in without})
+    yield from _table(values, "connector", "Connector", _CONNECTOR)
     for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
         yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)
     for k in itertools.takewhile(lambda k: f"plate.{k}.name" in values, itertools.count()):

@@ -38,7 +38,7 @@ class NumbersPanel(Panel):
         self._numbers: tuple[Design, Numbers] | None = None
         self._circuit: tuple[Design, Circuit] | None = None
         values = {
-            "matrix_of": "k", "matrix": {"names": [], "k": [], "L": [], "most": {}, "dense": False},
+            "matrix_of": "k", "matrix": {"names": [], "of": "k", "cells": [], "most": "", "dense": False},
             "matrix_digits": False, "accuracy": "", "coil_rows": [],
             "margins": [], "broken": [], "saved_rows": [], "saved_line": "", "can_compare": True,
         }  # fmt: skip
@@ -117,20 +117,28 @@ class NumbersPanel(Panel):
         if numbers.accuracy == "screen" and present is not None and present.accuracy == "full":
             return
         self._numbers = found
-        state, mutual = self._page.state, largest_of_two(numbers.inductance)
-        with state:
-            state.matrix = {
-                "names": list(numbers.names),
-                "k": _plain(coupling_cells(numbers)),
-                "L": _plain(inductance_cells(numbers)),
-                "most": {"k": f"{largest_of_two(numbers.k):.4f}", "L": f"{mutual * 1e6:.3f} µH"},
-                "dense": len(numbers.names) > _MOST_IN_DIGITS,
-            }
+        with self._page.state as state:
+            self.draw()
             state.accuracy = numbers.accuracy if self._page.is_current(design) else "screen"
             state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]
             self._page.arrived("numbers", design)
         if numbers.accuracy == "full":
             self._solve(design)
+
+    def draw(self) -> None:
+        """Show the matrix that the page asks for: both together take twice the time of many coils."""
+        if self._numbers is None:
+            return
+        numbers, state = self._numbers[1], self._page.state
+        kind = "L" if state.matrix_of == "L" else "k"
+        if kind == "L":
+            cells, most = inductance_cells(numbers), f"{largest_of_two(numbers.inductance) * 1e6:.3f} µH"
+        else:
+            cells, most = coupling_cells(numbers), f"{largest_of_two(numbers.k):.4f}"
+        state.matrix = {
+            "names": list(numbers.names), "of": kind, "cells": _plain(cells), "most": most,
+            "dense": len(numbers.names) > _MOST_IN_DIGITS,
+        }  # fmt: skip
 
     def _show_circuit(self, found: tuple[Design, Circuit]) -> None:
         self._circuit = found

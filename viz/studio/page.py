@@ -115,6 +115,7 @@ class Page:
         self.state.tab = "live" if setup.services.alone else "numbers"
         for function in (self.redraw, self.runs.offer):
             self.state.change("tab")(lambda function=function, **_: function())
+        self.state.change("matrix_of")(lambda **_: self.numbers.draw())
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
         self.server.controller.on_error.add(_log_error)

@@ -94,11 +94,15 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a design comes to: a table of texts, and a line for each limit of the converter that is broken."""
+    """What a design comes to: a table of texts, and a line for each limit of the converter that is broken.
+
+    `converter` is False where nothing is known of what a converter reads.
+    """
 
     headers: Sequence[str]
     rows: Sequence[Sequence[str]]
     verdicts: Sequence[str]
+    converter: bool = True
 
 
 Tell = Callable[[Any], None]

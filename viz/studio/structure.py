@@ -67,6 +67,13 @@ def place_coil(document: Document, design: Design, name: str, key: str, value: f
     return _free(document, [{**place, **new} if place["name"] == name else place for place in places])
 
 
+def place_on(document: Document, design: Design, name: str, layers: Sequence[str]) -> Document:
+    """Lay a coil on other copper layers; the array is then one of free places."""
+    on = {"layers": list(layers)}
+    places = _placements(document, design)
+    return _free(document, [{**place, **on} if place["name"] == name else place for place in places])
+
+
 def set_lattice(document: Document, design: Design, kind: str) -> Document:
     """Lay coils of the first shape on a lattice of a kind, about as many as there are, or give each its own place."""
     if kind == "free":

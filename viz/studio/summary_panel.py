@@ -24,7 +24,7 @@ class SummaryPanel(Panel):
     def __init__(self, page: Page) -> None:
         self._response: tuple[str, xr.Dataset] | None = None  # of the design with this hash
         values = {
-            "summary": {"headers": [], "rows": [], "verdicts": []}, "summary_lacks": False,
+            "summary": {"headers": [], "rows": [], "verdicts": [], "converter": True}, "summary_lacks": False,
             "can_summarize": page.setup.services.summarize is not None,
         }  # fmt: skip
         super().__init__(page, values, respond=self._respond)
@@ -42,7 +42,7 @@ class SummaryPanel(Panel):
                 if self._page.is_current(design):
                     state.summary = {
                         "headers": list(summary.headers), "rows": [list(row) for row in summary.rows],
-                        "verdicts": list(summary.verdicts),
+                        "verdicts": list(summary.verdicts), "converter": summary.converter,
                     }  # fmt: skip
                     state.summary_lacks = response is None and design.indentation is not None
                 self._page.arrived("summary", design)

@@ -117,19 +117,28 @@ def calibrate(
     Returns
     -------
     Calibration
-        Its dataset has a row for each ``combination`` of choices, by falling probability.
+        Its dataset has a row for each ``combination`` of choices, the most probable one first. For each ``unknown``
 
-        For each ``unknown`` ``value``, the most probable one, ``std`` by the slopes there, ``low`` and ``high``, the
-        95 % interval between the bounds, ``at_bound``, ``correlation`` with each ``other``, and ``posterior``, draws.
+        - ``value``: the most probable one; ``std``: its standard deviation, from the slopes there;
+        - ``low`` and ``high``: the 95 % interval between the bounds; ``at_bound``: whether it lies at a bound;
+        - ``correlation`` with each ``other``, and ``posterior``: draws.
 
-        For each ``datum`` ``measured``, its ``noise``, and ``weight``, for how many independent numbers it stands, 0
-        where it is predicted only; ``model`` and ``before``, as fitted and as first guessed, ``model_std``, the band of
-        the posterior, and ``residual``, fitted less measured in standard deviations of the noise.
+        For each ``datum``
 
-        ``chi_square``, ``degrees_of_freedom``, ``fit_probability`` of a larger χ² by noise of the given size,
-        ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence`` and ``probability`` among the combinations;
-        ``determined``, the number of directions that the data determine better than the priors, and ``undetermined``,
-        the others in words, one a line; ``converged``, ``evaluations`` and ``problem``, why a combination has no fit.
+        - ``measured``: the number; ``noise``: its standard deviation;
+        - ``weight``: for how many independent numbers it counts, 0 if it is only predicted;
+        - ``before`` and ``model``: the number of the first guess and of the fit; ``model_std``: the band of the
+          posterior;
+        - ``residual``: fitted less measured, in standard deviations of the noise.
+
+        For each combination
+
+        - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``, that of a larger χ² by noise of the given
+          size;
+        - ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence``, and ``probability`` among the combinations;
+        - ``determined``: the number of directions that the data determine better than the priors; ``undetermined``: the
+          others in words, one a line;
+        - ``converged``, ``evaluations``, and ``problem``: why a combination has no fit.
 
     Raises
     ------

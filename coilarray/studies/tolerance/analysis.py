@@ -80,17 +80,25 @@ def analyse(
     Returns
     -------
     xarray.Dataset
-        Outputs by ``output``: quantities in the units of their names, δ by place and state, and shifts of the located
-        position in mm. ``nominal``, ``linear_deviation``, ``step_change`` (see `Sensitivity`); ``effect``,
-        ``wide_effect`` and ``share`` (contributor, output); of each contributor its ``deviation``, ``unit``, ``table``,
-        ``part``, ``distribution`` and, where it is assumed, the reason.
+        Over ``output`` (quantities in the units of their names, δ by place and state, and shifts of the located
+        position in mm) and ``contributor`` (the errors):
 
-        With samples: ``error`` (sample, contributor) and ``value`` (sample, output), NaN where the ``failure`` (sample)
-        says why a board has none or a reading has no position; the ``sample_mean``, ``sample_deviation`` with its
-        standard error, their ``ratio`` to the linear deviation with its own (NaN where that is zero), and the
-        ``percentiles``. With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples,
-        ``sample_yield`` with its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be
-        made keeps no limit; the linear model has none of these.
+        - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output;
+        - ``effect``, ``wide_effect`` and ``share`` (contributor, output);
+        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor and, where it is
+          assumed, the reason.
+
+        With samples also
+
+        - ``error`` (sample, contributor) and ``value`` (sample, output), which is NaN where ``failure`` (sample) says
+          why a board has no value or a reading no position;
+        - ``sample_mean`` and ``sample_deviation`` with its standard error;
+        - their ``ratio`` to the linear deviation with its standard error, NaN where that deviation is zero;
+        - ``percentiles``.
+
+        With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples, ``sample_yield`` with
+        its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be made keeps no limit;
+        the linear model has none of these.
 
     Raises
     ------

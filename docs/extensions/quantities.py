@@ -1,4 +1,4 @@
-"""Places at which no line ends: between a number and its unit, between groups of digits, and within an option."""
+"""Numbers of running text: powers of ten, and no line that ends before a unit, in a group of digits or an option."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
@@ -13,9 +14,10 @@ _UNITS = (
     r"%|°C|‰|(?:[pnµmck]?m|[pnµm]?s|min|[kMG]?Hz|[pnµ]?F|[nµm]?H|[mkM]?Ω|[nµm]?V|[nµm]?A|[mk]?W|[nµm]?T|[kM]?Pa|m?N|[KJ]|[kMGK]?B"
     r"|mm²|mm³|mrad|kPa/mm|scans/s|bits|bytes|baud)(?!\w)"
 )
-_SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=±) (?=\d)|(?<=\d) (?=±)")
-
-
+_SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=[±<>≤≥]) (?=\d)|(?<=\d) (?=±)")
+_POWER = re.compile(r"(?<![\w.·])(\d+(?:\.\d+)?)e([+-]?\d+)(?!\w|\.\w)")
+_FULL = 0.01, 1000.0  # numbers between them are written in full
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _OPTION = re.compile(r'<span class="pre">(?=-[\w-]{1,28}</span>)')  # longer ones may be wider than a telephone
 
 
@@ -24,18 +26,31 @@ def unbroken(text: str) -> str:
     return _SPACE.sub("\N{NO-BREAK SPACE}", text)
 
 
-class _Unbroken(SphinxPostTransform):
-    """Keep quantities of running text on one line; code and formulas stay as they are."""
+def powers(text: str) -> str:
+    """Return a text with numbers such as 3e-05 written with powers of ten, those of usual size in full."""
 
-    default_priority = 900
+    def power(found: re.Match[str]) -> str:
+        number = float(found[0])
+        if _FULL[0] <= number < _FULL[1]:
+            return f"{number:g}"
+        factor = "" if found[1] == "1" else f"{found[1]}·"
+        return f"{factor}10{str(int(found[2])).translate(_RAISED)}"
+
+    return _POWER.sub(power, text)
+
+
+class _Quantities(SphinxPostTransform):
+    """Write the quantities of running text; code, formulas and signatures stay as they are."""
+
+    default_priority = 4  # before Sphinx-Gallery makes nodes of the words of programs
 
     def run(self, **kwargs: object) -> None:
         for node in list(self.document.findall(nodes.Text)):
-            literal = (nodes.FixedTextElement, nodes.literal, nodes.math, nodes.raw)
+            literal = (nodes.FixedTextElement, nodes.literal, nodes.math, nodes.raw, addnodes.desc_signature)
             parent = node.parent
             while parent is not None and not isinstance(parent, literal):
                 parent = parent.parent
-            if parent is None and (text := unbroken(str(node))) != node:
+            if parent is None and (text := unbroken(powers(str(node)))) != node:
                 node.parent.replace(node, nodes.Text(text))
 
 
@@ -47,6 +62,6 @@ def _mark(app: Sphinx, page: str, template: str, context: dict[str, Any], doctre
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Add the transform and the hook."""
-    app.add_post_transform(_Unbroken)
+    app.add_post_transform(_Quantities)
     app.connect("html-page-context", _mark)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
