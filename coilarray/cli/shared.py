@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -417,7 +418,7 @@ def table_text(
 
 def _is_number(text: str) -> bool:
     try:
-        float(text.replace("−", "-"))
+        float(re.sub("·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+$", "", text).replace("−", "-"))
     except ValueError:
         return False
     return True

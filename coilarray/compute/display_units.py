@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 _LARGEST_DIGITS, _MOST_DECIMALS = 4, 9
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class DisplayUnit:
     (['58.0294', '−2.9825'], 'inductance (µH)')
     >>> display_unit("1").texts([-0.051326, 0.0012]), PER_MILLION.texts([7.9e-4])
     (['−0.05133', '0.00120'], ['790.00'])
+    >>> DisplayUnit(digits=3, significant=True).texts([5.152e-5, -0.1])
+    ['5.15·10⁻⁵', '−0.1']
     >>> MM.of([0.0, 13.28e-3]).tolist(), MM.text(-13.28e-3), PER_MILLION.text(3e-7)
     ([0.0, 13.28], '−13.28 mm', '0.3·10⁻⁶')
     """
@@ -45,7 +48,7 @@ class DisplayUnit:
         """Return numbers in SI as text in this unit, with a true minus sign and never a minus zero."""
         shown = [number * self.factor for number in numbers]
         if self.significant:
-            return [true_minus(f"{number:.{self.digits or _LARGEST_DIGITS}g}") for number in shown]
+            return [true_minus(_with_power(f"{number:.{self.digits or _LARGEST_DIGITS}g}")) for number in shown]
         digits = _decimals(shown) if self.digits is None else self.digits
         return [number_text(number, digits) for number in shown]
 
@@ -82,6 +85,23 @@ def value_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def power_of_ten(exponent: int) -> str:
+    """Return 10 to a power as text.
+
+    Examples
+    --------
+    >>> power_of_ten(-6)
+    '10⁻⁶'
+    """
+    return f"10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def _with_power(text: str) -> str:
+    """Write the exponent of a number's text as a power of ten."""
+    mantissa, _, exponent = text.partition("e")
+    return f"{mantissa}·{power_of_ten(int(exponent))}" if exponent else text
 
 
 def true_minus(text: str) -> str:

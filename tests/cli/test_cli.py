@@ -524,3 +524,9 @@ def test_a_table_cuts_nothing_on_a_narrow_terminal(monkeypatch, width):
     assert text.count("coil1") == len(tables)
     words, cells = (re.findall(r"\S+", " ".join(part)) for part in (headers[1:], [" ".join(row[1:]) for row in rows]))
     assert sorted(text.split()) == sorted([*words, *cells, "coils", *len(tables) * ["coil", *(row[0] for row in rows)]])
+
+
+def test_numbers_with_powers_of_ten_stand_at_the_right_as_others():
+    lines = table_text(("name", "σ"), [("k", "5.15·10⁻⁵"), ("longer", "−0.026")]).splitlines()
+    assert [line[-6:].strip() for line in lines[1:]] == ["5·10⁻⁵", "−0.026"]
+    assert len({len(line) for line in lines}) == 1

@@ -23,7 +23,7 @@ from coilarray.report.tables import Column, Table, dataset_table
     (display_unit(""), [12.0, 3.0], ["12", "3"]),
     (display_unit("1"), [0.05132, -0.00123, float("nan")], ["0.05132", "−0.00123", "nan"]),
     (display_unit("1"), [0.0], ["0"]), (PER_MILLION, [7.862349e-4], ["786.23"]),
-    (DisplayUnit(digits=3, significant=True), [1.23456e-7, 98765.0], ["1.23e−07", "9.88e+04"]),
+    (DisplayUnit(digits=3, significant=True), [1.23456e-7, 98765.0], ["1.23·10⁻⁷", "9.88·10⁴"]),
 ])  # fmt: skip
 def test_numbers_have_as_many_digits_as_people_need(unit, numbers, texts):
     assert unit.texts(numbers) == texts

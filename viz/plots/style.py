@@ -26,7 +26,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import MM, DisplayUnit
+from coilarray.compute.display_units import MM, DisplayUnit, power_of_ten
 from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN, coil_colours
 
 P = ParamSpec("P")
@@ -54,7 +54,6 @@ STYLE: dict[Any, Any] = {
 _ROWS = 16  # of a column of a legend
 _MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # along x of a map
 _SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
@@ -283,7 +282,7 @@ def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> 
     # the small excess keeps 1000 (1 − 1e-16) from being shown as 1000 of the smaller unit
     decades = math.log10(largest(np.asarray(values, dtype=np.float64)) * (1 + 1e-12))
     exponent = min(max(3 * math.floor(decades / 3), -24), 24)
-    power = f"10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
+    power = power_of_ten(exponent) if exponent else ""
     return DisplayUnit(EngFormatter.ENG_PREFIXES[exponent] + symbol if symbol else power, 10.0**-exponent)
 
 
