@@ -11,6 +11,7 @@ import typer
 from coilarray.cli import shared
 from coilarray.cli.compiling import compiling_beside
 from coilarray.cli.replacing import remember, require_own
+from coilarray.errors import OutputError
 from coilarray.report.drawing import drawing_beside
 
 if TYPE_CHECKING:
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 
 def report(
     design: shared.DesignArgument = None,
-    out: Annotated[Path, shared.out_option("Folder for report.html and the folder report.")] = Path(),
+    out: Annotated[
+        Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.", kept=True)
+    ] = Path(),
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc), to be included.")
     ] = None,
@@ -35,6 +38,8 @@ def report(
 
     Example: coilarray report gast2020 --out results
     """
+    if out.is_file():
+        raise OutputError(f"cannot make the folder {out}: a file has that name.")
     require_own("report", (out / "report.html", out / "report" / "report.json"), force=force)
     with compiling_beside(), drawing_beside():
         from coilarray.report.write import write_report

@@ -37,7 +37,8 @@ values = np.abs(coupling.coupling.values[~np.eye(7, dtype=bool)])
 print(f"largest |k| {values.max():.4f}, root mean square {np.sqrt((values**2).mean()):.4f}")
 
 # %%
-# For comparison, side by side without overlap:
+# The largest is that of coils two places apart in the ring, coil2 and coil4 for example, which no overlap cancels. For
+# comparison, side by side without overlap:
 
 apart = ca.vary(made, {"array.pitch_mm": 19.0})
 values = np.abs(ca.couple_design(apart).coupling.values[~np.eye(7, dtype=bool)])

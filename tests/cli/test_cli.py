@@ -417,10 +417,12 @@ def test_a_report_wants_the_result_of_distortion(capsys):
 
 
 def test_a_folder_that_cannot_be_written(capsys):
-    Path("taken").write_text("a file, not a folder", encoding="utf-8")
-    line = refused(capsys, "report", "starter", "--out", "taken")
-    assert "cannot make the folder taken: a file has that name" in line
-    assert Path("taken").read_text(encoding="utf-8") == "a file, not a folder"
+    for name in ("taken", "taken.toml"):
+        Path(name).write_text("a file, not a folder", encoding="utf-8")
+        for force in ((), ("--force",)):  # which replaces no file by a folder
+            line = refused(capsys, "report", "starter", "--out", name, *force)
+            assert f"cannot make the folder {name}: a file has that name" in line
+            assert Path(name).read_text(encoding="utf-8") == "a file, not a folder"
 
 
 def _refused_permission():

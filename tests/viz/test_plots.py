@@ -163,6 +163,8 @@ def test_field_lines_are_per_ampere_with_the_coil_shaded():
     assert span.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx((-9, 11))
     assert ax.get_xlim() == pytest.approx((-20, 20))
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board"
+    ax.figure.draw_without_rendering()  # on the coil its own patch in the legend would not be seen
+    assert not ax.get_legend().get_window_extent().overlaps(span.get_window_extent())
 
 
 def test_a_field_map_stands_the_right_way_round():

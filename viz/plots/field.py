@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from coilarray.compute.display_units import MM, DisplayUnit
 from coilarray.viz.palette import GREY, SHADE, curve_look
-from coilarray.viz.plots.style import axis_unit, colour_bar, map_size, new_axes, signed_map, styled
+from coilarray.viz.plots.style import axis_unit, colour_bar, legend_beside, map_size, new_axes, signed_map, styled
 
 
 @styled
@@ -64,7 +64,7 @@ def plot_field_lines(
         ax.plot(MM.of(fields[label].x), shown.of(values), label=label, **curve_look(k))
     ax.set_xlim(MM.of(first.x).min(), MM.of(first.x).max())
     ax.set(xlabel=MM.label("x"), ylabel=_label(shown), title=f"$B_z$ of {first.attrs['active_coil']}, {_place(first)}")
-    ax.legend(loc="best")  # without it Matplotlib warns on a slow machine
+    legend_beside(ax)  # on the shaded coil its own patch would not be seen
     return ax
 
 
