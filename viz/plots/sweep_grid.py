@@ -12,6 +12,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy.interpolate import PchipInterpolator
 
@@ -482,9 +483,20 @@ def sweep_figure(result: xr.Dataset) -> Figure:
             plot_sweep_lines(result, name, ax)
         else:
             plot_sweep_map(result, name, ax)
-    if _broken(result).any():
-        figure.supxlabel("× breaks fabrication rules", fontsize="small", color=GREY)
+    figure.supxlabel(
+        "    ".join(_explained(result, entries, mapped=not dotted and len(entries) == 2)), fontsize="small"
+    )
     return figure
+
+
+def _explained(sweep: xr.Dataset, entries: Sequence[str], *, mapped: bool) -> list[str]:
+    """Say what the marks of a figure are: over two entries without texts it has `mapped` ones."""
+    own = [_own(sweep[entry]) is not None for entry in entries]
+    mapped = mapped and not _line_entries(sweep, entries)[0]
+    marks = ["×  breaks fabrication rules"] if _broken(sweep).any() else []
+    if all(own) if mapped else any(own):
+        marks.append(f"{'◇' if mapped else '- -'}  the design as it is")
+    return marks
 
 
 def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
@@ -511,7 +523,8 @@ def _cross_out(ax: Axes, sweep: xr.Dataset, x: npt.NDArray[np.float64], y: npt.N
     """Mark the places of points that break fabrication rules, given in the order of the sweep."""
     broken = _broken(sweep).ravel()
     if broken.any():
-        ax.plot(x.ravel()[broken], y.ravel()[broken], "x", color=INK, markersize=6, zorder=5)
+        seen = [withStroke(linewidth=2.5, foreground="white")]  # on dark colours of a map too
+        ax.plot(x.ravel()[broken], y.ravel()[broken], "x", color=INK, markersize=6, zorder=5, path_effects=seen)
 
 
 def _entries(sweep: xr.Dataset) -> list[str]:
