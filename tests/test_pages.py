@@ -18,6 +18,7 @@ import figures  # noqa: E402
 import file_pages  # noqa: E402
 import link_check  # noqa: E402
 import name_pages  # noqa: E402
+import native_math  # noqa: E402
 import pyvista  # noqa: E402
 import quantities  # noqa: E402
 import report_pages  # noqa: E402
@@ -81,6 +82,16 @@ def test_a_number_stays_on_the_line_of_its_unit():
     text = "0.1 mm and 4 % of 10 000 coils at 5.3 ± 0.9 kPa/mm; ≤ 6 V. Not of 2 turns, 3 mmol or 2020 3.5"
     kept = "0.1_mm and 4_% of 10_000 coils at 5.3_±_0.9_kPa/mm; ≤_6_V. Not of 2 turns, 3 mmol or 2020 3.5"
     assert quantities.unbroken(text).replace("\N{NO-BREAK SPACE}", "_") == kept
+
+
+def test_a_full_stop_stays_on_the_line_of_its_formula():
+    one, two = (
+        '<math xmlns="…" display="inline"><mi>k</mi></math>',
+        '<math xmlns="…" display="block"><mi>M</mi></math>',
+    )
+    assert (
+        native_math.punctuated(f"{one}, {one} and {two}.") == f'<span class="unbroken">{one},</span> {one} and {two}.'
+    )
 
 
 def test_numbers_of_running_text_have_powers_of_ten():

@@ -543,13 +543,21 @@ def couple(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``coil`` (the active one) and ``other``; SI, units in the attributes. ``inductance``, ``coupling``,
-        ``current_real`` and ``current_imag`` (A per A), and ``contribution``, the part of each other coil in the active
-        one's inductance Re(M i) (coil, other); ``resistance`` at direct current, ``open_inductance``,
-        ``effective_inductance`` 1/(ω²C), the same with all others open as ``open_effective_inductance``,
-        ``inductance_change``, by which the others change it, ``effective_resistance`` Re Z,
-        ``quality_factor`` Im Z/Re Z, ``open_frequency``, ``frequency`` (coil); and the coils' ``termination``. The
-        attribute ``left_out`` says what of the circuit is not in these numbers.
+        Dimensions ``coil`` (the active one) and ``other``, in SI units, which are in the attributes. Over (coil, other)
+
+        - ``inductance`` and ``coupling``;
+        - ``current_real`` and ``current_imag``: in A per A of the active coil;
+        - ``contribution``: the part of each other coil in the inductance of the active one, Re(M i).
+
+        Over (coil)
+
+        - ``resistance``: at direct current; ``open_inductance``: with all others open;
+        - ``effective_inductance``: 1/(ω²C); ``open_effective_inductance``: the same with all others open;
+          ``inductance_change``: by which the others change it;
+        - ``effective_resistance``: Re Z; ``quality_factor``: Im Z/Re Z;
+        - ``frequency`` and ``open_frequency``; ``termination`` of the coil while another one is active.
+
+        The attribute ``left_out`` says what of the circuit is not in these numbers.
 
     Raises
     ------

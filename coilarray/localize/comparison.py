@@ -70,26 +70,31 @@ def compare_responses(
     Returns
     -------
     xarray.Dataset
-        Comparison of the common states and depths at the measured positions of both: dimensions ``depth``, ``y``,
-        ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated), ``level``. NaN for unknown values.
+        Comparison of the common states and depths at the positions that both have: dimensions ``depth``, ``y``, ``x``,
+        ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``. NaN for unknown values.
 
-        ``delta`` (source, depth, y, x, state); ``residual_before`` and ``residual_after`` (depth, y, x, state),
-        measured less simulated, as it is and scaled and shifted.
+        - ``delta`` (source, depth, y, x, state);
+        - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured less simulated, as it is, and scaled
+          and shifted;
+        - ``base_inductance`` (source, state): in H, where both have it.
 
-        For every depth and state ``scale`` and, with an axis, ``shift`` in m of the simulated map onto the measured
-        one; ``at_limit``, that the best shift is beyond the largest one; ``rms_before``, ``rms_after``,
-        ``correlation_before``, ``correlation_after``; each with its ``…_std``. ``noise`` is its level in δ where it is
-        known, ``points`` how many positions all this is of.
+        For every depth and state
 
-        ``x0``, ``A``, ``B`` in m (source, depth, state, level) of the ellipses of every level of δ, and ``…_std``;
-        ``undetermined`` of the same shape, whether the level's points do not determine its ellipse;
-        ``ellipse_problem`` (source, depth, state), why there are none.
+        - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the measured one;
+        - ``at_limit``: whether the best shift is beyond the largest one;
+        - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``;
+        - the standard deviation of each of these, whose name ends in ``_std``;
+        - ``noise``: its level in δ where it is known; ``points``: the number of positions.
 
-        ``base_inductance`` (source, state) in H where both have it.
+        For the ellipse of every level of δ (source, depth, state, level)
 
-        Attributes: ``only_measured`` and ``only_simulated``, states that one alone has; ``depths_left_out`` in m, and
+        - ``x0``, ``A`` and ``B`` in m, and their standard deviations, whose names end in ``_std``;
+        - ``undetermined``: whether the points of the level do not determine its ellipse;
+        - ``ellipse_problem`` (source, depth, state): why there are no ellipses.
+
+        Attributes: ``only_measured`` and ``only_simulated``, states that one alone has; ``depths_left_out`` in m and
         ``points_left_out``, measured but not in the simulated map; ``points_missing``, not measured; ``noise_from``,
-        "delta_std" or "residuals"; what the two say of themselves, as ``measured_…`` and ``simulated_…``.
+        "delta_std" or "residuals"; the attributes of both, as ``measured_…`` and ``simulated_…``.
 
     Raises
     ------

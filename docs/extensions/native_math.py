@@ -1,11 +1,13 @@
 """Formulas as MathML, which browsers draw themselves: no script and no network."""
 
+import re
 from typing import Any
 
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
+_FOLLOWED = re.compile(r'<math [^>]*display="inline"[^>]*>(?:(?!</math>).)*</math>[.,;:)]+', re.DOTALL)
 _BAR = '<mo stretchy="false">&#x0007C;'
 
 
@@ -15,7 +17,7 @@ def _mathml(node: nodes.Element, display: str = "inline") -> str:
 
 
 def _inline(writer: Any, node: nodes.math) -> None:
-    writer.body.append(_mathml(node) + "\N{WORD JOINER}")  # else a full stop after it may begin a line
+    writer.body.append(_mathml(node))
     raise nodes.SkipNode
 
 
@@ -24,7 +26,18 @@ def _displayed(writer: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def punctuated(body: str) -> str:
+    """Return a page's text in which no line begins with the full stop after a formula, as browsers let it."""
+    return _FOLLOWED.sub(r'<span class="unbroken">\g<0></span>', body)
+
+
+def _join(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object) -> None:
+    if "body" in context:
+        context["body"] = punctuated(context["body"])
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Add the renderer ``native``."""
+    """Add the renderer ``native`` and the hook."""
     app.add_html_math_renderer("native", (_inline, None), (_displayed, None))
+    app.connect("html-page-context", _join)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
