@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
 from coilarray.cli import shared
 from coilarray.errors import OutputError
 
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from coilarray.compute.arrays import FloatArray
+
+_MOST_COILS, _MOST_PAIRS = 24, 20  # of which matrices are printed; that are printed of more coils
 
 
 def matrix(
@@ -27,7 +31,7 @@ def matrix(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Print the inductance and coupling matrices.
+    """Print the inductance and coupling matrices; of more than 24 coils, the strongest couplings.
 
     Example: coilarray matrix gast2020 --json
     """
@@ -73,13 +77,34 @@ def matrix(
 
 
 def _print_matrices(names: Sequence[str], inductance: FloatArray, coupling: FloatArray) -> None:
-    """Print both matrices; of one coil, which couples to none, its inductance."""
+    """Print both matrices; of one coil its inductance, and of many the pairs that couple most."""
     from coilarray.compute.display_units import DisplayUnit, display_unit
 
-    henry = display_unit("H")
+    henry, plain = display_unit("H"), DisplayUnit(digits=5)
     if len(names) == 1:
         shared.print_table(("coil", henry.label("L")), [[names[0], *henry.texts(inductance[0])]])
         return
-    for title, values, unit in (("L and M", inductance, henry), ("\nk", coupling, DisplayUnit(digits=5))):
+    if len(names) > _MOST_COILS:
+        _print_strongest(names, inductance, coupling)
+        return
+    for title, values, unit in (("L and M", inductance, henry), ("\nk", coupling, plain)):
         rows = [[name, *unit.texts(row)] for name, row in zip(names, values.tolist(), strict=True)]
         shared.print_table(("", *names), rows, unit.label(title))
+
+
+def _print_strongest(names: Sequence[str], inductance: FloatArray, coupling: FloatArray) -> None:
+    import numpy as np
+
+    from coilarray.compute.display_units import DisplayUnit, display_unit
+
+    henry, plain = display_unit("H"), DisplayUnit(digits=5)
+    first, second = np.triu_indices(len(names), 1)
+    order = np.argsort(-np.abs(coupling[first, second]), kind="stable")[:_MOST_PAIRS]
+    first, second, count = first[order], second[order], first.size
+    least, most = henry.texts([float(np.diag(inductance).min()), float(np.diag(inductance).max())])
+    M, k = henry.texts(inductance[first, second].tolist()), plain.texts(coupling[first, second].tolist())
+    pairs = [f"{names[a]} – {names[b]}" for a, b in zip(first.tolist(), second.tolist(), strict=True)]
+    rows = list(zip(pairs, M, k, strict=True))
+    typer.echo(f"L of {len(names)} coils: {least} to {most} {henry.symbol}\n")
+    shared.print_table(("pair", henry.label("M"), "k"), rows, "the strongest couplings")
+    typer.echo(f"… and {count - len(rows)} more (--json, --out)")

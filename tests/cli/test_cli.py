@@ -301,6 +301,22 @@ def test_the_matrix_of_a_single_coil_is_its_inductance(capsys):
     assert (head.split(), row.split()) == (["coil", "L", "(µH)"], ["coil1", f"{inductance * 1e6:.4f}"])
 
 
+def test_of_many_coils_the_strongest_couplings_are_printed(capsys, monkeypatch):
+    monkeypatch.setattr("coilarray.cli.matrix._MOST_COILS", 2)
+    monkeypatch.setattr("coilarray.cli.matrix._MOST_PAIRS", 2)
+    lines = good(capsys, "matrix", "starter").splitlines()
+    found = couple_design(load_design("starter"))
+    L, k = np.diag(found.inductance) * 1e6, found.coupling.values
+    assert lines[0] == f"L of 3 coils: {L.min():.4f} to {L.max():.4f} µH"
+    pairs = sorted([(0, 1), (0, 2), (1, 2)], key=lambda pair: -abs(k[pair]))[:2]
+    printed = [line.replace("−", "-").split("  ") for line in lines if "–" in line]
+    assert [(row[0], float(row[-1])) for row in printed] == [
+        (f"coil{a + 1} – coil{b + 1}", pytest.approx(k[a, b], abs=5e-6))
+        for a, b in pairs  # of five decimals
+    ]
+    assert lines[-1] == "… and 1 more (--json, --out)"
+
+
 def test_a_fasthenry_file_has_no_plates(capsys):
     plate = '\n[[plate]]\nname = "shield"\nmaterial = "copper"\nthickness_mm = 0.1\nz_mm = -4.0\n'
     Path("p.toml").write_text(read("starter").replace("\n[field]", plate + "\n[field]"), encoding="utf-8")
