@@ -77,13 +77,13 @@ def value_text(value: object) -> str:
 
     Examples
     --------
-    >>> value_text(13.0), value_text(1 / 3), value_text("L1"), value_text([["L1"], ["L2"]]), value_text(None)
-    ('13', '0.333333', 'L1', '[["L1"], ["L2"]]', '–')
+    >>> value_text(13.0), value_text(-1 / 3), value_text("L1"), value_text([["L1"], ["L2"]]), value_text(None)
+    ('13', '−0.333333', 'L1', '[["L1"], ["L2"]]', '–')
     """
     if value is None:
         return "–"
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return true_minus(_with_power(f"{value:.6g}"))
     return value if isinstance(value, str) else json.dumps(value)
 
 
