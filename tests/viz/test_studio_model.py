@@ -178,6 +178,7 @@ def test_a_design_is_built_piece_by_piece(starter):
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
         (structure.set_layers, (0,), "copper layers must be a whole number from 1 to 64; got 0"),
         (structure.set_layers, (2.5,), "from 1 to 64; got 2.5"),
+        (structure.place_on, (work.design.array.names[0], ()), "layers of coil. must be some of L1 L2 .*; got none"),
         (structure.set_lattice, ("spiral",), "array.lattice must be one of single, linear"),
         (structure.remove_sheet, (0,), "must have an entry of number 0; there are 0"),
         (structure.set_base, ("seat",), "indentation is missing"),
