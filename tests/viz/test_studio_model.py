@@ -178,6 +178,7 @@ def test_a_design_is_built_piece_by_piece(starter):
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
         (structure.set_layers, (0,), "copper layers must be a whole number from 1 to 64; got 0"),
         (structure.set_layers, (2.5,), "from 1 to 64; got 2.5"),
+        (structure.place_on, (work.design.array.names[0], ()), "layers of coil. must be some of L1 L2 .*; got none"),
         (structure.set_lattice, ("spiral",), "array.lattice must be one of single, linear"),
         (structure.remove_sheet, (0,), "must have an entry of number 0; there are 0"),
         (structure.set_base, ("seat",), "indentation is missing"),
@@ -865,15 +866,15 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
 
 def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
     two = {
-        "nominal": ("output", [0.08, 5.0]),
-        "linear_deviation": ("output", [0.01, 0.0]),
+        "nominal": ("output", [-0.08, 5.0]),
+        "linear_deviation": ("output", [7.11e-5, 0.0]),
         "share": (("contributor", "output"), [[0.25, np.nan], [0.75, np.nan]]),
         "sample_deviation": ("output", [0.0123, 0.0]),
         "sample_yield": ("limit", [0.875]),
     }
     coords = {"output": ["worst_k", "span_mm"], "contributor": ["etch.L1", "etch.L2"], "limit": ["worst_k ≤ 0.1"]}
     assert [row.cells for row in studying.tolerance_rows(xr.Dataset(two, coords))[1]] == [
-        ("worst_k", "0.08", "0.01", "0.0123", "etch.L2 (75 %)"),
+        ("worst_k", "−0.08", "7.11·10⁻⁵", "0.0123", "etch.L2 (75 %)"),
         ("span_mm", "5", "0", "0", "no error"),
         ("worst_k ≤ 0.1", "", "", "", "yield 87.5 %"),
     ]

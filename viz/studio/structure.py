@@ -69,6 +69,9 @@ def place_coil(document: Document, design: Design, name: str, key: str, value: f
 
 def place_on(document: Document, design: Design, name: str, layers: Sequence[str]) -> Document:
     """Lay a coil on other copper layers; the array is then one of free places."""
+    if not layers:
+        known = " ".join(document["stackup"]["layers"])
+        raise DesignError(f"layers of {name} must be some of {known}; got none.")
     on = {"layers": list(layers)}
     places = _placements(document, design)
     return _free(document, [{**place, **on} if place["name"] == name else place for place in places])
