@@ -31,7 +31,9 @@ def matrix(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Print the inductance and coupling matrices; of more than 24 coils, the strongest couplings.
+    """Print the inductance and coupling matrices.
+
+    Of more than 24 coils the strongest couplings are printed; --json and --out have all.
 
     Example: coilarray matrix gast2020 --json
     """
