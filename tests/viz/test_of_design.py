@@ -201,6 +201,10 @@ def test_the_pin_stands_where_the_reading_or_the_indenter_is_located(design, tab
     cross = np.asarray(parts["truth"].mesh.points)[:, :2].mean(axis=0)
     np.testing.assert_allclose(cross, [-2, 4], atol=1e-5)  # where the ruler of the board says
     pins = [np.asarray(part.mesh.points)[0, :2] for name, part in parts.items() if name.startswith("pin")]
+    # the legend tells the position from others that fit
+    colours = {part.group: part.colour for name, part in parts.items() if name.startswith("pin")}
+    assert set(colours) == {"located", "may also be"}
+    assert colours["located"] != colours["may also be"]
     # a reading without errors: the solver stops within a fraction of the noise it was told, in mm
     assert min(np.linalg.norm(pin - cross) for pin in pins) < 0.01
 

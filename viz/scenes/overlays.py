@@ -14,7 +14,7 @@ from coilarray.compute.display_units import true_minus
 from coilarray.viz.datasets import overlays as meshes
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
 from coilarray.viz.datasets.triangles import polylines, surface_of
-from coilarray.viz.palette import INDIGO, INK, WINE
+from coilarray.viz.palette import GREY, INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
@@ -174,8 +174,8 @@ def scene_of_location(
     label = "95 % ellipse" + ("" if magnification == 1 else f", drawn {magnification:g} × as large")
     for k, mode in enumerate(location.modes):
         at = (mode.x, mode.y)
-        group = "located" if k == 0 else "may also be"
-        parts.append(Part(f"pin {k}", meshes.position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
+        group, colour = ("located", INK) if k == 0 else ("may also be", GREY)
+        parts.append(Part(f"pin {k}", meshes.position_pin(at, 0.0, top), group, colour, line_width=4.0, lit=False))
         if not _is_finite(mode):
             notes.append("No ellipse: to first order this reading does not depend on one direction.")
             continue
