@@ -178,6 +178,7 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequenc
             request(key).quantity.says,
         )
         for key in keys
+        if key in result.goal.quantities or any(key in of_design for of_design in values)  # one coil has no k
     )
     return Table("quantities", "Quantities", columns, rows)
 

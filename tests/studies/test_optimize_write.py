@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ from matplotlib.colors import to_rgba
 from support.optimize_points import StandIn
 
 from coilarray import load_design
+from coilarray.design.bundled import read
 from coilarray.design.model import build_design_file, load_design_file, parse_design_file
 from coilarray.errors import OutputError
-from coilarray.report.optimization import chosen_designs, write_optimization_report
+from coilarray.report.optimization import chosen_designs, quantity_table, write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
 from coilarray.studies.optimize.importance import LEAST_POINTS, importance
 from coilarray.studies.optimize.write import result_data, trial_text
@@ -151,6 +153,13 @@ def test_importance(single, double):
     assert len(importance(double.goal, double.axes, double.trials)) == 2
     few = [trial for trial in single.trials if trial.feasible][: LEAST_POINTS - 1]
     assert importance(single.goal, single.axes, few) == [{}]
+
+
+def test_quantities_that_no_design_has_are_left_out(single):
+    """One coil has no couplings, of which the page had rows of dashes."""
+    one = replace(single, file=parse_design_file(read("gast_fem"), "gast_fem"))
+    found = quantity_table(one, (), ("fab_broken", "rms_k", "covered_mm2")).rows
+    assert [row[0] for row in found] == ["fab_broken", "covered_mm2"]
 
 
 def test_chosen_designs(single, double):
