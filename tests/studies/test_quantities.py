@@ -95,6 +95,7 @@ def test_numbers_keep_every_digit_in_a_text(depth, noise, edges):
 
 BAD_REQUESTS = {
     "unknown": ("rms_q", "there is no quantity 'rms_q'; did you mean rms_k? coilarray optimize --list-quantities shows all"),
+    "a letter": ("L", "there is no quantity 'L'; did you mean inductance_uH? coilarray"),
     "another case": ("Q", "there is no quantity 'Q'; did you mean q? coilarray"),
     "without its unit": (
         "inductance",

@@ -126,10 +126,14 @@ def _quantity(name: object) -> Quantity:
     raise GoalError(f"there is no quantity {shown(name)}{hint} {known}")
 
 
+_SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistance_ohm", "δ": "peak_delta"}
+"""Quantities by their letters in tables and reports, which are no names here."""
+
+
 def _meant(name: str) -> list[str]:
     """Names that somebody may have meant: written alike, with the same words, or described by them."""
     text = name.casefold()
-    alike = [key for key in QUANTITIES if key.casefold() == text]
+    alike = [_SYMBOLS[name]] if name in _SYMBOLS else [key for key in QUANTITIES if key.casefold() == text]
     within = [key for key in QUANTITIES if text in key.casefold()] if len(text) > 2 else []
     close = difflib.get_close_matches(text, list(QUANTITIES), n=1)
     words = text.replace("_", " ")
