@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -130,6 +131,8 @@ def optimize(
     shared.print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
     if not result.front:
         raise typer.Exit(1)
+    if not as_json and (best := out / "best.toml") in files:
+        typer.echo(f"next: coilarray report {shlex.quote(str(best))}")
 
 
 def _goal(

@@ -80,6 +80,7 @@ def test_the_whole_of_it(capsys, monkeypatch):
     assert [line.removeprefix("wrote ") for line in out.splitlines() if line.startswith("wrote ")] == [
         str(Path("found", name)) for name in ("trials.csv", "result.json", "best.toml", "report.html")
     ]
+    assert out.endswith(f"\nnext: coilarray report {Path('found', 'best.toml')}\n")
     assert all(Path("found", name).stat().st_size > 200 for name in ("study.db", "report.html"))
     before = Path("found/trials.csv").read_text(encoding="utf-8")
     trials = list(csv.DictReader(before.splitlines()))
