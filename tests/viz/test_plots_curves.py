@@ -252,7 +252,12 @@ def test_a_target_is_drawn_against_its_distance():
     assert (of_L.get_xscale(), of_L.get_ylabel()) == ("log", "effective inductance (µH)")
     assert curves(of_L)["coil2"].get_ydata()[-1] == pytest.approx(20.0)
     figure = target_figure(results.target())
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["coil1", "coil2", "noise"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "coil1",
+        "coil2",
+        "noise",
+        "without the target",
+    ]
     assert figure.get_suptitle() == "Target: aluminium plate"
     with pytest.raises(ValueError, match="quantity must be one of delta, effective_inductance"):
         plot_target(results.target(), "colour")

@@ -72,6 +72,8 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
         ax.plot(distance, drawn, label=name, marker="o", markersize=3.0, **look)
         if base is not None:
             ax.axhline(float(shown.of(base[k])), color=colours[name], linewidth=0.8, linestyle=":", zorder=0)
+    if base is not None:
+        ax.plot([], [], color=GREY, linewidth=0.8, linestyle=":", label="without the target")
     if quantity == "delta":
         ax.set_yscale("log")
         noise = float(response.attrs.get("sigma", response.attrs["noise"]))
