@@ -77,7 +77,7 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
 def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
     """Pair the coordinates of Sobol points, shape (n, dimensions), anew, so that they hardly correlate.
 
-    Of some pairs of the first 36 dimensions 64 Sobol points have correlations of 0.7 (0.07 so): a spread of two errors
+    Of some pairs of the first 36 dimensions 64 Sobol points have correlations of 0.7 (0.09 so): a spread of two errors
     was 20 % off. Each block of 64, 64, 128, … points keeps its values of each coordinate, of which every equal part of
     its range has one; their order is that of random numbers from which all that correlates with the coordinates before
     is taken away (Owen, J. Am. Stat. Assoc. 89, 1517, 1994).
