@@ -102,7 +102,7 @@ def test_fit_prints_millimetres_beside_table_a1(capsys, maps):
     code, out, err = run(capsys, "fit", maps / "a1.nc")
     assert (code, err) == (0, "")
     (row,) = [row for line in out.splitlines() if (row := line.split())[:4] == ["coil1", "x0", "Table", "A1"]]
-    assert [float(cell.replace("−", "-")) for cell in row[4:]] == [-2.721e12, 1.245e10, -2.012e7, 1.424e4, -17.24]
+    assert row[4:] == ["−2.721·10¹²", "1.245·10¹⁰", "−2.012·10⁷", "1.424·10⁴", "−17.24"]
 
 
 def test_fit_of_one_coil_and_depth_without_table_a1(capsys, maps):

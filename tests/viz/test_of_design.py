@@ -250,7 +250,7 @@ def test_maps_and_designs_that_do_not_fit_are_refused(design, table):
         scene_of_design(design, View(show=("response",), response=table.isel(state=[0]), coil="coil3"))
     with pytest.raises(LocalizeError, match="at least 2 positions along y; got 1"):
         scene_of_design(design, View(show=("response",), response=table.isel(y=[0])))
-    with pytest.raises(LocalizeError, match="coil2 is missing"):
+    with pytest.raises(LocalizeError, match="coil2, coil3 are missing"):
         scene_of_design(design, View(show=("location",), table=table, reading={"coil1": 1e-4}))
     bare = replace(load_design("starter"), indentation=None)
     for show in ("dent", "response"):
