@@ -296,6 +296,11 @@ class CoilArray:
         return html_card("CoilArray", array_picture(self), html_table((), array_facts(self)))
 
     @property
+    def unrouted(self) -> CoilArray:
+        """The array before its leads were routed to a connector; itself where they were not."""
+        return self if self.routing is None else self.routing.array
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the coils in order."""
         return tuple(placement.name for placement in self.placements)

@@ -92,6 +92,21 @@ class FabRules:
                     unit = "" if field.name in ("max_layers", "max_aspect_ratio") else " m"
                     raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 
+    def most_copper(self, layer: int, layers: int) -> float | None:
+        """Return the thickest copper of a layer.
+
+        Parameters
+        ----------
+        layer, layers : int
+            Place of the layer, counted from 0, and number of copper layers of the board.
+
+        Returns
+        -------
+        float or None
+            Thickness in m; None where there is no limit.
+        """
+        return self.max_inner_copper if 0 < layer < layers - 1 else self.max_outer_copper
+
 
 @dataclass(frozen=True)
 class Margin:
@@ -294,7 +309,7 @@ def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
         most = rules.max_layers
         yield Margin("layer count", "", "board", most - count, most, count, None, None, unit="")
     for k, (layer, copper) in enumerate(zip(stackup.names, stackup.copper_thickness, strict=True)):
-        limit = rules.max_outer_copper if k in (0, count - 1) else rules.max_inner_copper
+        limit = rules.most_copper(k, count)
         if limit is not None:
             yield Margin("copper thickness", layer, "board", limit - copper, limit, copper, None, None)
     if rules.max_board is not None:

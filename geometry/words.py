@@ -25,7 +25,7 @@ def array_words(array: CoilArray) -> str:
     >>> array_words(load_design("gast2020").array)
     '6 hexagonal coils of 23 × 26.56 mm, neighbours 13.28 mm apart'
     """
-    array = array if array.routing is None else array.routing.array
+    array = array.unrouted
     outlines = [place.coil.outline for place in array.placements]
     shapes = {_shape(place.coil) for place in array.placements}
     shape = shapes.pop() if len(shapes) == 1 else ""

@@ -111,6 +111,14 @@ def rendering():
         pytest.skip(problem)
 
 
+@pytest.fixture
+def without_trame_vtk(monkeypatch):
+    """Trame-vtk as if it were not installed."""
+    for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "trame_vtk", None)
+
+
 @pytest.fixture(scope="module")
 def chromium():
     """A running Chromium; skips the tests where there is none."""

@@ -10,6 +10,8 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
+from coilarray.compute.display_units import power_of_ten
+
 _UNITS = (
     r"%|°C|‰|(?:[pnµmck]?m|[pnµm]?s|min|[kMG]?Hz|[pnµ]?F|[nµm]?H|[mkM]?Ω|[nµm]?V|[nµm]?A|[mk]?W|[nµm]?T|[kM]?Pa|m?N|[KJ]|[kMGK]?B"
     r"|mm²|mm³|mrad|kPa/mm|scans/s|bits|bytes|baud)(?!\w)"
@@ -17,7 +19,6 @@ _UNITS = (
 _SPACE = re.compile(rf"(?<=\d) (?=(?:{_UNITS})|\d{{3}}(?![\d.]))|(?<=[±<>≤≥]) (?=\d)|(?<=\d) (?=±)")
 _POWER = re.compile(r"(?<![\w.·])(\d+(?:\.\d+)?)e([+-]?\d+)(?!\w|\.\w)")
 _FULL = 0.01, 1000.0  # numbers between them are written in full
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _OPTION = re.compile(r'<span class="pre">(?=-[\w-]{1,28}</span>)')  # longer ones may be wider than a telephone
 
 
@@ -34,7 +35,7 @@ def powers(text: str) -> str:
         if _FULL[0] <= number < _FULL[1]:
             return f"{number:g}"
         factor = "" if found[1] == "1" else f"{found[1]}·"
-        return f"{factor}10{str(int(found[2])).translate(_RAISED)}"
+        return f"{factor}{power_of_ten(int(found[2]))}"
 
     return _POWER.sub(power, text)
 

@@ -6,7 +6,6 @@ import html.parser
 import io
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -564,10 +563,8 @@ def test_the_board_is_turned_in_the_page(made):
         assert page.locator("#board").is_visible()
 
 
-def test_without_trame_vtk_the_picture_stays(monkeypatch):
-    for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "trame_vtk", None)
+@pytest.mark.usefixtures("without_trame_vtk")
+def test_without_trame_vtk_the_picture_stays():
     assert figures.board_page(BOARD.design) is None
 
 

@@ -2,7 +2,6 @@
 
 import io
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -190,10 +189,8 @@ def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
     assert right < bars["x"]
 
 
-def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path, monkeypatch):
-    for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "trame_vtk", None)
+@pytest.mark.usefixtures("without_trame_vtk")
+def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path):
     with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* -m pip install .*\[3d\]"'):
         save_page(scene(), tmp_path / "scene.html")
     assert not list(tmp_path.iterdir())

@@ -45,8 +45,7 @@ class BuildPanel(Panel):
 
     def show(self, work: Work) -> None:
         """Show what a design is made of."""
-        document, array = work.opened.document, work.design.array
-        array = array if array.routing is None else array.routing.array
+        document, array = work.opened.document, work.design.array.unrouted
         state = self._page.state
         state.build_problem = ""
         state.build_lattices = [

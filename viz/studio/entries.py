@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from coilarray.compute.display_units import DisplayUnit, value_text
 from coilarray.design.model import DesignFile
 from coilarray.design.units import entry_unit
 from coilarray.errors import DesignError
@@ -60,7 +59,6 @@ _FAB = {
     "min_annular_ring_mm": "narrowest ring", "min_edge_clearance_mm": "copper to edge",
 }  # fmt: skip
 _STEPS_IN_A_DECADE = 100
-_SIX = DisplayUnit(digits=6, significant=True)
 _TURN = 180.0  # range of an angle in degrees to both sides
 _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
 
@@ -119,17 +117,6 @@ def text_of(value: float) -> str:
     ('13.28', '30', '1.7e-08')
     """
     return f"{value:.12g}"
-
-
-def cell_text(value: object) -> str:
-    """Return an entry or a quantity as a table of the page has it: numbers with up to six digits.
-
-    Examples
-    --------
-    >>> cell_text(-0.02525971), cell_text(7.11e-5), cell_text(3), cell_text(None)
-    ('−0.0252597', '7.11·10⁻⁵', '3', '–')
-    """
-    return _SIX.texts([value])[0] if isinstance(value, float) else value_text(value)
 
 
 def _entries(values: Mapping[str, object]) -> Iterator[Entry]:

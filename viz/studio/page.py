@@ -214,11 +214,11 @@ class Page:
             except CoilarrayError as error:
                 refused(str(error))
                 return
-            self._changing = self.begin(self._lead_out)
+            self._changing = self.begin(self._route)
         self._changes.pop(entry, None)
         self._changes[entry or change] = change
 
-    async def _lead_out(self) -> None:
+    async def _route(self) -> None:
         """Make the changes that wait, unless the design is undone or another one opened meanwhile."""
 
         def say(routing: bool) -> None:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
 from coilarray.design.units import entry_unit
 from coilarray.errors import OutputError
 from coilarray.studies.optimize.study_file import FILE, is_whole, quiet
 from coilarray.studies.optimize.trials import unbeaten
 from coilarray.studies.quantities import QUANTITIES
-from coilarray.viz.studio.entries import cell_text
 
 if TYPE_CHECKING:
     from optuna.study import Study
@@ -122,10 +122,10 @@ def run_lines(run: Run) -> list[str]:
         lines.append(f"{len(run.front)} on the front." if run.front else "None is better than the start.")
     else:
         name = run.objectives[0]
-        of_start = "" if start is None else f" {cell_text(start.scores[0])}"
+        of_start = "" if start is None else f" {value_text(start.scores[0])}"
         broken = "" if start is None or start.feasible else ", which breaks a bound"
         if run.front:
-            best = cell_text(run.points[run.front[0]].scores[0])
+            best = value_text(run.points[run.front[0]].scores[0])
             lines.append(f"The best has {name} {best}" + (f", the start{of_start}{broken}." if of_start else "."))
         elif kept:
             lines.append("None is better than the start" + (f", which has {name}{of_start}." if of_start else "."))
@@ -182,7 +182,7 @@ def front_rows(run: Run) -> list[dict[str, Any]]:
     points = [run.points[k] for k in run.front[:_MOST_SHOWN]]
     return [
         {
-            "name": p.name, "scores": [cell_text(score) for score in p.scores], "entries": _list(p.entries),
+            "name": p.name, "scores": [value_text(score) for score in p.scores], "entries": _list(p.entries),
             "quantities": _list(p.quantities),
         }
         for p in points
@@ -232,4 +232,4 @@ def _value(parameter: object) -> Any:
 
 
 def _list(values: Mapping[str, object]) -> str:
-    return ", ".join(f"{key} = {cell_text(value)}" for key, value in values.items())
+    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())

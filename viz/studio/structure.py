@@ -190,9 +190,8 @@ def set_house(document: Document, _: Design, house: str) -> Document:
     """Take the limits of a board house, and no others, with no more copper than it makes."""
     changed = no_longer_assumed({**document, "fab": {"profile": house}}, ["fab"])
     rules, copper = load_profile(house).rules, list(document["stackup"]["copper_thickness_um"])
-    limits = (rules.max_outer_copper, rules.max_inner_copper)
-    outer, inner = (math.inf if limit is None else round(limit * 1e6, 6) for limit in limits)
-    made = [min(one, inner if 0 < k < len(copper) - 1 else outer) for k, one in enumerate(copper)]
+    limits = [rules.most_copper(k, len(copper)) for k in range(len(copper))]
+    made = [one if most is None else min(one, round(most * 1e6, 6)) for one, most in zip(copper, limits, strict=True)]
     if made == copper:
         return changed
     stackup = {**document["stackup"], "copper_thickness_um": made}
@@ -298,7 +297,7 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
     """Return the places of all coils as a file has them; of coils whose leads are routed, as before."""
     if document["array"]["lattice"] == "free":
         return [dict(place) for place in document["array"]["placements"]]
-    array = design.array if design.array.routing is None else design.array.routing.array
+    array = design.array.unrouted
     return [
         {
             "name": place.name, "coil": document["array"]["coil"], "layers": list(place.layers),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import DisplayUnit
+from coilarray.compute.display_units import DisplayUnit, value_text
 from coilarray.compute.store import open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import workers
@@ -20,7 +20,7 @@ from coilarray.studies.quantities import QUANTITIES
 from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
 from coilarray.studies.tolerance import analyse, load_tolerances
 from coilarray.studies.tolerance.outputs import default_quantities
-from coilarray.viz.studio.entries import Entry, cell_text, text_of
+from coilarray.viz.studio.entries import Entry, text_of
 from coilarray.viz.studio.job import progress_of
 from coilarray.viz.studio.services import Document, Stopped, Tell
 
@@ -115,7 +115,7 @@ def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
         if reason or not np.isnan(found).all():
             values = (*result.points[k].values(), *(None if np.isnan(one) else one for one in found))
             why = reason or ("it breaks fabrication rules" if broken[k] else "")
-            rows.append(Row(tuple(map(cell_text, values)), None if reason else k, why, broken[k]))
+            rows.append(Row(tuple(map(value_text, values)), None if reason else k, why, broken[k]))
     return (*result.points[0], *keys), tuple(rows)
 
 
@@ -128,8 +128,9 @@ def tolerance_rows(result: xr.Dataset) -> tuple[tuple[str, ...], tuple[Row, ...]
         first = int(np.argmax(one.share.values))
         share = float(one.share[first])
         of = f"{one.contributor.values[first]} ({100 * share:.0f} %)" if share > 0 else "no error"
+        (linear,) = _THREE.texts([float(one.linear_deviation)])
         (drawn,) = _THREE.texts([float(one.sample_deviation)]) if sampled else ["–"]
-        rows.append(Row((name, cell_text(float(one.nominal)), *_THREE.texts([float(one.linear_deviation)]), drawn, of)))
+        rows.append(Row((name, value_text(float(one.nominal)), linear, drawn, of)))
     if "limit" in result.dims:
         shares = result.sample_yield if "sample_yield" in result else result.linear_yield
         for text, share in zip(result.limit.values.tolist(), shares.values.tolist(), strict=True):

@@ -137,9 +137,7 @@ class Plan:
 
     def _stackup(self, names: list[str]) -> dict[str, Any]:
         n = len(names)
-        most = (self.rules.max_outer_copper, self.rules.max_inner_copper)
-        outer, inner = (min(_COPPER, limit or _COPPER) for limit in most)
-        copper = [inner if 0 < k < n - 1 else outer for k in range(n)]
+        copper = [min(_COPPER, self.rules.most_copper(k, n) or _COPPER) for k in range(n)]
         thin = n // 2 if n > 2 and n % 2 == 0 else 0  # each between the two layers of a pair
         even = (_BOARD - sum(copper)) / max(n - 1, 1)
         rest = (_BOARD - sum(copper) - thin * _PREPREG) / max(n - 1 - thin, 1)
