@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from coilarray.compute.files import read_text
-from coilarray.errors import LocalizeError, shown
+from coilarray.errors import DamagedError, LocalizeError, shown
 
 Reading = dict[str, float] | list[float]
 """δ by the names of the coils, or in the order of the model."""
@@ -30,7 +30,7 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
         return [_pairs(text)]
     content = read_text(path, LocalizeError)
     if suffix == ".csv":
-        readings = list(_csv_readings(content))
+        readings = list(_csv_readings(content, path))
     elif suffix == ".jsonl":
         readings = list(line_readings(line.encode() for line in content.splitlines()))
     else:
@@ -70,28 +70,25 @@ def _json_file(content: str) -> list[Reading | LocalizeError]:
     return [_json_reading(one) for one in several]
 
 
-def _csv_readings(content: str) -> Iterator[Reading | LocalizeError]:
-    from coilarray.compute.checksum import COLUMN, checksum  # it loads NumPy
+def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]:
+    from coilarray.compute.checksum import checked_rows, has_checksums  # it loads NumPy
 
-    rows = csv.reader(content.splitlines())
     try:
-        names = [name.strip() for name in next(rows, [])]
-        if len(set(names)) < len(names):
-            raise LocalizeError(f"the first line must name every coil once; got {shown(', '.join(names))}.")
-        kept = names[-1:] == [COLUMN]
-        for row in rows:
-            try:
-                if len(row) != len(names):
-                    raise LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
-                if kept and row.pop() != checksum(names[:-1], row):
-                    raise LocalizeError(
-                        "the line is damaged, or was changed by another program: its checksum is wrong."
-                    )
-                yield {name: _from_text(name, value) for name, value in zip(names[: len(row)], row, strict=True)}
-            except LocalizeError as error:
-                yield error
+        rows = checked_rows(content, path)[0] if has_checksums(content) else list(csv.reader(content.splitlines()))
+    except DamagedError as error:
+        raise LocalizeError(str(error)) from None
     except csv.Error as error:
-        raise LocalizeError(f"cannot read the CSV file: {error}.") from None
+        raise LocalizeError(f"cannot read {path}: {error}.") from None
+    names = [name.strip() for name in rows[0]] if rows else []
+    if len(set(names)) < len(names):
+        raise LocalizeError(f"the first line must name every coil once; got {shown(', '.join(names))}.")
+    for row in rows[1:]:
+        try:
+            if len(row) != len(names):
+                raise LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
+            yield {name: _from_text(name, value) for name, value in zip(names, row, strict=True)}
+        except LocalizeError as error:
+            yield error
 
 
 def _pairs(text: str) -> Reading:

@@ -13,6 +13,7 @@ from coilarray.cli.maps import campaign_response, is_recording
 from coilarray.cli.replacing import replacing
 from coilarray.cli.shared import AsJson, BoardConstants, Force, check_file, print_result, table_text, write_numbers
 from coilarray.compute.display_units import PER_MILLION
+from coilarray.compute.files import read_text
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 FORMATS = ("nc", "csv")
 """Endings of the files that a recording is converted to."""
 _MOST_NAMED = 20  # damaged scans of which a message gives the number
-_SEALED = (".nc", ".toml")
+_SEALED = (".nc", ".toml", ".csv")
 
 
 def scan_info(
@@ -48,7 +49,7 @@ def scan_info(
     ] = False,
     calibration: BoardConstants = None,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Only check the file against its checksums; also for .nc and .toml files.")
+        bool, typer.Option("--verify", help="Only check the file against its checksums; also .nc, .toml and .csv.")
     ] = False,
     recover: Annotated[
         Path | None, typer.Option(metavar="OUT", help="Write a new recording of the intact scans of a damaged one.")
@@ -111,13 +112,16 @@ def _verify(path: Path, *, as_json: bool) -> None:
         scans = f"{damage.scans} scans, which "
         checksums, without = damage.checksums, "can be read; an older version wrote them, without checksums"
     else:
-        from coilarray.compute.checksum import check_seal
+        from coilarray.compute.checksum import check_seal, checked_rows, has_checksums
 
         try:
-            checksums = check_seal(path)
+            if path.suffix.lower() != ".csv":
+                checksums = check_seal(path)
+            elif checksums := has_checksums(table := read_text(path, HardwareError)):
+                checked_rows(table, path)
         except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
             raise HardwareError(f"cannot read {path}: {getattr(error, 'strerror', error)}.") from None
-        scans, without = "", "carries no checksum: an older version, another program or a person wrote it"
+        scans, without = "", "carries no checksum: it is cut, or another program or a person wrote it"
     right = "are as their checksums say" if scans else "is as its checksum says"
     line = f"{path}: {scans}{right if checksums else without}"
     print_result({"file": str(path), "checksums": checksums}, as_json=as_json, lines=[line])

@@ -1,9 +1,13 @@
 """Checksums of what is written and read back: a bit that flips on a disk is noticed, and never taken for a number.
 
-Values, such as a row of a table, are kept with the `checksum` of them. A whole file ends in a line with the checksum of
-all bytes before it, its seal. To readers of TOML that line is a comment, and readers of netCDF (HDF5) stop before it:
-the format itself says where it ends. A program that writes into such a file takes the seal off. A file without one is
-an older file, or that of another program.
+Values, such as a row of a database, are kept with the `checksum` of them. A whole file ends in a line with the checksum
+of all bytes before it, its seal. To readers of TOML that line is a comment, and readers of netCDF (HDF5) stop before
+it: the format itself says where it ends, and so a netCDF file without a seal is one of another program. A TOML or JSON
+file without one is cut.
+
+A table of text, CSV, is kept line by line: the last column of each line is a checksum of the table up to there, and the
+last line, a comment, has the number of lines and a checksum of all. Lines that are missing, doubled or swapped are thus
+noticed, and so is a table that is cut. Nothing is repaired.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import hashlib
 import io
 import json
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,6 +29,7 @@ from coilarray.errors import DamagedError
 COLUMN = "checksum"
 """Name of the last column of a CSV whose lines have checksums."""
 
+_LAST_LINE = "# coilarray checksum of "
 _SEAL = re.compile(rb"\n# coilarray checksum ([0-9a-f]{32})\n")
 _LENGTH = len("\n# coilarray checksum \n") + 32
 _VALUE_BYTES, _FILE_BYTES = 8, 16
@@ -55,19 +61,71 @@ def checksum_of_bytes(data: bytes) -> str:
     return hashlib.blake2b(data, digest_size=_VALUE_BYTES).hexdigest()
 
 
-def with_checksums(table: str) -> str:
-    r"""Return a CSV with one more column, the checksum of the head and the cells of each line.
+class TableSeal:
+    r"""Checksums of the lines of a CSV, in the order in which they are written.
 
     Examples
     --------
-    >>> print(with_checksums("a,b\n1,2\n"), end="")
+    >>> seal = TableSeal()
+    >>> print(seal.line(["a", "b"]) + seal.line([1, 2]) + seal.end(), end="")
     a,b,checksum
-    1,2,7594a7c09dbff61f
+    1,2,c2b2943baeea3e28
+    # coilarray checksum of 2 lines: 0c491b64314daa7d
     """
-    head, *rows = csv.reader(io.StringIO(table))
-    lines = io.StringIO()
-    csv.writer(lines, lineterminator="\n").writerows([[*head, COLUMN], *([*row, checksum(head, row)] for row in rows)])
-    return lines.getvalue()
+
+    def __init__(self) -> None:
+        self._digest = hashlib.blake2b(digest_size=_VALUE_BYTES)
+        self._lines = 0
+
+    def line(self, cells: Iterable[object]) -> str:
+        """Return the next line, the first of which is the head, with its checksum and its end."""
+        buffer = io.StringIO()
+        csv.writer(buffer, lineterminator="").writerow(cells)
+        return self.text_line(buffer.getvalue())
+
+    def text_line(self, text: str) -> str:
+        """Return the next line as `line` does, from its cells as text with commas between them."""
+        self._digest.update(f"{text}\n".encode())
+        self._lines += 1
+        return f"{text},{COLUMN if self._lines == 1 else self._digest.hexdigest()}\n"
+
+    def end(self) -> str:
+        """Return the last line of the file."""
+        digest = self._digest.copy()
+        digest.update(b"end")
+        return f"{_LAST_LINE}{self._lines} lines: {digest.hexdigest()}\n"
+
+
+def with_checksums(table: str) -> str:
+    """Return a CSV, of which no cell has a line break, with a checksum in each line and a last line of `TableSeal`."""
+    seal = TableSeal()
+    return "".join(map(seal.text_line, table.splitlines())) + seal.end()
+
+
+def has_checksums(table: str) -> bool:
+    """Whether a CSV is one of `TableSeal`, cut or not."""
+    return table.split("\n", 1)[0].endswith(f",{COLUMN}") or _LAST_LINE in table
+
+
+def checked_rows(table: str, name: object, *, cut: bool = False) -> tuple[list[list[str]], bool]:
+    """Check a CSV of `TableSeal`; return the cells of its lines, without the checksums, and whether it is whole.
+
+    DamagedError, which names the file, for one in which anything has changed, and for one without its last line, as a
+    killed program leaves it, unless `cut` asks for its whole lines.
+    """
+    *lines, rest = table.split("\n")
+    last = lines.pop() if lines and not rest and lines[-1].startswith(_LAST_LINE) else None
+    if last is None and not cut:
+        raise DamagedError(f"{name} is cut: its last line, which has the number of lines and a checksum, is missing.")
+    seal, texts = TableSeal(), [line.rpartition(",")[0] for line in lines]
+    for number, (line, text) in enumerate(zip(lines, texts, strict=True), start=1):
+        if seal.text_line(text) != f"{line}\n":
+            raise DamagedError(
+                f"{name}, line {number} is damaged, or lines before it are missing or swapped: its checksum is wrong."
+            )
+    if last is not None and seal.end() != f"{last}\n":
+        raise DamagedError(f"{name} is damaged, or lines at its end are missing: the checksum of all lines is wrong.")
+    return list(csv.reader(texts)), last is not None
 
 
 def sealed(data: bytes) -> bytes:
@@ -76,10 +134,9 @@ def sealed(data: bytes) -> bytes:
 
 
 def unsealed(data: bytes, name: object) -> bytes:
-    """Return the content of a file without its seal; DamagedError, which names the file, for one that does not fit."""
-    seal = _SEAL.fullmatch(data[-_LENGTH:])
-    if seal is None:
-        return data
+    """Return the content of a file without its seal; DamagedError, which names the file, for a wrong one or none."""
+    if _SEAL.fullmatch(data[-_LENGTH:]) is None:
+        raise DamagedError(f"{name} is cut: its last line, a checksum, is missing.")
     content = data[:-_LENGTH]
     if sealed(content) != data:
         raise _damaged(name)

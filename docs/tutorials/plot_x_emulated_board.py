@@ -50,6 +50,6 @@ main(["live", "gast2020", "--scans", "25", "--no-locate", "--log", str(folder / 
 # ``--log`` keeps the readings in a table, a line for each scan. After the first ten, the baseline, the finger presses
 # over coil 2, and then near coil 1:
 
-touches = pd.read_csv(folder / "touches.csv", index_col="time_s").filter(regex=r"^coil\d$") * 1e6
+touches = pd.read_csv(folder / "touches.csv", index_col="time_s", comment="#").filter(regex=r"^coil\d$") * 1e6
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 touches.plot(ax=ax, xlabel="time (s)", ylabel="δ (10⁻⁶)")

@@ -1,10 +1,11 @@
 """File with the constants of a board: TOML, units in the names of the keys, full precision, checked on reading.
 
-A file of `save_calibration` ends in a checksum of all of it; one that a person wrote needs none.
+A file of `save_calibration` ends in a checksum of all of it. One that a person wrote says so: ``checksum = "none"``.
 """
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -27,6 +28,7 @@ SCHEMA = 1
 _KIND = "coilarray board calibration"
 _CALIBRATIONS = TomlFiles("calibration", HardwareError)
 _MOST_BYTES = 10_000_000
+_BY_HAND = re.compile(r'^checksum\s*=\s*"none"', re.MULTILINE)
 
 
 def calibration_to_toml(calibration: BoardCalibration) -> str:
@@ -82,7 +84,7 @@ def save_calibration(calibration: BoardCalibration, path: Path) -> None:
 def load_calibration(path: str | Path) -> BoardCalibration:
     """Read a file with the constants of a board.
 
-    HardwareError for one that cannot be read, is invalid, or is not as its checksum says.
+    HardwareError for one that cannot be read, is invalid, is not as its checksum says, or has lost its last line.
     """
     with suppress(OSError, ValueError):  # reading says why it cannot be read
         if Path(path).stat().st_size > _MOST_BYTES:
@@ -91,7 +93,8 @@ def load_calibration(path: str | Path) -> BoardCalibration:
     try:
         unsealed(text.encode(), path)
     except DamagedError as error:
-        raise HardwareError(f"{error} Delete its last line to use it anyway.") from None
+        if _BY_HAND.search(text) is None:
+            raise HardwareError(f'{error} Where a person wrote it, checksum = "none" must be its first line.') from None
     return calibration_from_toml(text, str(path))
 
 
@@ -186,6 +189,8 @@ class _File(Table):
     """Version of the file format."""
     kind: Literal["coilarray board calibration"]
     """What the file is."""
+    checksum: Literal["none"] | None = None
+    """Given where a person wrote or changed the file, which then needs no last line with a checksum."""
     source: _Text
     """Recording that it is from."""
     made: _Text

@@ -1,13 +1,11 @@
 """Log of a live display: a line of CSV for every scan, in the file at once; netCDF is made of it at the end.
 
 A program that is killed loses at most the last line, a power cut at most the last second. The last column is a checksum
-of the line, which is checked on reading.
+of the log up to there, and the last line of a log that was ended has the number of its lines and a checksum of all.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 import time
@@ -19,10 +17,10 @@ from typing import IO, Any, TypeVar
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.checksum import checksum
-from coilarray.compute.files import writing
+from coilarray.compute.checksum import TableSeal, checked_rows, has_checksums
+from coilarray.compute.files import read_text, writing
 from coilarray.compute.netcdf import save_dataset
-from coilarray.errors import OutputError
+from coilarray.errors import DamagedError, OutputError
 from coilarray.hardware.record.live_tracking import LiveReading
 from coilarray.hardware.record.recorded_response import VERDICTS
 
@@ -31,7 +29,6 @@ _DURABLE = 1.0  # s
 _NETCDF = ".nc"
 _BEFORE = ("time_s", "unix_s", "sequence", "emulated")
 _TEMPERATURE = "temperature_C"
-_CHECKSUM = "checksum"
 _VERDICT = " verdict"  # behind the name of a state
 _LENGTHS = ("x_m", "y_m", "depth_m", "sigma_x_m", "sigma_y_m", "sigma_depth_m")
 _UNITS = {"time_s": "s", "unix_s": "s", **dict.fromkeys(_LENGTHS, "m"), "temperature_C": "degC"}
@@ -41,12 +38,10 @@ class LiveLog:
     """A log that is open for writing, from `open_log`."""
 
     def __init__(self, file: IO[str], states: Sequence[str], *, emulated: bool, temperature: bool) -> None:
-        self._file, self._csv = file, csv.writer(file, lineterminator="\n")
+        self._file, self._seal, self._broken = file, TableSeal(), False
         self._states, self._emulated, self._temperature = tuple(states), int(emulated), temperature
         self._durable = -math.inf
-        with writing(file.name):
-            self._csv.writerow(log_columns(states, temperature=temperature))
-            self._file.flush()
+        self._write(self._seal.line(log_columns(states, temperature=temperature)))
 
     def add(self, reading: LiveReading) -> None:
         """Write the line of a scan; OutputError if that fails, for example on a full disk."""
@@ -56,17 +51,27 @@ class LiveLog:
         press = None if reading.press is None else reading.press.number
         row: list[object] = [reading.elapsed, reading.received, reading.sequence, self._emulated, *deltas, *verdicts]
         row += [*_position(reading), press, *([reading.temperature] if self._temperature else [])]
-        fields = ["" if value is None else str(value) for value in row]
-        with writing(self._file.name):
-            self._csv.writerow([*fields, checksum(fields)])
-            self._file.flush()
-            if time.monotonic() - self._durable > _DURABLE:
+        self._write(self._seal.line("" if value is None else str(value) for value in row))
+        if time.monotonic() - self._durable > _DURABLE:
+            with writing(self._file.name):
                 os.fsync(self._file.fileno())
-                self._durable = time.monotonic()
+            self._durable = time.monotonic()
+
+    def end(self) -> None:
+        """Write the last line, unless a line before it could not be written: such a log stays one that is cut."""
+        if not self._broken:
+            self._write(self._seal.end())
+
+    def _write(self, line: str) -> None:
+        self._broken = True
+        with writing(self._file.name):
+            self._file.write(line)
+            self._file.flush()
+        self._broken = False
 
 
 def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
-    """Return the columns of a log.
+    """Return the columns of a log, but for the last one, the checksum.
 
     Examples
     --------
@@ -82,7 +87,6 @@ def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
         *_LENGTHS,
         "press",
         *([_TEMPERATURE] if temperature else []),
-        _CHECKSUM,
     ]
 
 
@@ -139,46 +143,52 @@ def open_log(
         yield log
     finally:
         with writing(lines):
-            file.close()
+            try:
+                log.end()
+            finally:
+                file.close()
         if lines != path:
-            save_dataset(read_log(lines).assign_attrs(attributes), path)
+            save_dataset(read_log(lines, cut=True).assign_attrs(attributes), path)
             with suppress(OSError):
                 lines.unlink()
 
 
-def read_log(path: Path) -> xr.Dataset:
-    """Read the CSV of a log; the last line of a program that was killed may be cut and is left out.
+def read_log(path: Path, *, cut: bool = False) -> xr.Dataset:
+    """Read the CSV of a log.
+
+    Parameters
+    ----------
+    path : Path
+        Log that `open_log` wrote.
+    cut : bool
+        Whether to read the whole lines of a log without its last line too, as a program leaves it that was killed.
 
     Returns
     -------
     xarray.Dataset
         Over ``scan`` and ``state``: ``delta``, NaN where there is none, and ``verdict``, 0 good, 1 doubtful, 2 bad.
         Over ``scan``: the other columns by their names without the unit, NaN where empty; ``press`` is 0 where nothing
-        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty if none was asked for.
+        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty if none was asked for. The
+        attribute ``cut`` is 1 for a log without its last line, and 0 otherwise.
 
     Raises
     ------
     OutputError
-        A file that is not a log, or a line of it that no log has: which line and column.
+        A file that is not a log, one without its last line, or one with a line that no log has: which line and column.
     """
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            text = file.read()
-        lines, _, cut = text.rpartition("\n")
-        head, *rows = list(csv.reader(io.StringIO(lines))) or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise OutputError(f"cannot read the log {path}: {error}.") from None
-    states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
-    columns_of = log_columns(states, temperature=_TEMPERATURE in head[-2:])
-    if head not in (columns_of, columns_of[:-1]):  # earlier versions wrote no checksums
+    text = read_text(path, OutputError)
+    if not text.startswith(",".join(_BEFORE)) and not has_checksums(text):
         raise OutputError(f"{path} is not a log of a live display.")
-    if head == columns_of and len(cut.rpartition(",")[2]) > len(checksum()):  # whole, but cut within its last line
-        raise OutputError(f"{path}, line {len(rows) + 2} is damaged: its checksum is wrong.")
+    try:
+        (head, *rows), ended = checked_rows(text, path, cut=cut)
+    except DamagedError as error:
+        raise OutputError(str(error)) from None
+    states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
+    if head != log_columns(states, temperature=_TEMPERATURE in head[-1:]):
+        raise OutputError(f"{path} is not a log of a live display.")
     for line, row in enumerate(rows, start=2):
         if len(row) != len(head):
             raise OutputError(f"{path}, line {line}: must have {len(head)} columns; got {len(row)}.")
-        if head == columns_of and row[-1] != checksum(row[:-1]):
-            raise OutputError(f"{path}, line {line} is damaged: its checksum is wrong.")
     columns = dict(zip(head, zip(*rows, strict=True) if rows else [()] * len(head), strict=True))
 
     def read(name: str, kind: Callable[[str], _T], allowed: str) -> list[_T]:
@@ -216,7 +226,7 @@ def read_log(path: Path) -> xr.Dataset:
             },
         },
         coords={"state": states},
-        attrs={"emulated": int("1" in columns["emulated"])},
+        attrs={"emulated": int("1" in columns["emulated"]), "cut": int(not ended)},
     ).set_coords(["time", "unix"])  # fmt: skip
 
 

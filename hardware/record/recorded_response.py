@@ -185,7 +185,7 @@ def recorded_series(
 def response_csv(response: xr.Dataset) -> str:
     """Return a measured response as CSV: depth_m, y_m, x_m, state, delta, delta_std for every position and state.
 
-    The last column is the checksum of the line.
+    The last column is a checksum of the lines up to there, and the last line has one of all.
     """
     in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
     table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
@@ -195,8 +195,8 @@ def response_csv(response: xr.Dataset) -> str:
 def series_csv(series: xr.Dataset) -> str:
     """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty if unknown.
 
-    Where the series has temperatures, ``temperature_C`` follows, nan where unknown. The last column is the checksum of
-    the line.
+    Where the series has temperatures, ``temperature_C`` follows, nan where unknown. The last column is a checksum of
+    the lines up to there, and the last line has one of all.
     """
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")

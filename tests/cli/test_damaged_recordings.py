@@ -10,6 +10,7 @@ from support.command_line import runner, successes
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import changed, without_checksums
 
+from coilarray.compute.checksum import with_checksums
 from coilarray.compute.netcdf import save_dataset
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response
@@ -120,7 +121,14 @@ def test_files_with_one_checksum_at_their_end(capsys, tmp_path):
     path.write_bytes(data)
     assert "is damaged, or was changed by another program: its checksum is wrong" in refused(capsys, path, "--verify")
     dataset.to_netcdf(path, engine="h5netcdf")
-    assert "carries no checksum: an older version, another program or a person" in scan_info(capsys, path, "--verify")
+    assert "carries no checksum: it is cut, or another program or a person" in scan_info(capsys, path, "--verify")
     assert "cannot read" in refused(capsys, tmp_path / "none.nc", "--verify")
+    table = tmp_path / "table.csv"
+    table.write_text(with_checksums("a,b\n1,2\n"))
+    assert scan_info(capsys, table, "--verify") == f"{table}: is as its checksum says\n"
+    table.write_text(table.read_text().replace("1,2", "1,3"))
+    assert "line 2 is damaged" in refused(capsys, table, "--verify")
+    table.write_text("a,b\n1,2\n")
+    assert "carries no checksum" in scan_info(capsys, table, "--verify")
     path.with_suffix(".txt").write_text("text")
     assert "is not a recording" in refused(capsys, path.with_suffix(".txt"), "--verify")

@@ -10,10 +10,10 @@ An answer is silently wrong where
 
 - a number in it is infinite, or NaN in a kind without gaps. Kinds with gaps are recordings and logs (readings that
   failed), fits of ellipses (levels without one) and comparisons (what is unknown): their documentation says so;
-- the inductance matrix of an accepted design is not positive definite, or a coupling coefficient is not below 1.
+- the inductance matrix of an accepted design is not positive definite, or a coupling coefficient is not below 1;
+- it is another one than that for the good file, in a kind of text file that the package writes with a checksum.
 
-A changed number of a text file is a good number all the same: such files have no checksum and need none, since people
-write them.
+A changed number of any other text file is a good number all the same: people write them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ from coilarray import load_design
 from coilarray.cli.board_options import BoardOptions
 from coilarray.cli.maps import read_ellipses, read_response
 from coilarray.cli.readings import read_readings
-from coilarray.compute.checksum import checksum
 from coilarray.compute.netcdf import read_checked, save_dataset
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file, parse_design, parse_design_file
@@ -56,11 +55,12 @@ from coilarray.geometry.export.gerber import write_gerbers
 from coilarray.geometry.readers import read_gerbers, read_kicad, trace_coils, traced_array
 from coilarray.hardware.emulator.indenter import Indenter
 from coilarray.hardware.record.baseline_drift import Drift
-from coilarray.hardware.record.calibration_file import calibration_to_toml, load_calibration
+from coilarray.hardware.record.calibration_file import calibration_to_toml, load_calibration, save_calibration
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel
-from coilarray.hardware.record.live_log import log_columns, read_log
-from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
+from coilarray.hardware.record.live_log import open_log, read_log
+from coilarray.hardware.record.live_tracking import LiveReading, LiveState
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.recording_summary import summarize_recording
 from coilarray.hardware.record.thermometer import file_temperature
@@ -93,7 +93,8 @@ class Kind:
 
     `examples` makes good files in an empty folder. `read` answers for a file, or raises a CoilarrayError. `wrong` says
     in what an answer contradicts itself, empty for nothing, and `gaps` whether its numbers may be NaN. `keyed` kinds
-    name a key in every error. `share` is the part of all cases.
+    name a key in every error, and `sealed` kinds give no other answer than that for the good file. `share` is the part
+    of all cases.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Kind:
     wrong: Callable[[Any], str] = lambda answer: ""
     gaps: bool = False
     keyed: bool = False
+    sealed: bool = False
     share: int = 1
 
 
@@ -317,13 +319,21 @@ def _wiring(path: Path) -> Any:
     return repr(found), scan_settings(found).to_json()
 
 
-def _calibrations(folder: Path) -> list[Path]:
+def _calibration() -> BoardCalibration:
     drift = Drift(0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9)
-    whole = BoardCalibration(
+    return BoardCalibration(
         "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
         (Channel("coil1", 120e-12, 1e-13, 52e-6), Channel("coil2", 120e-12, 1e-13, 52e-6)), (drift,),
     )  # fmt: skip
-    return _written(folder, ".toml", {"board": calibration_to_toml(whole)})
+
+
+def _calibrations(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", {"board": f'checksum = "none"\n{calibration_to_toml(_calibration())}'})
+
+
+def _sealed_calibrations(folder: Path) -> list[Path]:
+    save_calibration(_calibration(), folder / "board.toml")
+    return [folder / "board.toml"]
 
 
 def _settings_files(folder: Path) -> list[Path]:
@@ -364,22 +374,19 @@ def _recording(path: Path) -> Any:
 
 
 def _logs(folder: Path) -> list[Path]:
-    texts = {}
-    for temperature in (False, True):
-        columns = log_columns(["coil1", "coil2"], temperature=temperature)
-        rows = [columns]
-        for k in range(5):
-            given = {"time_s": k * 0.1, "unix_s": 1.7e9 + k, "sequence": k, "emulated": 0, "temperature_C": 21.5}
-            cells = [str(_log_cell(name, given, k)) for name in columns[:-1]]
-            rows.append([*cells, checksum(cells)])
-        texts[f"log{int(temperature)}"] = "".join(",".join(map(str, row)) + "\r\n" for row in rows)
-    return _written(folder, ".csv", texts)
+    paths = [folder / "cold.csv", folder / "warm.csv"]
+    for path, temperature in zip(paths, (None, 21.5), strict=True):
+        with open_log(path, ["a", "b"], emulated=False, temperature=temperature is not None, attributes={}) as log:
+            for k in range(5):
+                states = (LiveState("a", 1e-4 * k, "good"), LiveState("b", None, "bad"))
+                known = (0, None, "", 0.0, 4.0, 0, None, 1.7e9 + k, temperature)
+                log.add(LiveReading(k, 0.1 * k, 0.1 * k, states, *known))
+    return paths
 
 
-def _log_cell(name: str, given: Mapping[str, float], k: int) -> object:
-    if name in given:
-        return given[name]
-    return "good" if name.endswith("verdict") else 1e-4 * k if name.startswith("coil") else ""
+def _streams(folder: Path) -> list[Path]:
+    with open_recording(stream_file(folder / "stream.sqlite", 12)) as recording:
+        return _written(folder, ".csv", {"stream": series_csv(recorded_series(recording))})
 
 
 def _paths(folder: Path) -> list[Path]:
@@ -643,6 +650,7 @@ def _let_in(answer: Any) -> str:
     return "a file outside is served" if file and Path(__file__).parent not in Path(file).resolve().parents else ""
 
 
+_LINES = (change.text_changed, change.bytes_changed, change.lines_changed, change.cut)
 _CSV = (change.text_changed, change.text_changed, change.bytes_changed)
 _DATABASE = (change.database_changed, change.database_changed, change.bytes_changed)
 _ZIP = (change.zip_changed, change.zip_changed, change.bytes_changed)
@@ -658,10 +666,11 @@ KINDS = (
     Kind("calibration plan", ".toml", _plans, _TEXT, _plan, keyed=True, share=2),
     Kind("wiring", ".toml", _wirings, _TEXT, _wiring, keyed=True, share=2),
     Kind("board calibration", ".toml", _calibrations, _TEXT, load_calibration, keyed=True, share=2),
+    Kind("board calibration, sealed", ".toml", _sealed_calibrations, _LINES, load_calibration, sealed=True),
     Kind("scan settings", ".json", _settings_files, _JSON, _settings, keyed=True),
     Kind("campaign plan", ".json", _campaigns, _JSON, _campaign),
     Kind("recording", ".sqlite", _recordings, _DATABASE, _recording, gaps=True, share=4),
-    Kind("live log", ".csv", _logs, _CSV, read_log, gaps=True),
+    Kind("live log", ".csv", _logs, _LINES, read_log, gaps=True, sealed=True),
     Kind("path of a finger", ".csv", _paths, _CSV, _path_of_finger),
     Kind("temperature", ".txt", _temperatures, _CSV, file_temperature),
     Kind("response, positions", ".nc", _responses, _NETCDF, _positions, share=3),
@@ -671,6 +680,7 @@ KINDS = (
     Kind("calibration result", ".nc", _calibration_results, _NETCDF, _posterior),
     Kind("distortion", ".nc", _distortions, _NETCDF, _distortion),
     Kind("ellipse model", ".json", _models, _JSON, _model, share=2),
+    Kind("readings, CSV of a stream", ".csv", _streams, _LINES, _readings, sealed=True),
     Kind("readings, CSV", ".csv", _readings_files(".csv", _OF_CSV), _CSV, _readings),
     Kind("readings, JSON", ".json", _readings_files(".json", f"[{_READING}, [1e-4, 2e-4, 3e-4]]"), _JSON, _readings),
     Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),

@@ -105,6 +105,27 @@ def text_changed(random: np.random.Generator, data: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def lines_changed(random: np.random.Generator, data: bytes) -> bytes:
+    """Delete, double, move or shuffle whole lines."""
+    lines = data.splitlines(keepends=True)
+    at, to = (int(random.integers(len(lines))) for _ in range(2))
+    match int(random.integers(4)):
+        case 0:
+            del lines[at : at + int(random.integers(1, 4))]
+        case 1:
+            lines.insert(to, lines[at])
+        case 2:
+            lines.insert(to, lines.pop(at))
+        case _:
+            random.shuffle(lines)
+    return b"".join(lines)
+
+
+def cut(random: np.random.Generator, data: bytes) -> bytes:
+    """Cut a file at any place."""
+    return data[: int(random.integers(len(data)))]
+
+
 def _number_spans(line: bytes) -> list[tuple[int, int]]:
     spans, start = [], None
     for k, byte in enumerate(line + b" "):

@@ -8,7 +8,8 @@ A case is a kind and a number; with `SEED` they decide which example is mutated 
 - changed: another answer, all of whose numbers are finite and which no check of its kind contradicts
 - traceback: any other exception, a warning that is not ours included, or a refusal that is not one clear line
 - hang: more than 20 s of processor time, or a worker that had to be ended or died
-- silent: an answer with a number that is not finite where none may be missing, or that contradicts itself
+- silent: an answer with a number that is not finite where none may be missing, one that contradicts itself, and
+  another one than before for a text file with a checksum
 
 What a file says in place of what it said cannot be told from a good file without a checksum: such a case is "changed".
 """
@@ -158,6 +159,7 @@ class Bench:
         if digest(answer) == whole:
             return "same", ""
         problem = kind.wrong(answer) or _not_finite(kind, answer)
+        problem = problem or ("another answer, in spite of the checksum" if kind.sealed and whole else "")
         return ("silent", problem) if problem else ("changed", "")
 
     def _answer_to(self, kind: Kind, example: Path) -> str:

@@ -1,4 +1,4 @@
-"""Every kind of file that the package writes and reads back, with one bit flipped: no result changes in silence."""
+"""Every kind of file that is written and read back, a bit flipped, cut, or lines lost: no result changes in silence."""
 
 import os
 import shutil
@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 import xarray as xr
-from support.flips import flipped
+from support.flips import cuts, damaged, flipped, wrong_lines
 from support.optimize_points import StandIn
 from support.quick_recordings import campaign_file, killed_file, stream_file
 
@@ -266,3 +266,25 @@ def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, caplog, pyte
     if count == MANY:
         # of a large file the same numbers again
         assert counts["refused"] + counts["anew"] > 0 or "computed anew" in caplog.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(KINDS.keys() - {"log of a killed recording"}))  # cut, it was killed earlier
+def test_no_cut_changes_a_result_in_silence(tmp_path, name):
+    path, read = KINDS[name](tmp_path)
+    damaged(path, read, cuts(path.read_bytes(), 10 if name in DEAR else 30))
+
+
+@pytest.mark.parametrize("name", ["calibration of a board", "log", "CSV of a stream"])
+def test_every_line_that_is_lost_doubled_or_swapped_and_every_cut_is_refused(tmp_path, name):
+    path, read = KINDS[name](tmp_path)
+    data = path.read_bytes()
+    counts = damaged(path, read, wrong_lines(data))
+    assert counts.keys() == {"refused"}
+    assert counts.total() > 3 * data.count(b"\n") - 12
+    assert damaged(path, read, cuts(data, 300)).keys() == {"refused"}
+
+
+def test_lines_of_an_ellipse_model(tmp_path):
+    path, read = ellipses(tmp_path)
+    assert damaged(path, read, wrong_lines(path.read_bytes()))["refused"] > 100  # a key may stand there twice

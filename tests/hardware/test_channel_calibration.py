@@ -15,7 +15,12 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.record.baseline_drift import Drift
-from coilarray.hardware.record.calibration_file import calibration_from_toml, calibration_to_toml, load_calibration
+from coilarray.hardware.record.calibration_file import (
+    calibration_from_toml,
+    calibration_to_toml,
+    load_calibration,
+    save_calibration,
+)
 from coilarray.hardware.record.campaign import Campaign, run_campaign
 from coilarray.hardware.record.channel_calibration import (
     BoardCalibration,
@@ -259,11 +264,16 @@ def test_the_file_gives_every_number_back(campaign, tmp_path):
         found = calibrated(campaign, made="2025-01-01T00:00:00+00:00", **options)
         assert calibration_from_toml(calibration_to_toml(found)) == found
     path = tmp_path / "board.toml"
-    path.write_text(calibration_to_toml(found), encoding="utf-8")
+    save_calibration(found, path)
+    assert load_calibration(path) == found
+    text = calibration_to_toml(found)
+    path.write_text(text, encoding="utf-8")
+    refused(HardwareError, 'board.toml is cut: .* checksum = "none" must be its first line', load_calibration, path)
+    path.write_text(f'checksum = "none"\n{text}', encoding="utf-8")
     assert load_calibration(path) == found
 
 
-GOOD = calibration_to_toml(
+GOOD = 'checksum = "none"\n' + calibration_to_toml(
     BoardCalibration(
         "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
         (Channel("coil1", 120e-12, 1e-13, 52e-6),),

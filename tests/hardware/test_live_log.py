@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 from support.refusals import refused
 
+from coilarray.compute.checksum import with_checksums
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import OutputError
 from coilarray.hardware.record.live_log import check_log, open_log, read_log
@@ -42,8 +44,9 @@ PRESSED = reading(1, location=FOUND, press=Press(3, 0.25, None, 1e-4, FOUND))
 
 
 def test_a_line_for_every_scan(tmp_path):
-    with written(tmp_path / "run.csv", reading(0), PRESSED).open() as file:
-        rows = list(csv.DictReader(file))
+    lines = written(tmp_path / "run.csv", reading(0), PRESSED).read_text().splitlines()
+    assert lines.pop().startswith("# coilarray checksum of 3 lines: ")
+    rows = list(csv.DictReader(lines))
     first, second = rows
     assert first.pop("checksum") != second.pop("checksum")
     assert first == {
@@ -116,10 +119,12 @@ def test_a_kill_leaves_every_line(tmp_path):
     ended = subprocess.run([sys.executable, "-c", KILLED, str(here), str(here.parent), str(path)], check=False)
     assert ended.returncode == -signal.SIGKILL
     lines = tmp_path / "run.nc.csv"
-    assert read_log(lines).sizes["scan"] == 500
+    refused(OutputError, "run.nc.csv is cut: its last line", read_log, lines)
+    assert read_log(lines, cut=True).sizes["scan"] == 500
     refused(OutputError, "the lines of a log that was not finished, exists", check_log, path)
     lines.write_text(lines.read_text()[:-20])  # as a power cut may leave it
-    assert read_log(lines).sizes["scan"] == 499
+    found = read_log(lines, cut=True)
+    assert (found.sizes["scan"], found.attrs["cut"]) == (499, 1)
 
 
 def test_nothing_is_replaced_without_force(tmp_path):
@@ -129,45 +134,63 @@ def test_nothing_is_replaced_without_force(tmp_path):
     assert read_log(written(path, reading(0), reading(1), force=True)).sizes["scan"] == 2
 
 
-def test_a_last_line_that_is_cut_within_its_last_field_is_no_other_number(tmp_path):
+def test_a_log_that_is_cut_is_read_only_where_that_is_asked_for(tmp_path):
     path = written(tmp_path / "run.csv", reading(0), reading(1))
-    whole = path.read_text()
-    for cut in (1, 2, 4):  # 20.5 would read as 20.5, 20. and 2
-        path.write_text(whole[:-cut])
-        assert read_log(path).sizes["scan"] == 1
+    whole, full = path.read_text(), read_log(path)
+    assert full.attrs["cut"] == 0
+    xr.testing.assert_identical(read_log(path, cut=True), full)
+    head, first, second, end = whole.splitlines(keepends=True)
+    for text, scans in ((head, 0), (head + first, 1), (head + first + second[:-1], 1), (whole[:-1], 2)):
+        path.write_text(text)
+        refused(OutputError, "run.csv is cut", read_log, path)
+        assert read_log(path, cut=True).sizes["scan"] == scans
+    for text in (head + second + first, head + second, head + first + first, first + second):
+        path.write_text(text)  # also of a log that is cut
+        refused(OutputError, "damaged|not a log", read_log, path, cut=True)
+        path.write_text(text + end)
+        refused(OutputError, "damaged", read_log, path)
 
 
-def without_checksums(text):
-    """The lines as earlier versions wrote them."""
-    return "".join(line.rpartition(",")[0] + "\n" for line in text.splitlines())
+def test_a_log_of_which_a_line_could_not_be_written_stays_cut(tmp_path, monkeypatch):
+    def full():
+        with open_log(tmp_path / "run.csv", STATES, emulated=True, temperature=True, attributes={}) as log:
+            log.add(reading(0))
+            monkeypatch.setattr(log, "_file", SimpleNamespace(name="run.csv", write=no_room))
+            log.add(reading(1))
+
+    def no_room(text):
+        raise OSError(28, "No space left on device")
+
+    refused(OutputError, "cannot write run.csv: No space", full)
+    refused(OutputError, "run.csv is cut", read_log, tmp_path / "run.csv")
+    assert read_log(tmp_path / "run.csv", cut=True).sizes["scan"] == 1
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    (",20.5\n", "\n", "line 3: must have 17 columns; got 16"),
+    (",20.5", "", "line 3: must have 17 columns; got 16"),
     ("0.25,", "soon,", "line 3, column time_s: must be a number; got 'soon'"),
     (",1,1,0.0001", ",1.5,1,0.0001", "line 3, column sequence: must be a whole number; got '1.5'"),
     ("bad", "odd", "line 3, column coil2 verdict: must be good, doubtful, bad; got 'odd'"),
 ])  # fmt: skip
 def test_a_line_that_no_log_has_is_told(tmp_path, old, new, message):
     path = written(tmp_path / "run.csv", reading(0), reading(1))
-    whole = read_log(path)
-    head, first, second = without_checksums(path.read_text()).splitlines(keepends=True)
-    assert old in second
-    path.write_text(head + first + second)
-    xr.testing.assert_identical(read_log(path), whole)
-    path.write_text(head + first + second.replace(old, new, 1))
+    whole = path.read_text()
+    texts = [line.rpartition(",")[0] for line in whole.splitlines()[:-1]]
+    assert old in texts[-1]
+    assert with_checksums("\n".join(texts)) == whole
+    path.write_text(with_checksums("\n".join([*texts[:-1], texts[-1].replace(old, new, 1)])))
     refused(OutputError, f"run.csv, {message}", read_log, path)
 
 
 def test_a_line_that_has_changed_is_told(tmp_path):
     path = written(tmp_path / "run.csv", reading(0), reading(1))
     path.write_text(path.read_text().replace("0.0001", "0.0003", 1))
-    refused(OutputError, "run.csv, line 2 is damaged: its checksum is wrong", read_log, path)
+    refused(OutputError, "run.csv, line 2 is damaged, or lines before it .*: its checksum is wrong", read_log, path)
 
 
 def test_what_is_no_log(tmp_path):
     for text in ("", "time_s,coil1\n0,1\n", "\x00"):
         (tmp_path / "run.csv").write_text(text)
         refused(OutputError, "run.csv is not a log of a live display", read_log, tmp_path / "run.csv")
-    refused(OutputError, "cannot read the log", read_log, tmp_path / "none.csv")
+    refused(OutputError, "cannot read", read_log, tmp_path / "none.csv")
     refused(OutputError, "cannot write", written, tmp_path / "none" / "run.csv")

@@ -430,12 +430,15 @@ def test_series_as_csv_is_what_locate_reads_and_comes_back_from_netcdf(tmp_path,
     readings = read_readings(str(tmp_path / "run.csv"))
     assert [reading["coil2"] for reading in readings] == series.delta.sel(state="coil2").values.tolist()
     assert [reading["time_s"] for reading in readings] == series.time.values.tolist()
-    lines = series_csv(series).splitlines()
+    lines = series_csv(series).splitlines(keepends=True)
+    assert lines[-1].startswith("# coilarray checksum of 5 lines: ")
     time, _, *others = lines[2].split(",")
-    (tmp_path / "run.csv").write_text("\n".join([*lines[:2], ",".join([time, "0.1", *others]), *lines[3:]]))
-    damaged = read_readings(str(tmp_path / "run.csv"))
-    assert [isinstance(one, LocalizeError) for one in damaged].count(True) == 1
-    assert "its checksum is wrong" in str(next(one for one in damaged if isinstance(one, LocalizeError)))
+    for text, message in (
+        ([*lines[:2], ",".join([time, "0.1", *others]), *lines[3:]], "line 3 is damaged"),
+        (lines[:-1], "is cut"), (lines[:-2] + lines[-1:], "lines at its end are missing"),
+    ):  # fmt: skip
+        (tmp_path / "run.csv").write_text("".join(text))
+        refused(LocalizeError, message, read_readings, str(tmp_path / "run.csv"))
     save_dataset(series, tmp_path / "run.nc")
     xr.testing.assert_identical(load_part(tmp_path / "run.nc").load(), series)
 
