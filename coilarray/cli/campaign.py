@@ -62,7 +62,7 @@ def campaign(
         str | None,
         typer.Option(
             help="What moves the indenter: person, prompted for every position (the default with a real board); or "
-            "a homed G-code machine, grbl:PORT or marlin:PORT, with x and y on the board and z = 0 at contact."
+            "a G-code machine, grbl:PORT or marlin:PORT, with x and y on the board and z = 0 at contact."
         ),
     ] = None,
     reach_mm: Annotated[
@@ -75,6 +75,17 @@ def campaign(
             help="Height over the sheets at which a G-code stage travels and the baselines are measured; 2 by default."
         ),
     ] = None,
+    home: Annotated[
+        bool,
+        typer.Option(
+            "--home",
+            help="Home a G-code stage first, $H of GRBL or G28 of Marlin; needed where it restarts as its port opens.",
+        ),
+    ] = False,
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="Move a G-code stage without asking; not at the first use of its port."),
+    ] = False,
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue even if the self-test fails.")
     ] = False,
@@ -98,6 +109,9 @@ def campaign(
     and coils, since scans alone do not show every fault. Without --port an emulator replaces board and indenter, in
     virtual time, and every line of the output says so.
 
+    A G-code stage begins with a slow move, which a person confirms. One that restarts when its port is opened has
+    forgotten where it is, and is refused without --home.
+
     Example: coilarray campaign gast2020 --out campaign.sqlite --response measured.nc
 
     Example: coilarray campaign --port /dev/ttyACM0 --stage grbl:/dev/ttyUSB0 --reach-mm -30,30,-10,10,1.2 --resume
@@ -118,7 +132,7 @@ def campaign(
     from coilarray.hardware.record.recording import open_recording
     from coilarray.response.coordinates import map_origin
 
-    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, map_origin(opened.indentation))
+    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, map_origin(opened.indentation), home, yes)
     grid = design_campaign(
         opened, x=x, y=y, depths=depths, repeats=repeats, scans=average, dwell=dwell_s, speed=speed_mm_s * 1e-3
     )
@@ -202,7 +216,13 @@ def _positions_in_lines() -> Iterator[Progress]:
 
 
 def _stage_maker(
-    stage: str | None, reach_mm: str | None, clearance_mm: float | None, port: str, origin: tuple[float, float]
+    stage: str | None,
+    reach_mm: str | None,
+    clearance_mm: float | None,
+    port: str,
+    origin: tuple[float, float],
+    home: bool,
+    yes: bool,
 ) -> Callable[[Board], Stage]:
     """Return a function that makes the stage once the board is open; options that do not fit are refused at once."""
     kind, _, stage_port = (stage or _PERSON).partition(":")
@@ -214,10 +234,13 @@ def _stage_maker(
         raise HardwareError("--reach-mm must be given with a G-code stage, and only with one.")
     if clearance_mm is not None and reach_mm is None:
         raise HardwareError("--clearance-mm is for a G-code stage.")
+    for option, given in (("--home", home), ("--yes", yes)):
+        if given and reach_mm is None:
+            raise HardwareError(f"{option} is for a G-code stage.")
     if stage_port == port:
         raise HardwareError(f"--stage and --port must be different ports; got {port} twice.")
     from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
-    from coilarray.hardware.wire.serial_ports import open_serial_port
+    from coilarray.hardware.wire.serial_ports import choose_serial_port, open_serial_port
 
     if reach_mm is None:
         return lambda board: PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
@@ -229,11 +252,30 @@ def _stage_maker(
     if clearance_mm is not None:
         limits = StageLimits(limits.x, limits.y, depth, clearance_mm * 1e-3)
     dialect: Dialect = "marlin" if kind == "marlin" else "grbl"
-    return lambda _: GcodeStage(open_serial_port(stage_port), limits, dialect, origin=origin)
+
+    def made(_: Board) -> Stage:
+        found = choose_serial_port(stage_port)
+        opened = open_serial_port(found.name)
+        confirm = None if yes else _agree
+        return GcodeStage(opened, limits, dialect, confirm=confirm, home=home, identity=str(found), origin=origin)
+
+    return made
 
 
 def _ask(text: str) -> None:
     """Show a text and wait for the Enter key."""
-    typer.echo(f"{text} Then press Enter. ", nl=False, err=True)
-    if not sys.stdin.readline():
+    _answer(f"{text} Then press Enter. ")
+
+
+def _agree(text: str) -> None:
+    """Show a text and wait for a yes; HardwareError for any other answer."""
+    if _answer(f"{text} [y/N] ").strip().lower() not in ("y", "yes"):
+        raise HardwareError("the move of the stage was not confirmed.")
+
+
+def _answer(text: str) -> str:
+    typer.echo(text, nl=False, err=True)
+    answer = sys.stdin.readline()
+    if not answer:
         raise HardwareError("no answer: standard input has ended.")
+    return answer

@@ -1,20 +1,25 @@
 """Stages that move the indenter: a person, a machine that takes G-code over a serial port, or the emulator.
 
 A campaign gives every stage x and y from the map's origin, and a depth that is 0 where the indenter just touches. What
-people see and set is on the board: instructions, limits, and the coordinates of a machine, whose user homes it and sets
-its zero before a campaign.
+people see and set is on the board: instructions, limits, and the coordinates of a machine.
+
+A machine that restarts when its port is opened, as most do, no longer knows where it is. It is not moved before it has
+homed itself. A person confirms its first move, which is slow: only then is it known that its zero is at contact.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from coilarray.errors import HardwareError, shown
+from coilarray.compute.files import make_folder, write_text
+from coilarray.errors import HardwareError, OutputError, shown
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.wire.serial_ports import BytePort
 
@@ -25,9 +30,11 @@ Dialect = Literal["grbl", "marlin"]
 """Firmware of a machine that speaks G-code."""
 
 _TRAVEL = 20e-3  # m/s, of the emulated stage between positions
+_SLOW = 5e-3  # m/s, of the first move of a machine
 _WAIT = {"grbl": "G4 P0.01", "marlin": "M400"}  # answered when all movements before it are over
+_HOME = {"grbl": "$H", "marlin": "G28"}
 _REFUSALS = ("error", "alarm", "!!", "resend")  # begin what GRBL and Marlin say of a line that failed
-_GREETINGS = ("grbl ", "start")  # of a machine that has just started
+_GREETING = re.compile(r"grbl|marlin|for help\]|(start|reset|powerup)$", re.IGNORECASE)  # of one that has just started
 _LONGEST_LINE, _MOST_AT_ONCE = 512, 4096  # bytes that are kept of a line that does not end
 _MOST_BYTES = 65536  # of answers to one line
 _QUIET = 0.3  # s after the greeting, for its last lines
@@ -153,11 +160,20 @@ class StageLimits:
 class GcodeStage:
     """A machine with three axes that speaks G-code in mm, as GRBL and Marlin do; it answers every line by ``ok``.
 
-    The machine must be homed and its work origin set: x and y of the board, z = 0 where the indenter just touches, z
-    upwards. Only ``G21``, ``G90``, ``G0``, ``G1`` and the command that waits for the end of a movement are ever sent.
+    Its work origin must be set: x and y of the board, z = 0 where the indenter just touches, z upwards. Only ``G21``,
+    ``G90``, ``G0``, ``G1``, the command that waits for the end of a movement and, with `home`, that of homing are ever
+    sent. Nothing moves before the first call of `move`, except for homing.
 
     Parameters
     ----------
+    confirm : callable or None
+        Shows a text to a person and returns once the person has agreed; else it raises a HardwareError. It is called
+        before the machine homes, before its first move, which is slow, and after it. None asks nobody, and is allowed
+        for a machine that a person has confirmed before at this computer.
+    home : bool
+        Whether the machine homes itself first: ``$H`` of GRBL, ``G28`` of Marlin.
+    identity : str
+        What tells the machine from others at this computer; the name of the port by default.
     origin : tuple of float
         x and y in m of the map's origin on the board, from which the positions of a campaign count.
     greeting : float
@@ -172,7 +188,8 @@ class GcodeStage:
     Raises
     ------
     HardwareError
-        Another dialect; a machine that does not answer, or refuses. The port is then closed.
+        Another dialect; a machine that does not answer, or refuses; one that has restarted without `home`; `confirm`
+        that is None at the first use of a machine. The port is then closed.
     """
 
     def __init__(
@@ -181,21 +198,36 @@ class GcodeStage:
         limits: StageLimits,
         dialect: Dialect = "grbl",
         *,
+        confirm: Callable[[str], None] | None,
+        home: bool = False,
+        identity: str = "",
         origin: tuple[float, float] = (0.0, 0.0),
         greeting: float = 3.0,
         patience: float = 5.0,
         longest: float = 120.0,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        if dialect not in get_args(Dialect):
-            raise HardwareError(f"the stage must speak {' or '.join(get_args(Dialect))}; got {dialect!r}.")
         self._port, self._limits, self._dialect, self._origin = port, limits, dialect, origin
         self._patience, self._longest, self._now = patience, longest, now
         self._rest = b""  # of a line that has not ended yet
         self._due = 0  # lines that were sent and not answered: more than one after an interrupt
         self._ready = False
+        self._moved = False  # the first, slow move is over, and confirmed
+        self._identity, self._confirm = f"{dialect} {identity or port.name}", confirm
         try:
-            self._pass_greeting(greeting)
+            if dialect not in get_args(Dialect):
+                raise HardwareError(f"the stage must speak {' or '.join(get_args(Dialect))}; got {dialect!r}.")
+            if confirm is None and self._identity not in _confirmed_machines():
+                raise HardwareError(
+                    f"a person must confirm the first move at the first use of the stage at {port.name}; "
+                    "leave out --yes this once."
+                )
+            greeted = self._is_greeted(greeting)
+            if home:
+                self._ask(f"The stage at {port.name} will now home itself with {_HOME[dialect]}.")
+                self._send(_HOME[dialect], longest)
+            elif greeted:
+                raise self._restarted("when its port was opened")
             for line in ("G21", "G90"):
                 self._send(line, 0.0)
         except BaseException:
@@ -220,8 +252,19 @@ class GcodeStage:
         """Lift off and go to a position in m."""
         self.check([GridPlace(0, 0, 0.0, y, x)])
         at_x, at_y = self._on_board(x, y)
-        self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
-        self._go(f"G0 X{_word(at_x)} Y{_word(at_y)}", self._longest)
+        up, across = f"Z{_word(self._limits.clearance)}", f"X{_word(at_x)} Y{_word(at_y)}"
+        if self._moved:
+            self._go(f"G0 {up}", self._longest)
+            self._go(f"G0 {across}", self._longest)
+            return
+        place = f"{_mm(self._limits.clearance)} mm over the contact at x = {_mm(at_x)}, y = {_mm(at_y)} mm on the board"
+        self._ask(f"The stage at {self._port.name} will now go slowly to {place}. Keep a hand at its emergency stop.")
+        for way in (up, across):
+            self._go(f"G1 {way} F{_feed(_SLOW)}", 2 * _FARTHEST / _SLOW)
+        self._ask(f"The indenter must now be {place}: is it there?")
+        self._moved = True
+        if self._confirm is not None:
+            _remember_machine(self._identity)
 
     def indent(self, depth: float, speed: float) -> None:
         """Indent to a depth in m at a speed in m/s."""
@@ -239,8 +282,8 @@ class GcodeStage:
         self._go(f"G1 Z{_word(self._limits.clearance)} F{_feed(speed)}", way / speed)
 
     def retreat(self) -> None:
-        """Lift off. Never raises."""
-        if self._ready:
+        """Lift off, unless nobody has confirmed yet where it is. Never raises."""
+        if self._ready and self._moved:
             with suppress(HardwareError):
                 self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
 
@@ -269,9 +312,20 @@ class GcodeStage:
                     return
             if low.startswith(_REFUSALS):
                 raise self._failed(f"refused {line!r}: {shown(answer)}")
-            if self._ready and low.startswith(_GREETINGS):
-                raise self._failed(f"restarted at {line!r}, so it may not know where it is")
+            if _GREETING.search(answer):
+                raise self._restarted(f"at {line!r}")
         raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
+
+    def _ask(self, text: str) -> None:
+        """Let a person confirm, unless nobody is to be asked."""
+        if self._confirm is not None:
+            self._confirm(text)
+
+    def _restarted(self, when: str) -> HardwareError:
+        return self._failed(
+            f"restarted {when}, so it does not know where it is; --home lets it home itself with "
+            f"{_HOME[self._dialect]} first, for which it needs limit switches"
+        )
 
     def _failed(self, what: str) -> HardwareError:
         self._ready = False  # from now on only its user moves it
@@ -293,13 +347,35 @@ class GcodeStage:
             if taken > _MOST_BYTES:
                 raise self._failed("sends without end; is it really a stage")
 
-    def _pass_greeting(self, seconds: float) -> None:
-        """Discard what the machine says first: many restart when their port is opened."""
-        for answer in self._answers(self._now() + seconds):
-            if answer.lower().startswith(_GREETINGS):
-                break
+    def _is_greeted(self, seconds: float) -> bool:
+        """Whether the machine says that it has started, as most do when their port is opened; take in all of it."""
+        found = any(_GREETING.search(answer) for answer in self._answers(self._now() + seconds))
         for _ in self._answers(self._now() + _QUIET):
             pass
+        return found
+
+
+def _machines_file() -> Path:
+    import platformdirs
+
+    return platformdirs.user_state_path("coilarray", appauthor=False) / "stages.txt"
+
+
+def _confirmed_machines() -> set[str]:
+    """Machines of which a person has confirmed the first move at this computer."""
+    try:
+        return set(_machines_file().read_text(encoding="utf-8").splitlines())
+    except (OSError, UnicodeDecodeError):  # none yet
+        return set()
+
+
+def _remember_machine(identity: str) -> None:
+    """Keep that a person has confirmed the first move of a machine; where that cannot be kept, it is asked again."""
+    path, known = _machines_file(), _confirmed_machines()
+    if identity not in known:
+        with suppress(OutputError):
+            make_folder(path.parent)
+            write_text(path, "".join(f"{one}\n" for one in sorted({*known, identity})))
 
 
 def _within(low: float, value: float, high: float) -> bool:

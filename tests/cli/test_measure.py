@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from support import recorded_boards
+from support import recorded_boards, refusals
 from support.command_line import runner, successes
 
 from coilarray import load_design
@@ -370,6 +370,8 @@ def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
         (["--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--stage and --port must be different"),
         (["--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"], "must be XMIN,XMAX,YMIN,YMAX,DEPTH"),
         (["--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"], "x of a stage must rise"),
+        (["--home", "--port", "COM5"], "--home is for a G-code stage"),
+        (["--yes"], "--yes is for a G-code stage"),
         (["--response", "map.txt"], "--response must end in .nc or .csv"),
         (["--out", "a.nc", "--response", "a.nc"], "--response must be another file than the recording a.nc"),
     ],
@@ -378,6 +380,19 @@ def test_bad_campaigns(board, tmp_path, capsys, monkeypatch, arguments, message)
     monkeypatch.chdir(tmp_path)
     assert message in campaign_refused(capsys, *board, *arguments)
     assert list(tmp_path.iterdir()) == []  # nothing is made
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [("y\n", None), ("Yes\n", None), *[(no, "not confirmed") for no in ("\n", "n\n")], ("", "no answer")],
+)
+def test_a_move_of_the_stage_is_confirmed_by_a_yes_only(capsys, monkeypatch, typed, message):
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+    if message is None:
+        campaign_command._agree("It will move.")
+    else:
+        refusals.refused(HardwareError, message, campaign_command._agree, "It will move.")
+    assert capsys.readouterr().err == "It will move. [y/N] "
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Stages: a person, the emulator's own, and machines that speak G-code, with everything that these answer."""
 
+import math
 import os
 import re
 import threading
@@ -11,6 +12,7 @@ from support.recorded_boards import two_coil_wiring
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.record import stages as module
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
 from coilarray.hardware.wire.serial_ports import open_serial_port
@@ -19,20 +21,22 @@ LIMITS = StageLimits((-30e-3, 30e-3), (-10e-3, 10e-3), 2e-3, 2e-3)
 SPEED = 1.5e-3
 
 
+GREETINGS = {"grbl": b"\r\nGrbl 1.1h ['$' for help]\r\n", "marlin": b"start\necho:Marlin 2.1\n"}
+
+
 class Machine:
     """A `BytePort` with GRBL or Marlin and three axes behind it, on its own time; positions in mm."""
 
     name = "a machine"
 
-    def __init__(self, dialect="grbl", *, greets=True, instead=None):
+    def __init__(self, dialect="grbl", *, greets=False, instead=None):
         self.dialect, self.instead = dialect, instead or {}
         self.time, self.busy_until = 0.0, 0.0
         self.at = {"X": 0.0, "Y": 0.0, "Z": 5.0}
         self.lines, self.path, self.closed = [], [], False
         self._out, self._due = b"", []
         if greets:
-            greeting = {"grbl": b"\r\nGrbl 1.1h ['$' for help]\r\n", "marlin": b"start\necho:Marlin 2.1\n"}
-            self._due = [(0.5, greeting[dialect])]
+            self._due = [(0.5, GREETINGS[dialect] if greets is True else greets)]
 
     def now(self):
         return self.time
@@ -72,6 +76,10 @@ class Machine:
                 self._due.append((self.time, b"echo:busy: processing\n"))
             self._due.append((max(self.busy_until, self.time), b"ok\r\n"))
             return
+        elif line == {"grbl": "$H", "marlin": "G28"}[self.dialect]:
+            self.time += 20.0
+            self.at = {"X": -40.0, "Y": -40.0, "Z": 30.0}
+            self.path.append("home")
         else:
             assert line in ("G21", "G90")
         self._due.append((self.time, b"ok\r\n"))  # understood, not done
@@ -80,8 +88,14 @@ class Machine:
         self.closed = True
 
 
-def stage_of(machine):
-    return GcodeStage(machine, LIMITS, machine.dialect, now=machine.now)
+def stage_of(machine, **options):
+    return GcodeStage(machine, LIMITS, machine.dialect, **{"confirm": lambda text: None, "now": machine.now, **options})
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path, monkeypatch):
+    """No test knows the machines of this computer, or of another test."""
+    monkeypatch.setattr(module, "_machines_file", lambda: tmp_path / "state" / "stages.txt")
 
 
 @pytest.fixture
@@ -91,16 +105,27 @@ def machine():
 
 @pytest.fixture
 def stage(machine):
-    return stage_of(machine)
+    """A stage after its first move, which is slow."""
+    made = stage_of(machine)
+    made.move(0.0, 0.0)
+    machine.path.clear()
+    machine.lines.clear()
+    return made
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "marlin"])
-@pytest.mark.parametrize("greets", [True, False])
-def test_gcode(dialect, greets):
-    machine = Machine(dialect, greets=greets)
-    stage = stage_of(machine)
+@pytest.mark.parametrize("home", [True, False])
+def test_gcode(dialect, home):
+    machine = Machine(dialect, greets=home)
+    stage = stage_of(machine, home=home)
+    assert machine.path == ["home"] * home
+    start = machine.time, dict(machine.at)
     stage.move(-26e-3, 6e-3)
-    assert machine.path == [(0.0, 0.0, 2.0), (-26.0, 6.0, 2.0)]  # lifted first
+    assert machine.path[home:] == [(start[1]["X"], start[1]["Y"], 2.0), (-26.0, 6.0, 2.0)]  # lifted first
+    way = abs(start[1]["Z"] - 2.0) + math.hypot(-26.0 - start[1]["X"], 6.0 - start[1]["Y"])
+    assert machine.time - start[0] == pytest.approx(way / 5.0)  # slowly, at 5 mm/s
+    stage.move(0.0, 0.0)
+    assert machine.lines[-4:-1:2] == ["G0 Z2.0000", "G0 X0.0000 Y0.0000"]  # from now on as fast as it can
     before = machine.time
     stage.indent(1e-3, SPEED)
     assert machine.at["Z"] == -1.0
@@ -111,8 +136,85 @@ def test_gcode(dialect, greets):
     assert machine.time - before == pytest.approx(2 * 3 / 1.5)
     stage.retreat()
     stage.close()
-    assert (machine.closed, machine.lines[:2]) == (True, ["G21", "G90"])
-    assert {line.split()[0] for line in machine.lines} <= {"G21", "G90", "G0", "G1", "G4", "M400"}
+    assert (machine.closed, machine.lines[home : home + 2]) == (True, ["G21", "G90"])
+    assert {line.split()[0] for line in machine.lines[home:]} <= {"G21", "G90", "G0", "G1", "G4", "M400"}
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "marlin"])
+@pytest.mark.parametrize(
+    "greeting",
+    [
+        *GREETINGS.values(), b"\xfe\x00Grbl 1.1f ['$' for help]\n", b"GrblHAL 1.1f ['$' or '$HELP' for help]\n",
+        b"echo: External Reset\n", b"[MSG:'$H'|'$X' to unlock]\nGrbl 3.7 [FluidNC v3.7 (wifi) '$' for help]\n",
+    ],
+)  # fmt: skip
+def test_a_machine_that_restarts_as_its_port_opens_is_not_moved(dialect, greeting):
+    machine = Machine(dialect, greets=greeting)
+    home = {"grbl": r"\$H", "marlin": "G28"}[dialect]
+    told = f"restarted when its port was opened, so it does not know where it is; --home .* {home}"
+    refused(HardwareError, told, stage_of, machine)
+    assert (machine.lines, machine.path, machine.closed) == ([], [], True)
+
+
+def test_a_greeting_that_comes_late_is_one_too():
+    machine = Machine(instead={"G21": GREETINGS["grbl"] + b"ok\n"})
+    refused(HardwareError, "restarted at 'G21'", stage_of, machine)
+    assert machine.path == []
+
+
+def test_a_machine_that_cannot_home_is_not_moved():
+    machine = Machine(greets=True, instead={r"\$H": b"error:5\n"})  # no limit switches
+    refused(HardwareError, r"refused '\$H': 'error:5'", stage_of, machine, home=True)
+    assert (machine.path, machine.closed) == ([], True)
+
+
+def test_a_person_confirms_homing_and_the_first_move(machine):
+    asked = []
+    stage = stage_of(machine, confirm=lambda text: asked.append((text, list(machine.path))), home=True)
+    stage.retreat()
+    assert machine.path == ["home"]  # a retreat is a move
+    stage.move(1e-3, 2e-3)
+    stage.move(3e-3, 2e-3)
+    (home, before), (first, homed), (after, moved) = asked
+    assert "home itself with $H" in home
+    assert "2 mm over the contact at x = 1, y = 2 mm" in first
+    assert "is it there" in after
+    assert (before, homed, len(moved)) == ([], ["home"], 3)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_what_nobody_confirms_is_not_done(number):
+    def confirm(text):
+        asked.append(text)
+        if len(asked) > number:
+            raise HardwareError("not confirmed")
+
+    def moved():
+        stage = stage_of(machine, confirm=confirm, home=True)
+        try:
+            stage.move(1e-3, 2e-3)
+        finally:
+            stage.retreat()
+
+    machine, asked = Machine(greets=True), []
+    refused(HardwareError, "not confirmed", moved)
+    assert len(machine.path) == (0, 1, 3)[number]  # homed, and moved twice
+    refused(HardwareError, "a person must confirm the first move", stage_of, Machine(), confirm=None)
+
+
+def test_nobody_is_asked_where_a_person_has_confirmed_before(tmp_path):
+    known = {"identity": "/dev/ttyUSB0 1A86:7523"}
+    refused(HardwareError, "leave out --yes this once", stage_of, Machine(), confirm=None, **known)
+    stage_of(Machine(), **known).move(0.0, 0.0)
+    machine = Machine()
+    stage_of(machine, confirm=None, **known).move(0.0, 0.0)
+    assert [line[:2] for line in machine.lines[2::2]] == ["G1", "G1"]  # slow all the same
+    for other in ({"identity": "/dev/ttyUSB0 0403:6001"}, {}):
+        refused(HardwareError, "first use", stage_of, Machine(), confirm=None, **other)
+    refused(HardwareError, "first use", stage_of, Machine("marlin"), confirm=None, **known)
+    refused(HardwareError, "restarted when", stage_of, Machine(greets=True), confirm=None, **known)
+    (tmp_path / "state" / "stages.txt").write_bytes(b"\xff")
+    refused(HardwareError, "first use", stage_of, Machine(), confirm=None, **known)
 
 
 @pytest.mark.parametrize(
@@ -120,14 +222,14 @@ def test_gcode(dialect, greets):
     [
         ("G21", b"error:9\n", "refused 'G21': 'error:9'"),
         ("G90", b"", "did not answer 'G90' within 5 s"),
-        ("G0 Z", b"ALARM:2\n", "refused 'G0 Z2.0000': 'ALARM:2'"),
-        ("G0 X", b"Error:Printer halted. kill() called!\n", "refused 'G0 X"),
-        ("G0 X", b"Resend: 12\n", "refused 'G0 X"),
-        ("G4", b"Grbl 1.1h ['$' for help]\n", "restarted at 'G4 P0.01', so it may not know where it is"),
-        ("G4", b"", "did not answer 'G4 P0.01' within 125 s"),
-        ("G0 X", b"x" * 100_000, "sends without end"),
-        ("G0 X", b"[MSG:hello]\n" * 10_000, "sends without end"),
-        ("G0 X", b"\xff\xfe okay\n", "did not answer"),
+        ("G1 Z", b"ALARM:2\n", "refused 'G1 Z2.0000 F300.00': 'ALARM:2'"),
+        ("G1 X", b"Error:Printer halted. kill() called!\n", "refused 'G1 X"),
+        ("G1 X", b"Resend: 12\n", "refused 'G1 X"),
+        ("G4", b"Grbl 1.1h ['$' for help]\n", "restarted at 'G4 P0.01', so it does not know where it is"),
+        ("G4", b"", "did not answer 'G4 P0.01' within 405 s"),
+        ("G1 X", b"x" * 100_000, "sends without end"),
+        ("G1 X", b"[MSG:hello]\n" * 10_000, "sends without end"),
+        ("G1 X", b"\xff\xfe okay\n", "did not answer"),
     ],
 )
 def test_what_a_machine_may_say(line, reply, message):
@@ -201,7 +303,7 @@ def test_out_of_reach(machine, stage, place):
 
 
 def test_limits_and_machine_count_on_the_board(machine):
-    stage = GcodeStage(machine, LIMITS, now=machine.now, origin=(-20.1e-3, 3e-3))
+    stage = stage_of(machine, origin=(-20.1e-3, 3e-3))
     stage.move(50.1e-3, -13e-3)  # the corner, to rounding
     assert machine.path[-1] == (30.0, -10.0, 2.0)
     refused(HardwareError, "the campaign goes to x = -30.1, y = 3, depth 0 mm", stage.move, -10e-3, 0.0)
@@ -228,7 +330,16 @@ def test_wrong_reach(arguments, message):
 
 
 def test_wrong_dialect(machine):
-    refused(HardwareError, "the stage must speak grbl or marlin; got 'klipper'", GcodeStage, machine, LIMITS, "klipper")
+    refused(
+        HardwareError,
+        "the stage must speak grbl or marlin; got 'klipper'",
+        GcodeStage,
+        machine,
+        LIMITS,
+        "klipper",
+        confirm=None,
+    )
+    assert machine.closed
 
 
 @pytest.mark.slow
@@ -248,14 +359,14 @@ def test_gcode_over_a_real_port():
     thread = threading.Thread(target=machine, daemon=True)
     thread.start()
     port = open_serial_port(os.ttyname(theirs))
-    stage = GcodeStage(port, LIMITS, "marlin", greeting=0.05, patience=PATIENCE)
+    stage = GcodeStage(port, LIMITS, "marlin", confirm=lambda text: None, greeting=0.05, patience=PATIENCE)
     stage.move(1e-3, 2e-3)
     port.write(b"stop\n")
     thread.join(PATIENCE)
     stage.close()
     for end in (ours, theirs):
         os.close(end)
-    assert lines == ["G21", "G90", "G0 Z2.0000", "M400", "G0 X1.0000 Y2.0000", "M400", "stop"]
+    assert lines == ["G21", "G90", "G1 Z2.0000 F300.00", "M400", "G1 X1.0000 Y2.0000 F300.00", "M400", "stop"]
 
 
 def test_person():
