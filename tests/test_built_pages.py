@@ -50,6 +50,7 @@ def test_no_page_scrolls_sideways_links_look_like_links_and_programs_are_as_they
         opened.goto(path.as_uri())
         for width in (400, 1400):
             opened.set_viewport_size({"width": width, "height": 900})
+            opened.evaluate(browser.TWO_FRAMES)
             if found := opened.evaluate(_SIDEWAYS):
                 wrong[f"{path.relative_to(BUILT)} at {width}"] = found
         if found := opened.evaluate(_LIKE_TEXT):

@@ -110,12 +110,11 @@ def test_every_worker_computes_with_one_thread(pool, monkeypatch):
 
 
 @pytest.mark.slow
-def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks():
+def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks(tmp_path):
     with closing(LocalPool(4)) as pool:
         assert len({pid for _, pid in pool.run(tasks.nap, [0.0])}) == 1
         assert len(pool._workers) == 1
-        # long enough for the second process to start while the first one is busy
-        both = {pid for _, pid in pool.run(tasks.nap, [1.0, 1.0])}
+        both = {pid for _, pid in pool.run(tasks.meet, [(tmp_path, 2)] * 2)}
         assert len(both) == len(pool._workers) == 2
     assert os.getpid() not in both
     wait_until_gone(both)
@@ -142,10 +141,10 @@ def test_a_task_that_ends_every_process_ends_the_run(local):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [None, KeyError])
-def test_processes_end_with_the_block_whatever_they_do(error):
+def test_processes_end_with_the_block_whatever_they_do(error, tmp_path):
     # the naps are longer; a closed connection ends them in milliseconds
     with lasting(LONG / 2), suppress(KeyError), workers(2) as pool:
-        pids = {pid for _, pid in pool.run(tasks.nap, [0.5, 0.5])}
+        pids = {pid for _, pid in pool.run(tasks.meet, [(tmp_path, 2)] * 2)}
         pool.submit(0, tasks.nap, LONG)
         pool.submit(1, tasks.nap, LONG)
         time.sleep(0.1)
@@ -157,19 +156,20 @@ def test_processes_end_with_the_block_whatever_they_do(error):
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
 SCRIPT = """
+import sys
 from support import worker_tasks as tasks
 from coilarray.compute.workers import workers
 with workers(2) as pool:
-    print(*{pid for _, pid in pool.run(tasks.nap, [0.5, 0.5])}, flush=True)
+    print(*{pid for _, pid in pool.run(tasks.meet, [(sys.argv[1], 2)] * 2)}, flush=True)
     list(pool.run(tasks.nap, [120.0] * 4))
 """
 
 
 @pytest.fixture
-def running():
+def running(tmp_path):
     """A process of its own with two workers that are busy, in a process group of their own as in a terminal."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    command = [sys.executable, "-c", SCRIPT]
+    command = [sys.executable, "-c", SCRIPT, str(tmp_path)]
     with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, **pipes) as process:
         pids = [int(pid) for pid in process.stdout.readline().split()]
         try:
@@ -203,7 +203,7 @@ def test_workers_end_with_the_process_that_started_them_even_where_that_is_kille
 def test_a_script_without_the_guard_is_told_of_it(tmp_path):
     script = tmp_path / "unguarded.py"
     script.write_text(SCRIPT, encoding="utf-8")
-    command, pipes = [sys.executable, str(script)], {"capture_output": True, "text": True}
+    command, pipes = [sys.executable, str(script), str(tmp_path)], {"capture_output": True, "text": True}
     done = subprocess.run(command, env=ENVIRONMENT, timeout=PATIENCE, check=False, **pipes)
     assert done.returncode == 1
     # Python's own resource tracker may have a word after it, as the processes were lost

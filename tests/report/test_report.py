@@ -548,19 +548,19 @@ def test_the_board_is_turned_in_the_page(made):
         page.set_viewport_size({"width": 1000, "height": 900})
         page.goto(made.page.as_uri())
         page.click("#turn button")
-        assert not page.locator("#board").is_visible()
+        browser.expect(page.locator("#board")).to_be_hidden()
         scene = page.frame_locator("iframe")
         scene.locator("canvas").wait_for()
-        assert scene.get_by_text("copper L4").count() == 1
+        browser.expect(scene.get_by_text("copper L4")).to_have_count(1)
         frame = page.locator("iframe")
         until(lambda: np.ptp(imread(io.BytesIO(frame.screenshot()))[200:500, 500:900, 0]) > 0.2)  # else it is all white
         page.emulate_media(media="print")
-        assert not frame.is_visible()
-        assert page.locator("#board").is_visible()
+        browser.expect(frame).to_be_hidden()
+        browser.expect(page.locator("#board")).to_be_visible()
         page.emulate_media(media="screen")
         page.click("#turn button")
-        assert frame.count() == 0
-        assert page.locator("#board").is_visible()
+        browser.expect(frame).to_have_count(0)
+        browser.expect(page.locator("#board")).to_be_visible()
 
 
 @pytest.mark.usefixtures("without_trame_vtk")

@@ -36,6 +36,9 @@ _SLOW = 600.0  # s
 _TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may be busy
 SIZE = {"width": 1280, "height": 760}
 
+TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+"""What a page evaluates to be drawn anew, twice."""
+
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 """Options of `launched` for scenes: test machines have no graphics card."""
 
@@ -148,6 +151,14 @@ def profile(browser, **options):
     context = browser.new_context(**options)
     context.set_default_timeout(_TIMEOUT)
     return context
+
+
+def expect(part):
+    """Playwright's expectations of a part of a page or a page, which wait until they hold; they have time."""
+    from playwright.sync_api import expect as expectations
+
+    expectations.set_options(timeout=_TIMEOUT)
+    return expectations(part)
 
 
 class Opened:

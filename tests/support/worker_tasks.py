@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_info
 
 from coilarray.compute.threads import cores
 from coilarray.errors import GoalError, MissingDependencyError
+from support.patience import until
 
 
 def square(x):
@@ -19,6 +20,14 @@ def square(x):
 def nap(seconds):
     """Sleep; return the process."""
     time.sleep(seconds)
+    return os.getpid()
+
+
+def meet(place):
+    """Wait until a number of processes are in a folder, each with this task; return the process."""
+    folder, count = place
+    Path(folder, str(os.getpid())).touch()
+    until(lambda: len(list(Path(folder).iterdir())) >= count)
     return os.getpid()
 
 

@@ -9,6 +9,8 @@ import pytest
 import pyvista
 from PIL import Image
 from support import browser
+from support.browser import expect
+from support.patience import until
 
 from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import NO_RENDERING
@@ -96,9 +98,21 @@ def colour_at(page, point):
     return pixels(page)[round(row), round(column)].tolist()
 
 
-def settled(page):
-    """Wait until what was asked for is drawn."""
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+def shows(page, point, colour):
+    """Wait until a point has its colour, to a step or two of 256."""
+    until(lambda: np.abs(np.subtract(colour_at(page, point), colour)).max() <= 3)
+
+
+def middle(page, text):
+    """Column and row of the middle of a word."""
+    box = page.locator(".words span", has_text=text).bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def words_on(page):
+    """The words that can be seen."""
+    spans = page.locator(".words span")
+    return {spans.nth(k).inner_text() for k in range(spans.count()) if spans.nth(k).is_visible()}
 
 
 def test_it_asks_no_host_for_anything(opened):
@@ -113,71 +127,62 @@ def test_it_asks_no_host_for_anything(opened):
 
 def test_every_mesh_is_where_it_belongs_in_its_colour(page):
     for point, colour in (((3, 2), GREEN), ((15, 5), RED), ((5, 5), BLUE), ((5, 5.1), BLUE)):
-        assert np.abs(np.subtract(colour_at(page, point), colour)).max() <= 3, point
+        shows(page, point, colour)
     assert colour_at(page, (21, 5)) == [255, 255, 255]
     middle = Scale("v", "v", "V", 0.0, 1.0, "coolwarm").colours_of([0.5])[0]
-    assert np.abs(np.subtract(colour_at(page, (26, 5)), middle)).max() <= 3
+    shows(page, (26, 5), middle)
     canvas = pixels(page)
     assert (canvas.std(axis=2) > 20).mean() > 0.05  # the plates fill a seventh of what legend and bar leave
 
 
 def test_words_stand_over_their_places_and_on_no_others(page):
     for text, point in (("left", (0, 0)), ("right & up", (20, 10))):
-        box = page.locator(".words span", has_text=text).bounding_box()
-        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        np.testing.assert_allclose(middle, where(page, point), atol=1.0)
+        until(lambda text=text, point=point: np.abs(np.subtract(middle(page, text), where(page, point))).max() < 1.0)
     # and go with them
+    above = middle(page, "left")
     page.click("button[data-side=right]")
-    settled(page)
-    away = page.locator(".words span", has_text="left").bounding_box()
+    until(lambda: middle(page, "left") != above)
     page.click("button[data-side=top]")
-    settled(page)
-    assert page.locator(".words span", has_text="left").bounding_box() != away
-    seen = {}
-    for side in ("front", "right", "top"):
-        page.click(f"button[data-side={side}]")
-        settled(page)
-        spans = page.locator(".words span")
-        seen[side] = {spans.nth(k).inner_text() for k in range(spans.count()) if spans.nth(k).is_visible()}
-    assert seen["top"] == {"left", "right & up", "above"}
-    assert seen["front"] == {"left", "right & up", "behind"}
-    assert "above" in seen["right"]
+    until(lambda: middle(page, "left") == above)
+    page.click("button[data-side=front]")
+    until(lambda: words_on(page) == {"left", "right & up", "behind"})
+    page.click("button[data-side=right]")
+    until(lambda: "above" in words_on(page))
+    page.click("button[data-side=top]")
+    until(lambda: words_on(page) == {"left", "right & up", "above"})
 
 
 def test_switches_hide_and_show_their_group(page):
     box = page.get_by_label("upper <b>")
     box.uncheck()
-    settled(page)
-    assert np.abs(np.subtract(colour_at(page, (15, 5)), GREEN)).max() <= 3
-    assert np.abs(np.subtract(colour_at(page, (5, 5)), GREEN)).max() <= 3
-    assert not page.locator(".words span", has_text="right & up").is_visible()
-    assert page.locator(".words span", has_text="left").is_visible()
+    shows(page, (15, 5), GREEN)
+    shows(page, (5, 5), GREEN)
+    expect(page.locator(".words span", has_text="right & up")).to_be_hidden()
+    expect(page.locator(".words span", has_text="left")).to_be_visible()
     box.check()
-    settled(page)
-    assert np.abs(np.subtract(colour_at(page, (15, 5)), RED)).max() <= 3
-    assert page.locator(".words span", has_text="right & up").is_visible()
+    shows(page, (15, 5), RED)
+    expect(page.locator(".words span", has_text="right & up")).to_be_visible()
 
 
 def test_a_slider_shows_the_parts_and_lines_of_one_position(page):
     slider = page.get_by_label("distance")
     for step, blue, red, lines in ((1, (12, 9), (18, 9), 2), (0, (18, 9), (12, 9), 3)):
         slider.fill(str(step))
-        settled(page)
-        assert np.abs(np.subtract(colour_at(page, blue), BLUE)).max() <= 3
-        assert np.abs(np.subtract(colour_at(page, red), RED)).max() <= 3
-        assert len(page.locator(".notes").inner_text().splitlines()) == lines
-        assert page.locator(".slider span").inner_text() == f"distance: {step + 1} mm"
+        shows(page, blue, BLUE)
+        shows(page, red, RED)
+        until(lambda lines=lines: len(page.locator(".notes").inner_text().splitlines()) == lines)
+        expect(page.locator(".slider span")).to_have_text(f"distance: {step + 1} mm")
 
 
 def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
-    assert page.title() == "six <coils>"
-    assert page.locator(".panel h1").inner_text() == "six <coils>"
-    assert [one.strip() for one in page.locator(".panel label").all_inner_texts()] == ["plate", "upper <b>"]
+    expect(page).to_have_title("six <coils>")
+    expect(page.locator(".panel h1")).to_have_text("six <coils>")
+    expect(page.locator(".panel label")).to_have_text(["plate", "upper <b>"])
     swatch = page.locator(".panel i").nth(1).evaluate("(one) => getComputedStyle(one).backgroundColor")
     assert swatch == "rgb(213, 0, 0)"
-    assert page.locator("figcaption").all_inner_texts() == ["voltage (mV)"]
-    assert page.locator(".bars b").all_inner_texts() == ["0", "1", "2", "3", "4"]
-    assert page.locator(".notes").inner_text().splitlines() == ["first note", "a < b", "it is <near>"]
+    expect(page.locator("figcaption")).to_have_text(["voltage (mV)"])
+    expect(page.locator(".bars b")).to_have_text(["0", "1", "2", "3", "4"])
+    until(lambda: page.locator(".notes").inner_text().splitlines() == ["first note", "a < b", "it is <near>"])
     for selector in (".panel", ".bars", ".notes"):
         box = page.locator(selector).bounding_box()
         assert min(box["x"], box["y"]) >= 0
