@@ -116,15 +116,16 @@ def operating_field(
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
     conductors = design.array.conductors()
-    in_phase, quadrature = (
-        magnetic_field(conductors, points, part, progress=progress and _half(progress, k))
-        for k, part in enumerate((currents.real, currents.imag))
-    )
     if endless:
         frequency = float(coupling.frequency.sel(coil=active))
         along, across, up = (np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z))
         beside = plate_field(conductors, currents, endless, frequency, along, across, up)
-        in_phase, quadrature = in_phase + beside.real, quadrature + beside.imag
+        in_phase, quadrature = beside.real, beside.imag
+    else:
+        in_phase, quadrature = (
+            magnetic_field(conductors, points, part, progress=progress and _half(progress, k))
+            for k, part in enumerate((currents.real, currents.imag))
+        )
     dims = ("x", "y", "z", "component")
     axes = {
         name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})

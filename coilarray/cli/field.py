@@ -36,6 +36,12 @@ def field(
     spacing_mm: Annotated[float, _SPACING] = 0.5,
     current_mA: Annotated[float, typer.Option("--current-mA", help="Current in that coil.")] = 1.0,
     others_open: shared.OthersOpen = False,
+    distance_mm: Annotated[
+        float | None,
+        shared.number_option(
+            ("--distance-mm",), shared.SMALLEST_MM, shared.LONGEST_MM, "Distance of an infinite target; without it."
+        ),
+    ] = None,
     large: Annotated[
         bool, typer.Option("--large", help="Write block by block (.nc), for more points than fit into memory.")
     ] = False,
@@ -48,9 +54,10 @@ def field(
 ) -> None:
     """Write the magnetic field over the board.
 
-    Computes B on a plane or in a volume while one coil is measured, in free space or beside the design's plates, and
-    writes it as netCDF or VTK. Magnetic sheets change only the currents. Traces are taken as thin wires along their
-    middle lines, so that B is not that of the trace nearer to it than its width.
+    Computes B on a plane or in a volume while one coil is measured, in free space or beside the design's infinite
+    plates, and writes it as netCDF or VTK. Of a target it is only with --distance-mm. Magnetic sheets change only the
+    currents. Traces are taken as thin wires along their middle lines, so that B is not that of the trace nearer to it
+    than its width.
 
     With --large the file is written block by block, by local processes or a cluster; after an interruption the same
     command resumes from the folder FILE.parts.
@@ -77,6 +84,10 @@ def field(
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
     axes = _axes(opened, heights, spacing_mm, large=large)
+    if distance_mm is not None:
+        from coilarray.response.target import with_target_as_plate
+
+        opened = with_target_as_plate(opened, (0.0, 0.0), distance_mm * 1e-3)
     setting = {"current": current_mA * 1e-3, "terminated": not others_open}
     coupling = couple_design(opened)
     if large and out is not None:
@@ -86,11 +97,12 @@ def field(
     shape = [len(axis) for axis in axes]
     data = {
         **shared.design_record(opened), "file": out and str(out), "coil": active,
-        "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3, "shape": shape,
-        "peak_Bz_T": peak,
+        "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3,
+        "target_distance_m": distance_mm and distance_mm * 1e-3, "shape": shape, "peak_Bz_T": peak,
     }  # fmt: skip
     points = " × ".join(map(str, shape))
-    line = f"wrote {out}: {points} points, {active} active, largest |B_z| {peak * 1e6:.4g} µT"
+    without = "" if opened.target is None else ", without the target"
+    line = f"wrote {out}: {points} points, {active} active{without}, largest |B_z| {peak * 1e6:.4g} µT"
     shared.print_result(data, as_json=as_json, lines=[line])
 
 

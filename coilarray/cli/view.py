@@ -105,8 +105,8 @@ def view(
 ) -> None:
     """Show a design in three dimensions.
 
-    Opens a window, or writes a picture, a film, a page or files for ParaView. B is that of the coils in free space or
-    beside the plates, in phase with the current.
+    Opens a window, or writes a picture, a film, a page or files for ParaView. B is in phase with the current, in free
+    space or beside infinite plates; the target that is shown with it is one of them, at one distance.
 
     Example: coilarray view gast2020 --screenshot board.png
 

@@ -23,14 +23,16 @@ from coilarray.electromagnetics.coil_spectrum import (
     mirrored_segments,
     segment_spectra,
 )
+from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.electromagnetics.flat_stack import Layer, LayerWaves, layer_waves, with_gaps
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
-from coilarray.electromagnetics.source import Source
+from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import MetalError
 from coilarray.geometry import Plate, Sheet
 
 _DECAYS = 12.0  # of the fields at the highest wavenumber, which is left out: 6e-6
 _MOST_WAVENUMBERS = 1500
+_TOGETHER = 1e-9  # distance of the ends of a closed path at most, over its size
 _PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 µm
 
 
@@ -141,7 +143,7 @@ def plate_field(
     z: FloatArray,
     sheets: Sequence[Sheet] = (),
 ) -> ComplexArray:
-    """Change of B by infinite plates and by magnetic sheets, against the coils in free space.
+    """B of coils between infinite plates and magnetic sheets, also inside and behind these.
 
     Parameters
     ----------
@@ -153,14 +155,21 @@ def plate_field(
     Returns
     -------
     ndarray of complex, shape (nx, ny, nz, 3)
-        Flux density in T, also inside the plates.
+        Flux density in T.
 
     Raises
     ------
     MetalError
         A height beside the copper.
+
+    Notes
+    -----
+    Before the first plate or sheet the waves that come back are added to the field of the coils, which is exact. From
+    there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. Coils whose
+    ends lie apart are closed by a straight line between them.
     """
-    segments = coil_segments(source)
+    paths = as_conductors(source)
+    segments = coil_segments(paths)
     points = np.concatenate([one.start for one in segments])
     lowest = float(points[:, 2].min())
     beside = z[(z <= 0) & (z >= lowest)]
@@ -175,21 +184,29 @@ def plate_field(
         _least_way(*((up, down) if height > 0 else (down, up)), away)
         for height, away in zip(z.tolist(), beyond.tolist(), strict=True)
     ]
+    before = beyond < np.where(z > 0, _gap(up), _gap(down))
     k, weights = _rule(_extent(points, x, y), _DECAYS / min(ways))
     waves = _waves(segments, currents, plates, sheets, lowest, k, frequency)
     found = np.zeros((len(x), len(y), len(z), 3), dtype=np.complex128)
+    if before.any():
+        corners = [path.vertices for path in paths]
+        apart = [float(np.linalg.norm(one[-1] - one[0])) > _TOGETHER * float(np.ptp(one)) for one in corners]
+        closed = [np.vstack((one, one[:1])) if open_ else one for one, open_ in zip(corners, apart, strict=True)]
+        places, amount = grid_points(x, y, z[before]), np.asarray(currents, dtype=np.complex128)
+        parts = [magnetic_field(closed, places, part) for part in (amount.real, amount.imag)]
+        found[:, :, before] = parts[0] + 1j * parts[1]
     for above, side in ((True, waves.up), (False, waves.down)):
         heights = np.flatnonzero(z > 0 if above else z < 0)
         if not heights.size:
             continue
         b, rise = np.moveaxis(np.array([side.at(float(beyond[n])) for n in heights]), 1, 0)
-        free = np.exp(-np.outer(beyond[heights], k))
+        free = np.where(before[heights, None], np.exp(-np.outer(beyond[heights], k)), 0.0)
         sign = 1.0 if above else -1.0  # of the derivative over z
         B = _on_grid(
             waves, above, sign * MU_0 * rise / k, MU_0 * k * b, x, y, weights,
             free=(-sign * MU_0 * free, MU_0 * k * free),
         )  # fmt: skip
-        found[:, :, heights] = np.moveaxis(B, (0, 1), (3, 2))
+        found[:, :, heights] += np.moveaxis(B, (0, 1), (3, 2))
     return found
 
 

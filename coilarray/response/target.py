@@ -25,7 +25,7 @@ from coilarray.design.bundled import names_with
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
-from coilarray.geometry import FinitePlate, Target
+from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
 from coilarray.metal.surface_impedance import ModelError
@@ -59,6 +59,23 @@ def target_of(design: Design) -> Target:
             f"that have one are {bundled}."
         )
     return design.target
+
+
+def with_target_as_plate(design: Design, place: tuple[float, float], distance: float) -> Design:
+    """Return a design in whose plates its target is one, over a place on the board at a distance, all in m.
+
+    MetalError for a sphere, which is no plate.
+    """
+    target = target_of(design)
+    height = target.height(design.top, distance)
+    if isinstance(target.body, Plate):
+        body: Plate | FinitePlate = replace(target.body, z=height)
+    elif isinstance(target.body, FinitePlate):
+        body = replace(target.body, centre=(*place, height))
+    else:
+        raise MetalError(f"B beside a sphere is not computed; the target of {design.name} is one: leave it out.")
+    require_apart(body, design.plates)
+    return replace(design, plates=(*design.plates, body), target=None)
 
 
 def target_map(

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from coilarray import load_design
+from coilarray.design.vary import vary
 from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Ring, Target
 from coilarray.geometry.solids import plate_solid
 from coilarray.response.target import target_map
+from coilarray.viz.datasets.field import field_lines
 from coilarray.viz.datasets.metal import EDDY, EDDY_AMOUNT
+from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.eddies import WorkingPoint, eddies_of_plates
 from coilarray.viz.scenes.metal import around_board
 from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_design
@@ -145,3 +148,54 @@ def test_what_is_not_there_is_refused(design):
     disc = FinitePlate("coin", Disc(5e-3), (0.0, 0.0, -9e-3), 1e-3, ALUMINIUM)
     with pytest.raises(MetalError, match="B beside a plate with an outline is not computed; starter has 'coin'"):
         scene_of_design(replace(bare, plates=(disc,)), View(show=("field",)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("metal", ["plate above", "plate below", "target"])
+def test_lines_of_b_go_along_metal_and_end_only_at_the_box(metal, monkeypatch):
+    one = vary(load_design("starter"), {"array.columns": 1, "coils.hexagon.turns_per_layer": 4})
+    bare = replace(one, sheets=(), indentation=None)
+    plate = Plate("shield", -6e-3 if metal == "plate below" else 2.5e-3, 2e-3, ALUMINIUM)
+    target = Target(replace(plate, name="target"), (2.5e-3, 5e-3), (0.0,), (0.0,))
+    design = replace(bare, target=target) if metal == "target" else replace(bare, plates=(plate,))
+    followed = []
+
+    def watched(grid, seeds):
+        followed.append((grid, field_lines(grid, seeds)))
+        return followed[0][1]
+
+    monkeypatch.setattr(overlays, "field_lines", watched)
+    shown = View(show=("target" if metal == "target" else "plates", "lines"), others_open=True)
+    scene = scene_of_design(design, shown)
+    (grid, lines) = followed[0]
+    words = "the target at 2.5 mm" if metal == "target" else "the plates"
+    assert any(f"beside {words}" in note for note in scene.notes)
+    assert scene.slider is None or len(scene.slider.labels) == 1  # what is shown is for this distance
+    low, high = np.reshape(grid.bounds, (3, 2)).T
+    inside = np.array(plate.heights) * 1e3
+    skin = ALUMINIUM.skin_depth(2e6) * 1e3  # mm; the coil oscillates at more
+    assert lines.n_cells == 30
+    for k in range(lines.n_cells):
+        points = np.asarray(lines.get_cell(k).points)
+        depth = points[:, 2] - inside[0] if metal != "plate below" else inside[1] - points[:, 2]
+        assert (
+            depth.max() < 5 * skin
+        )  # a hundredth of a hundredth of its flux goes deeper: B_z there over that at the coil
+        ends = points[[0, -1]]
+        at_box = (np.minimum(ends - low, high - ends) < 0.5).any(axis=1)  # half a cell
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        back = np.linalg.norm(ends[1] - ends[0]) < 0.2 * length
+        assert back or at_box.all()
+
+
+def test_b_beside_metal_that_is_not_computed_is_refused_by_name(design):
+    linear = load_design("linear_position")
+    with pytest.raises(
+        MetalError, match="B beside a plate with an outline is not computed; linear_position has 'target'"
+    ):
+        scene_of_design(linear, View(show=("board", "target", "lines")))
+    with pytest.raises(MetalError, match="B beside a sphere is not computed; the target of starter is one"):
+        scene_of_design(design, View(show=("target", "field")))
+    pressed = replace(design.indentation, material=ALUMINIUM)
+    with pytest.raises(MetalError, match="B beside an indenter of metal or ferrite is not computed"):
+        scene_of_design(replace(design, target=None, indentation=pressed), View(show=("dent", "surfaces")))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
@@ -25,6 +24,7 @@ MOST_MEMORY = 1e9
 _BYTES_A_POINT = 220.0  # measured maximum: 110 in a box, 170 to 220 on planes, which are drawn
 _LONGEST_LINE = 8.0  # length in diagonals of the grid
 _LINE_STEP = 0.25  # distance between points of a line, in cells
+_BACK = 0.6  # distance from its seed of a line that has come round, over the largest that it had
 
 
 def require_memory(points: int, what: str) -> None:
@@ -166,7 +166,7 @@ def arrows_at(
 
 
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
-    """Follow B in both directions from some points, until a line leaves the grid or has turned once around.
+    """Follow B in both directions from some points, until a line leaves the grid or has come round once.
 
     Parameters
     ----------
@@ -178,8 +178,8 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
     Returns
     -------
     pyvista.PolyData
-        In mm; one polyline per seed with the point array ``"|B| (T)"``; a closed line begins at its seed. Empty where
-        there is no field.
+        In mm; one polyline per seed with the point array ``"|B| (T)"``; a closed line begins at its seed and ends where
+        it comes back through the plane across B there. Empty where there is no field.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -188,11 +188,11 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
     lines, amounts = [], []
     for seed in sorted(along.keys() | against.keys()):
         line, amount = along.get(seed, _NOWHERE)
-        if _first_round(line) == len(line):
+        end = _first_round(line)
+        if end is None:
             before, amount_before = against.get(seed, _NOWHERE)
             line = np.vstack((before[:0:-1], line))
             amount = np.concatenate((amount_before[:0:-1], amount))
-        end = _first_round(line)
         lines.append(line[:end])
         amounts.append(amount[:end])
     if not lines:
@@ -225,9 +225,17 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
     """Return indices of an ascending axis whose values are at least a distance apart, centred as far as possible."""
-    step = max(1, math.ceil(distance / np.diff(axis).min() * (1 - 1e-9))) if len(axis) > 1 else 1
-    first = (len(axis) - 1) % step // 2
-    return list(range(first, len(axis), step))
+    kept = _apart(axis, 0, distance)
+    return _apart(axis, (len(axis) - 1 - kept[-1]) // 2, distance)
+
+
+def _apart(axis: npt.NDArray[np.float64], first: int, distance: float) -> list[int]:
+    """Return indices from the `first` on, each the next one whose value is at least a distance away."""
+    kept = [first]
+    for k in range(first + 1, len(axis)):
+        if axis[k] - axis[kept[-1]] >= distance * (1 - 1e-9):
+            kept.append(k)
+    return kept
 
 
 _Line = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -252,9 +260,12 @@ def _followed(
     return {seed: (points[at], amounts[at]) for seed, at in cells.items() if len(at) > 1}
 
 
-def _first_round(line: npt.NDArray[np.float64]) -> int:
-    """Count the points until a line has turned once around; all of them where it has not."""
-    steps = np.diff(line, axis=0)
-    steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), np.finfo(float).tiny)
-    turned = np.cumsum(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0)))  # rad, at each corner
-    return min(int(np.searchsorted(turned, 2 * np.pi)) + 2, len(line))
+def _first_round(line: npt.NDArray[np.float64]) -> int | None:
+    """Count the points until a line comes back to its seed, through the plane across it; None where it does not."""
+    if len(line) < 2:
+        return None
+    away = line - line[0]
+    ahead, distance = away @ away[1] >= 0, np.linalg.norm(away, axis=1)
+    near = distance < _BACK * np.maximum.accumulate(distance)
+    back = np.flatnonzero(ahead[1:] & ~ahead[:-1] & near[1:])
+    return int(back[0]) + 2 if back.size else None

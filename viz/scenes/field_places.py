@@ -15,6 +15,8 @@ from coilarray.geometry.array import CoilArray
 Axes = tuple[FloatArray, FloatArray, FloatArray]
 
 _WIDE, _TALL = 2.2, 1.6  # half sides of the box along and across the board, in radii of the coil
+_IN_SKIN = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # depths in skin depths
+_OFF = 1e-8  # m between a face of a plate and a point on either side of it, where B along it may jump
 _RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # rings of seeds: radius in inner radii, and number of seeds
 
 
@@ -74,14 +76,33 @@ def points_of_box(design: Design, box: Spans) -> Axes:
     return x.points, y.points, np.concatenate((below, above))
 
 
+def beside_faces(design: Design, heights: FloatArray, frequency: float) -> FloatArray:
+    """Return heights in m and others at the faces of infinite plates between them and in their skin, all ascending.
+
+    Below its face the field of a plate changes over a skin depth, at a frequency in Hz; between two points of a grid
+    it would go on into the metal.
+    """
+    found = [heights]
+    for plate in design.plates:
+        skin = plate.material.skin_depth(frequency)
+        depths = np.array([0.0, *(share * skin for share in _IN_SKIN)])
+        depths = depths[depths < plate.thickness / 2]
+        low, high = plate.heights
+        found.append(np.concatenate(([low - _OFF, high + _OFF], low + _OFF + depths, high - _OFF - depths)))
+    every = np.unique(np.concatenate(found))
+    return np.asarray(every[(every >= heights[0]) & (every <= heights[-1])])
+
+
 def line_seeds(design: Design, coil: str) -> FloatArray:
-    """Return points on rings above a coil, at the design's field height, shape (n, 3) in m."""
+    """Return points on rings above a coil, at the design's field height or under the metal there, (n, 3) in m."""
     centre, inner, _ = _middle_and_radii(design.array, coil)
+    free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)
+    height = design.field_height if design.field_height < free else free / 2
     rings = []
     for share, count in _RINGS:
         angle = 2 * np.pi * (np.arange(count) + 0.25) / count
         ring = centre + share * inner * np.column_stack((np.cos(angle), np.sin(angle)))
-        rings.append(np.column_stack((ring, np.full(count, design.field_height))))
+        rings.append(np.column_stack((ring, np.full(count, height))))
     return np.vstack(rings)
 
 

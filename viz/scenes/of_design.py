@@ -14,20 +14,30 @@ import xarray as xr
 
 from coilarray.circuit.coupling import couple_design
 from coilarray.circuit.operating_field import operating_currents, operating_field, require_endless
+from coilarray.compute.display_units import MM
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
-from coilarray.errors import GeometryError, LocalizeError
+from coilarray.errors import GeometryError, LocalizeError, MetalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.coordinates import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
+from coilarray.response.target import target_of, with_target_as_plate
 from coilarray.viz.datasets.field import flux_density, require_memory
 from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
 from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
-from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.of_metal import scene_of_metal
+from coilarray.viz.scenes.field_places import (
+    Axes,
+    beside_faces,
+    count_of,
+    field_box,
+    field_planes,
+    line_seeds,
+    points_of_box,
+)
+from coilarray.viz.scenes.of_metal import scene_of_metal, target_place
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
 
@@ -60,6 +70,7 @@ _LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of it
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
 _METAL: frozenset[Item] = frozenset({"plates", "target", "eddies"})
+_OF_B: frozenset[Item] = frozenset({"field", *_IN_BOX})
 _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling", *_METAL})
 
 
@@ -84,7 +95,8 @@ class View:
     at : tuple of float, optional
         Place of the indenter or target on the board in m; off the map's middle by default.
     distance : float, optional
-        Distance of the target in m at which a slider stands first; the least one by default.
+        Distance of the target in m, the least one by default: where B is not shown, that at which a slider stands
+        first.
     depth : float, optional
         Depth of the indentation in m; the deepest of the design by default.
     response : xarray.Dataset, optional
@@ -184,7 +196,8 @@ class _Making:
         view = self.view
         return scene_of_metal(
             self.design, frozenset(_METAL & set(view.show)), self._coil, lambda: self._coupling, current=view.current,
-            terminated=not view.others_open, distance=view.distance, at=view.at, progress=self.track("target"),
+            terminated=not view.others_open, distance=view.distance, at=view.at, still=bool(_OF_B & set(view.show)),
+            progress=self.track("target"),
         )  # fmt: skip
 
     def _currents(self) -> Scene:
@@ -206,6 +219,26 @@ class _Making:
     @cached_property
     def _coupling(self) -> xr.Dataset:
         return couple_design(self.design, progress=self.track("inductances"))
+
+    @cached_property
+    def _with_target(self) -> Design:
+        """The design whose field is shown: where the target is shown too, it is one of its plates."""
+        shown = set(self.view.show)
+        if "target" not in shown or not shown & _OF_B:
+            return self.design
+        place = target_place(self.design, self._coil, self.view.at)
+        return with_target_as_plate(self.design, place, self._distance)
+
+    @cached_property
+    def _coupling_with_target(self) -> xr.Dataset:
+        design = self._with_target
+        same = design is self.design
+        return self._coupling if same else couple_design(design, progress=self.track("inductances beside the target"))
+
+    @property
+    def _distance(self) -> float:
+        """Distance of the target in m."""
+        return min(target_of(self.design).distances) if self.view.distance is None else self.view.distance
 
     @property
     def _setup(self) -> Indentation:
@@ -301,8 +334,11 @@ class _Making:
     def _require_field(self) -> None:
         """Refuse a field that cannot be computed, before anything is."""
         shown = set(self.view.show)
-        if shown & {"field", *_IN_BOX}:
-            require_endless(self.design)
+        if shown & _OF_B:
+            require_endless(self._with_target)
+            indentation = self.design.indentation
+            if "dent" in shown and indentation is not None and indentation.material is not None:
+                raise MetalError("B beside an indenter of metal or ferrite is not computed: leave out the dent, or B.")
         if shown & _IN_BOX:
             spacing = self.view.spacing or _BOX_SPACING
             count = count_of([field_box(self.design, self._coil, spacing)])
@@ -313,15 +349,17 @@ class _Making:
             require_memory(count, f"a spacing of {spacing * 1e3:g} mm")
 
     def _b_on(self, axes: Axes, what: str) -> pyvista.RectilinearGrid:
-        view = self.view
+        view, design, coupling, (x, y, z) = self.view, self._with_target, self._coupling_with_target, axes
+        if len(z) > 1:
+            z = beside_faces(design, z, float(coupling.frequency.sel(coil=self._coil)))
         field = operating_field(
-            self.design, self._coupling, self._coil, *axes,
+            design, coupling, self._coil, x, y, z,
             current=view.current, terminated=not view.others_open, progress=self.track(what),
         )  # fmt: skip
         return flux_density(field)
 
     def _field(self, shown: set[Item]) -> Scene:
-        design, coil, spacing = self.design, self._coil, self.view.spacing
+        design, coil, spacing = self._with_target, self._coil, self.view.spacing
         planes, boxes = [], []
         if "field" in shown:
             for x, y, z in field_planes(design, coil, spacing or _PLANE_SPACING):
@@ -340,5 +378,17 @@ class _Making:
                 scene += overlays.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         others = f", the others {self._others}" if len(self.design.array.names) > 1 else ""
         carried = f"{coil} carries {self.view.current * 1e3:g} mA{others}"
-        beside = "beside the plates and under the sheets" if design.plates else "without elastomer"
-        return scene + Scene(notes=(f"B in phase, {beside}; {carried}.",))
+        return scene + Scene(notes=(f"B in phase, {self._surroundings}; {carried}.",))
+
+    @property
+    def _surroundings(self) -> str:
+        """What B is that of, and what that is shown is left out of it."""
+        design, metal = self._with_target, []
+        if design.target is None and self.design.target is not None:
+            metal.append(f"the target at {MM.text(self._distance, '.3')}")
+        if self.design.plates:
+            metal.insert(0, "the plates")
+        left_out = (["the target"] if design.target is not None else []) + (["elastomer"] if design.sheets else [])
+        parts = [f"beside {' and '.join(metal)}"] if metal else []
+        parts += [f"without {' and '.join(left_out)}"] if left_out else []
+        return ", ".join(parts) or "in air"

@@ -46,6 +46,7 @@ def scene_of_metal(
     terminated: bool,
     distance: float | None = None,
     at: tuple[float, float] | None = None,
+    still: bool = False,
     progress: Progress | None = None,
 ) -> Scene:
     """Return plates, target and eddy currents of a design.
@@ -63,6 +64,8 @@ def scene_of_metal(
         Distance of the target in m at which the slider stands first; the least one by default.
     at : tuple of float, optional
         x and y of the target on the board in m; by default that of its places that is nearest to the coil.
+    still : bool
+        Show the target at that distance alone, as the rest of the scene is made for it.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -75,6 +78,8 @@ def scene_of_metal(
     plates = design.plates if "plates" in shown else ()
     scene = scene_of_plates(plates, within)
     steps = steps_of(design, distance) if "target" in shown else []
+    if steps and still:
+        steps = steps[:1] if distance is None else [distance]
     place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
     numbers = None
     if steps:

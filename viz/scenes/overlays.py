@@ -55,6 +55,8 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
         low, high = np.reshape(plane.bounds, (3, 2)).T
         spacing = float((high - low).max()) / _ARROWS * 1e-3
         surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
+        if not surface.n_cells:  # all of it is in metal
+            continue
         parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
         arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
         parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
