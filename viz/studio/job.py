@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
-from coilarray.compute.workers.processes import no_interrupt
+from coilarray.compute.workers.processes import starting
 from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.services import Orders, Tell
 
@@ -70,7 +70,7 @@ class Job:
         self._process = context.Process(
             target=_serve, args=(theirs, pickle.dumps((task, item)), patience), daemon=True, name="coilarray-studio"
         )
-        with no_interrupt():  # an interrupt is for the studio, which then ends the job
+        with starting():  # an interrupt is for the studio, which then ends the job
             self._process.start()
         theirs.close()
         self._patience = patience

@@ -28,14 +28,16 @@ class _Worker:
     """One process with an executor of its own, so that only its own tasks are lost with it."""
 
     def __init__(self) -> None:
-        self._executor = ProcessPoolExecutor(1, mp_context=_context(), initializer=_begin, initargs=(dict(os.environ),))
+        environment = dict(os.environ)
+        with starting():  # the tracker of what they share is a process too
+            self._executor = ProcessPoolExecutor(1, mp_context=_context(), initializer=_begin, initargs=(environment,))
         self._process: Any = None
         self.pending: set[Future[Any]] = set()
 
     def submit(self, payload: bytes) -> Future[Any]:
         """Start a task; BrokenProcessPool where the process has ended."""
         if self._process is None:
-            with no_interrupt():  # an interrupt is for this process, which then ends the others
+            with starting():  # an interrupt is for this process, which then ends the others
                 future = self._executor.submit(_perform, payload)
             inside: Any = self._executor
             (self._process,) = inside._processes.values()
@@ -130,17 +132,28 @@ def _context() -> BaseContext:
 
 
 @contextmanager
-def no_interrupt() -> Iterator[None]:
-    """Block Ctrl-C while the block runs; a process that is started in it never gets one."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # else it is started with the first process, and unblocks for that one
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def starting() -> Iterator[None]:
+    """Start processes in the block: none ever gets Ctrl-C, or takes a file of the working folder for a module.
+
+    Python looks for the modules of multiprocessing itself there first, and only then takes over this process's path.
+    """
+    safe = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
     try:
-        yield
+        if not hasattr(signal, "pthread_sigmask"):
+            yield
+            return
+        resource_tracker.ensure_running()  # else it is started with the first process, and unblocks for that one
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if safe is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = safe
 
 
 def _begin(environment: dict[str, str]) -> None:

@@ -1,0 +1,88 @@
+"""No process that the package starts executes a file of the working folder that has the name of a module.
+
+The folder has a file for every module of Python and of the libraries; each writes down that it was executed.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.patience import PATIENCE
+
+LIBRARIES = ("numpy", "scipy", "numba", "shapely", "xarray", "pydantic", "dask", "distributed", "optuna", "sqlalchemy")
+POOL = """
+from coilarray.compute.workers import workers
+from support.worker_tasks import square
+
+if __name__ == "__main__":
+    with workers(2) as pool:
+        assert dict(pool.run(square, range(3))) == {0: 0, 1: 1, 2: 4}
+"""
+JOB = """
+import threading
+from coilarray.viz.studio.job import Job
+from support.studio_tasks import count_to
+
+if __name__ == "__main__":
+    ended = threading.Event()
+    outcomes = []
+    Job(count_to, 3, print, lambda outcome: (outcomes.append(outcome.result), ended.set()))
+    ended.wait()
+    assert outcomes == [9]
+"""
+DRAWING = """
+from coilarray.report.drawing import drawing_beside
+from support.worker_tasks import square
+
+if __name__ == "__main__":
+    with drawing_beside() as drawing:
+        assert drawing.submit(square, 3).result() == 9
+"""
+PICTURE = """
+from coilarray.viz import rendering_problem
+print(rendering_problem())
+"""
+COMPILING = """
+from coilarray.cli.compiling import compiling_beside
+with compiling_beside():
+    import time
+    time.sleep(2)
+"""
+COMMAND = """
+from coilarray.cli.main import run
+
+if __name__ == "__main__":
+    run()
+"""
+SWEEP = "sweep starter --vary array.pitch_mm=11,12 --quantity fab_broken --workers 2 --out out.csv"
+TOLERANCE = "tolerance starter --quantity fab_broken --samples 8 --workers 2"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("program", "arguments"),
+    [
+        (POOL, ""), (JOB, ""), (DRAWING, ""), (PICTURE, ""), (COMPILING, ""), (COMMAND, SWEEP), (COMMAND, TOLERANCE),
+    ],
+    ids=["pool", "job", "drawing", "picture", "compiling", "sweep", "tolerance"],
+)  # fmt: skip
+def test_files_that_are_called_as_modules_are_not_executed(tmp_path, program, arguments):
+    folder, witness = tmp_path / "work", tmp_path / "witness"
+    folder.mkdir()
+    for name in (*sys.stdlib_module_names, *LIBRARIES):
+        text = f"with open({str(witness)!r}, 'a') as file:\n    file.write({name!r})\nraise SystemExit(77)\n"
+        (folder / f"{name}.py").write_text(text, encoding="utf-8")
+    script = tmp_path / "program.py"
+    script.write_text(program, encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+    if program != COMPILING:
+        del environment["NUMBA_CACHE_DIR"]  # which has no compiled kernels
+    environment.pop("PYTHONSAFEPATH", None)
+    done = subprocess.run(
+        [sys.executable, script, *arguments.split()], cwd=folder, env=environment, timeout=2 * PATIENCE,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not witness.exists(), witness.read_text(encoding="utf-8")
