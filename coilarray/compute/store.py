@@ -152,7 +152,7 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
     """
     with writing(path, sqlite3.Error, ValueError):
         there = path.exists()
-        connection = sqlite3.connect(path, timeout=0, isolation_level=None)
+        connection = sqlite3.connect(path.absolute(), timeout=0, isolation_level=None)
     with closing(connection):
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")

@@ -389,7 +389,7 @@ def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connec
 
 def _connected(path: Path) -> sqlite3.Connection:
     with writing(path, sqlite3.Error, ValueError):
-        return sqlite3.connect(path, isolation_level=None, timeout=_PATIENCE)
+        return sqlite3.connect(path.absolute(), isolation_level=None, timeout=_PATIENCE)
 
 
 @contextmanager

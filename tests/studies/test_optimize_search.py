@@ -2,12 +2,14 @@
 
 import copy
 import json
+import os
 import sqlite3
 import sys
 import threading
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import optuna
 import pytest
@@ -106,6 +108,25 @@ def test_start_comes_first_where_it_lies_inside(design, tmp_path):
     assert all(trial.changes["array.pitch_mm"] <= 13 for trial in other.trials)
     for run, inside in zip(read_runs(tmp_path), (True, False), strict=True):  # as the studio knows it
         assert [point.name for point in run.points if point.start] == ["search 0"] * inside
+
+
+ODD_NAMES = (
+    "a%41r", "50%", "board?1", "a#b", "two words", "Größe 10 µm", "it's \"quoted\"", "{SCHEMA_VERSION}", "a&b=c;d",
+    "file:x", os.fsdecode(b"latin-\xb5m"),
+)  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not allow all of these names")
+@pytest.mark.parametrize("name", ODD_NAMES, ids=ascii)
+def test_a_folder_may_have_any_name(design, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    optimize_with(design, goal_of(trials=2), Path(name), Points())
+    assert os.listdir() == [name]
+    assert {FILE, "study.lock"} <= set(os.listdir(name))
+    assert points_found(Path(name), design, goal_of(trials=2)) == 2
+    (run,) = read_runs(Path(name))  # as the studio reads it
+    assert len(run.points) == 2
+    assert os.listdir() == [name]
 
 
 @pytest.mark.parametrize(("sampler", "wanted"), [

@@ -16,7 +16,7 @@ from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
 from coilarray.design.units import entry_unit
 from coilarray.errors import OutputError
-from coilarray.studies.optimize.study_file import FILE, is_whole, quiet
+from coilarray.studies.optimize.study_file import FILE, is_whole, quiet, storage_on
 from coilarray.studies.optimize.trials import unbeaten
 from coilarray.studies.quantities import QUANTITIES
 
@@ -162,11 +162,10 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
     if not path.is_file():
         raise OutputError(f"there is no {FILE} in {folder}: coilarray optimize --out {folder} makes one.")
     optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
-    from optuna.storages import RDBStorage
 
     with quiet():
         try:
-            storage = RDBStorage(_address(path), skip_compatibility_check=True, skip_table_creation=True)
+            storage = storage_on(_address(path), as_it_is=True)
             try:
                 names = optuna.get_all_study_names(storage)
                 return tuple(_run(optuna.load_study(study_name=name, storage=storage)) for name in names)
@@ -195,7 +194,7 @@ def _address(path: Path) -> str:
     Without a journal beside it no search is running; it is then opened as immutable, which creates no files.
     """
     journal = path.with_name(f"{path.name}-wal").exists()
-    return f"sqlite:///file:{path.resolve()}?{'mode=ro' if journal else 'immutable=1'}&uri=true"
+    return f"{path.resolve().as_uri()}?{'mode=ro' if journal else 'immutable=1'}"
 
 
 def _run(study: Study) -> Run:

@@ -27,6 +27,7 @@ from coilarray.errors import OutputError
 from coilarray.studies.optimize.goal import Goal
 
 if TYPE_CHECKING:
+    from optuna.storages import RDBStorage
     from optuna.study import Study
     from optuna.trial import FrozenTrial
 
@@ -78,7 +79,6 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     folder in which another search is running; MissingDependencyError where Optuna is not installed.
     """
     optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
-    from optuna.storages import RDBStorage
     from sqlalchemy import event
 
     make_folder(folder)
@@ -88,7 +88,7 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
         there = path.exists()
         try:
             check_database(path)
-            storage = RDBStorage(f"sqlite:///{path.resolve()}")
+            storage = storage_on(path.resolve())
             event.listen(storage.engine, "connect", _without_waiting)
             storage.engine.dispose()  # connections that are open do not know of it
             study = optuna.create_study(
@@ -105,10 +105,25 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
             storage.engine.dispose()
 
 
+def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
+    """Return Optuna's storage on a database, whose file is a path or, as SQLite has it, ``file:…?mode=ro``.
+
+    Optuna takes a URL, in which names with %, ? or # are read differently from one version of SQLAlchemy to the next. A
+    database that is taken `as_it_is` is not completed first.
+    """
+    from optuna.storages import RDBStorage
+
+    def connect() -> sqlite3.Connection:
+        return sqlite3.connect(file, uri=isinstance(file, str), check_same_thread=False)
+
+    url, options = f"sqlite:///{FILE}", {"creator": connect}
+    return RDBStorage(url, options, skip_compatibility_check=as_it_is, skip_table_creation=as_it_is)
+
+
 def check_database(path: Path) -> None:
     """Check the structure of a study's file, where there is one; sqlite3.Error for one that is damaged."""
     if path.exists():
-        with closing(sqlite3.connect(path)) as connection:
+        with closing(sqlite3.connect(path.absolute())) as connection:
             (first,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
         if first != "ok":
             raise sqlite3.DatabaseError(f"it is damaged: {' '.join(str(first).split())}")
