@@ -216,15 +216,15 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     save_netcdf(netcdf_of(dataset), path)
 
 
-def netcdf_of(dataset: xr.Dataset) -> memoryview:
+def netcdf_of(dataset: xr.Dataset) -> bytes:
     """Return the content of the netCDF file of a dataset."""
     memory = io.BytesIO()
     with netcdf_in(memory, dataset):
         pass
-    return memory.getbuffer()
+    return memory.getvalue()
 
 
-def save_netcdf(content: memoryview, path: Path) -> None:
+def save_netcdf(content: bytes, path: Path) -> None:
     """Write what `netcdf_of` returned to a file, whole or not at all; OutputError where that fails."""
 
     def write(temporary: Path) -> None:

@@ -99,7 +99,7 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
         shapes,
         np.array(shape_of)[first],
         heights[first],
-        kind_of,
+        kind_of.ravel(),
         origins[:, :2],
         extent=math.hypot(span[0], span[1]),
         gap=2 * max(face - max(map(top_of, paths)), 0.0),

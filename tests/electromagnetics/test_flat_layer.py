@@ -20,8 +20,10 @@ from support.first_assumed import first_assumed
 from support.patience import lasting
 from support.references import polygon, rows
 
-from coilarray import inductance_matrix, load_design, magnetic_field, mutual_inductance
+from coilarray import couple_design, inductance_matrix, load_design, magnetic_field, mutual_inductance
 from coilarray.constants import MU_0
+from coilarray.design.bundled import read
+from coilarray.design.model import parse_design
 from coilarray.electromagnetics import flat_layer, plane_waves
 from coilarray.electromagnetics.flat_layer import Slab, layer_inductance, magnetic_slab
 from coilarray.electromagnetics.source import as_conductors
@@ -72,6 +74,18 @@ def test_hankel_integrals(a, b, Z, t, mu_r, d):
     M, _ = _of_circles(a, b, Z / 2, Z / 2, t, mu_r, d)
     assert pytest.approx(MU_0 * np.pi * a * b * value, rel=1e-8) == M
     assert error < 1e-9 * abs(value)
+
+
+@pytest.mark.lowest
+def test_coils_on_other_layers_are_of_other_kinds():
+    """NumPy 2.0.0 alone returns the kinds in another shape, and the coupling was 0.0834."""
+    text = read("starter").replace("turns_per_layer = 12", "turns_per_layer = 3").replace("columns = 3", "columns = 2")
+    design = parse_design(text)
+    both, sheets = design.array.conductors(), design.sheets
+    alone = [layer_inductance([path], sheets)[0, 0] for path in both]
+    np.testing.assert_allclose(np.diag(layer_inductance(both, sheets)), alone, rtol=1e-6)  # of the accuracy "full"
+    k = couple_design(design).coupling.values[0, 1]
+    assert k == pytest.approx(0.0508, abs=5e-5)  # to the digits that are printed
 
 
 def _box(lift=0.0, turn=0.3):
