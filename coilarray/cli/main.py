@@ -46,6 +46,7 @@ from coilarray.cli import (
     view,
 )
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt
+from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
 from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
@@ -172,6 +173,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.errno == errno.EPIPE:  # who read the output has ended
             return _UNREAD
         return _refuse(f"cannot write {error.filename or 'the output'}: {error.strerror}.")
+    except UnicodeEncodeError as error:  # a name of a file in what is written, which is UTF-8
+        if error.reason != "surrogates not allowed":
+            raise
+        name = next(word for word in error.object.split() if error.object[error.start] in word)
+        return _refuse(f"the name {name} is not UTF-8, and cannot be written into a file.")
     except Exception as error:
         # typer brings its own copy of click in some versions; both kinds of usage error have this method
         format_message = getattr(error, "format_message", None)
@@ -187,6 +193,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> None:
     """Entry point of the installed program."""
+    prepare_output()
     leave_out_dask()
     with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
         code = main()

@@ -7,6 +7,7 @@ is.
 
 from __future__ import annotations
 
+import os
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -71,4 +72,4 @@ def _entry(path: Path) -> tuple[Store, str]:
 
     from coilarray.compute.store import Store, open_store
 
-    return Store(open_store().folder / "written"), hashlib.sha256(f"written {path.resolve()}".encode()).hexdigest()
+    return Store(open_store().folder / "written"), hashlib.sha256(b"written " + os.fsencode(path.resolve())).hexdigest()
