@@ -508,6 +508,7 @@ def test_touchstone_round_trip(tmp_path, n):
 
 @needs_skrf
 @pytest.mark.parametrize("reference", [50.0, 600.0])
+@pytest.mark.lowest
 def test_touchstone_of_one_port(tmp_path, reference):
     path = tmp_path / "coil.S1P"
     touchstone(["A"], [[[3 + 600j]]], [2e6], path, reference_resistance=reference)

@@ -79,6 +79,7 @@ def test_a_kept_design(capsys):
     assert len(rows_of(every)) == len(found)
 
 
+@pytest.mark.lowest
 def test_no_number_is_minus_zero(capsys):
     """Places of symmetric coils lie within rounding of the axes, on either side."""
     out = good(capsys, "gast_fem", "--all") + good(capsys, "gast_fem")

@@ -295,6 +295,7 @@ def test_matrix(capsys):
         assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
 
 
+@pytest.mark.lowest
 def test_the_matrix_of_a_single_coil_is_its_inductance(capsys):
     head, row = good(capsys, "matrix", "gast_fem").splitlines()
     inductance = float(couple_design(load_design("gast_fem")).open_inductance[0])

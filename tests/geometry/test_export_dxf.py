@@ -128,6 +128,7 @@ def test_holes_edge_and_names(read):
     assert {entity.dxf.layer for entity in drawing.modelspace()} <= {layer.dxf.name for layer in drawing.layers}
 
 
+@pytest.mark.lowest
 def test_holes_that_are_not_through_lie_on_layers_of_their_own(tmp_path):
     drawing = written(BOARDS["four layers, blind holes"], tmp_path)
     layers = {entity.dxf.layer for entity in drawing.modelspace() if entity.dxftype() == "CIRCLE"}

@@ -92,6 +92,7 @@ def test_laminate_fills_the_board_and_sheets_are_stacked_on_it(built):
     assert parts["board"].bounds[1, 2] == pytest.approx(-stackup.copper_thickness[0], abs=1e-15)
 
 
+@pytest.mark.lowest
 def test_solids_that_touch_are_closed_and_sheets_differ_in_name():
     line = np.array([(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)])
     array = one_coil(Coil((line,), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))))

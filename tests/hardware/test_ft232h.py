@@ -303,6 +303,7 @@ def test_adapters_are_listed_by_the_url_that_opens_them(monkeypatch):
     assert ft232h_adapters() == ("ftdi://ftdi:232h:FT1/1", "ftdi://ftdi:2232h/1")
 
 
+@pytest.mark.lowest
 def test_a_board_at_the_adapter_is_opened_grounded_and_asleep(bench):
     bench.pins = SwitchPins()
     bench.registers[0x1A] = 0x1401

@@ -271,6 +271,7 @@ def test_screened_points_are_confirmed(design, tmp_path):
     assert not any(t.feasible for t in result.trials if t.scores and t.scores[0] < result.best.scores[0])
 
 
+@pytest.mark.lowest
 def test_optuna_reads_the_store(design, tmp_path):
     goal = goal_of(LEAST + BOUND, trials=20)
     result = optimize_with(design, goal, tmp_path, Points())

@@ -85,6 +85,7 @@ def test_sheets_lie_on_each_other_or_are_lifted(parts, lift, spread):
 
 
 @pytest.mark.parametrize("z", [[2e-3], [2e-3, 3e-3, 5e-3]])
+@pytest.mark.lowest
 def test_every_vector_stands_at_its_point(z):
     x, y = [0.0, 1e-3, 3e-3, 4e-3], [-1e-3, 0.0, 2e-3]
     field = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)  # the vector at a point is its position

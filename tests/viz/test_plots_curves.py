@@ -96,6 +96,7 @@ def test_resonances_are_marked_on_every_curve():
     assert labels == ["a", "b", "with the tank"]  # nothing is named that is not drawn
 
 
+@pytest.mark.lowest
 def test_a_pole_is_cut_off_at_four_times_the_first_value():
     sweep = results.frequency_sweep()
     assert sweeps.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
