@@ -21,6 +21,7 @@ from coilarray.circuit.network import (
     self_resonance_of,
     solve_state,
 )
+from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
@@ -86,6 +87,7 @@ def scan_design(
         - ``quality_factor``: Im Z/Re Z, without the tank; ``loaded_quality_factor``: that of the resonator;
         - ``state_self_resonance``: without the tank;
         - ``resistance_ratio``: R_eff relative to the same with DC resistances;
+        - ``readable`` and the others of `coilarray.circuit.readability.readability`, for a design with a converter;
         - ``current_real`` and ``current_imag`` (state, coil): in A per A of the first measured coil.
 
         For each coil
@@ -167,8 +169,9 @@ def scan_design(
             ("dent_delta_bound", coil, effect.dent_bound.values, "1", "largest apparent δ of a dent"),
         ]
     names = list(network.names)
+    at = {name: np.array([getattr(one, name) for one in results]) for name in RESONATOR}
     scan = xr.Dataset(
-        variables(*rows),
+        variables(*rows) | readability(design, states, at, at),
         coords={"state": [state.name for state in plan], "coil": names, "other": names},
         attrs={**provenance(design), "ac_resistance_frequency_Hz": middle},
     )

@@ -303,7 +303,7 @@ def changed_resonances(
     admittances with the tank in S; a NetworkError if there is no resonance.
     """
     wiring = _wire(network, result.state)
-    frequencies = _followed(network, result, wiring, cases, inductances)
+    frequencies, _ = _followed(network, result, wiring, cases, inductances)
     impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
     return frequencies, impedance, admittance
 
@@ -325,8 +325,20 @@ def resonances_near(
     network's own; a change may make the latter negative, as the tank is in parallel. A NetworkError if it finds no
     resonance.
     """
+    return resonators_near(network, result, inductances, winding_capacitances)[0]
+
+
+def resonators_near(
+    network: Network,
+    result: StateResult,
+    inductances: FloatArray | ComplexArray,
+    winding_capacitances: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies of `resonances_near`, and the parallel resistances R_p (cases,) in Ω there."""
     wiring, cases = _wire(network, result.state), len(inductances)
-    return _followed(network, result, wiring, cases, lambda _: inductances, winding_capacitances)
+    frequencies, conductance = _followed(network, result, wiring, cases, lambda _: inductances, winding_capacitances)
+    with np.errstate(divide="ignore"):
+        return frequencies, 1 / conductance
 
 
 def _followed(
@@ -336,8 +348,11 @@ def _followed(
     cases: int,
     inductances: Callable[[FloatArray], FloatArray | ComplexArray],
     winding_capacitances: FloatArray | None = None,
-) -> FloatArray:
-    """Find Im Y(f) = 0 for all cases at once by the secant method, beginning with the slope of the given resonance."""
+) -> tuple[FloatArray, FloatArray]:
+    """Find Im Y(f) = 0 for all cases at once by the secant method, beginning with the slope of the given resonance.
+
+    Returns the frequencies in Hz, and Re Y in S there to the tolerance.
+    """
     f0 = result.frequency
     first = susceptance_slope(network, result.state, f0)
     frequencies: FloatArray = np.full(cases, f0)
@@ -354,7 +369,7 @@ def _followed(
         share = np.divide(step, last, out=np.ones(cases), where=moved)
         settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
         if settled.all():
-            return frequencies
+            return frequencies, solved[2].real
         step[settled] = 0.0
     raise NetworkError(
         f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; the last "

@@ -79,7 +79,10 @@ def impedance(
         f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
         for state, limit, value, low, high, kept in limits.rows
         if not kept
-    ] or ["LDC1614: all limits are kept"]
+    ]
+    if limits.rows and not lines:
+        without = " without the target (coilarray target has it with)" if opened.target else ""
+        lines = [f"LDC1614: all limits are kept{without}"]
     if close:
         lines.append(circuit_tables.close_line(close))
     shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))

@@ -18,9 +18,9 @@ from coilarray.errors import DesignError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from coilarray.circuit.converter_limits import Limit
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
-    from coilarray.hardware.chips.ldc1614_limits import Limit
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]

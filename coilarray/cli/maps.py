@@ -156,6 +156,6 @@ def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
 
     store = open_store()
     return store.dataset(
-        ("positions", design.digest),
+        ("readable positions", design.digest),
         lambda: table_for(design, network=board_network(design, store), progress=progress),
     )

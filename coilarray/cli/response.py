@@ -83,8 +83,10 @@ def response(
     )
     errors = _thickness_errors(thickness_error_mm or ())
     counted = _reach(reach)
+    from coilarray.circuit.readability import reading_lines
     from coilarray.report.figures import map_outlines
     from coilarray.report.indentation_tables import response_table
+    from coilarray.report.target_tables import path_drive_table
     from coilarray.response.answering import coils_outside
     from coilarray.response.coordinates import on_board
     from coilarray.response.map import Imperfections, response_map
@@ -119,14 +121,18 @@ def response(
         weightless = opened.indentation is not None and not opened.indentation.unevenness.weight
         held = "; without seat_weight_Pa only the indenter holds it down" * weightless
         lines.append(f"note: the sample rises off its seat by up to {lifted * 1e3:.2g} mm{held}")
+    lines = [*reading_lines(shown), *lines]
+    # a path through metal needs its own drive; a dent alone changes no amplitude
+    drive = path_drive_table(shown if "metal_delta" in shown else shown.drop_vars("amplitude", errors="ignore"))
     data = {
         **shared.design_record(opened),
         "file": out and str(out),
         "error_of_peak": error,
         "lifted_m": lifted,
         "response": table.records(),
+        drive.name: drive.records(),
     }
-    shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
+    shared.print_result(data, as_json=as_json, tables=[table, drive], lines=lines, files=[plot])
 
 
 def _reach(text: str) -> Reach:

@@ -58,9 +58,9 @@ def sweep(
     Entries of the design are varied. Every point is stored as soon as it is computed, so that the same command resumes
     an interrupted sweep and no point is computed twice. A point that gives no design is empty in the file, with the
     reason. Values are in the unit of their name. Points that break fabrication rules are marked by fab_broken in the
-    file and by crosses in the plot; they are left out of the table and are never the best. With --goal the quantities
-    of the goal are computed too, and the best points are printed; the entries that the goal varies are the default of
-    --vary.
+    file and by crosses in the plot, and so are those that no LDC1614 reads, by converter_unread; they are left out of
+    the table, and the former are never the best. With --goal the quantities of the goal are computed too, and the best
+    points are printed; the entries that the goal varies are the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
 
@@ -70,7 +70,7 @@ def sweep(
     from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
     from coilarray.studies.optimize.trials import best_points
-    from coilarray.studies.sweep import RULES, keeps_rules, parse_axis, plan_sweep, run_sweep
+    from coilarray.studies.sweep import RULES, UNREAD, is_read, keeps_rules, parse_axis, plan_sweep, run_sweep
 
     file = load_design_file(design)
     opened = file.design
@@ -112,16 +112,23 @@ def sweep(
         data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
         lines += _best_lines(best, wanted) if len(reasons) < points else ["no point has a value of the goal"]
     if not as_json:
-        makeable = keeps_rules(result)
+        read, makeable = is_read(result), keeps_rules(result)
+        if bool((makeable & read).any()):
+            makeable = makeable & read
         shown = result.where(makeable) if bool(makeable.any()) else result  # what cannot be made has no extremes
         rows = [
-            _extremes(shown, one.key, one.quantity.unit) for one in plan.requests if one.key != RULES or RULES in asked
+            _extremes(shown, one.key, one.quantity.unit)
+            for one in plan.requests
+            if one.key not in (RULES, UNREAD) or one.key in asked
         ]
         shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
         broken = int((result[RULES] > 0).sum())
         if broken:
             where = "all the same in the table" if shown is result else "left out of the table"
             lines.append(f"{broken} of {points} points break fabrication rules ({RULES} in the file): {where}")
+        if unread := int((result[UNREAD] > 0).sum()) if UNREAD in result else 0:
+            where = "all the same in the table" if bool((~read & makeable).any()) else "left out of the table"
+            lines.append(f"{unread} of {points} points cannot be read by an LDC1614 ({UNREAD} in the file): {where}")
         if reasons:
             lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
         lines.append(

@@ -67,10 +67,12 @@ def target(
     """
     distances = shared.lengths("--distance-mm", distance_mm, positive=True)
     places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
+    from coilarray.circuit.readability import reading_lines
     from coilarray.compute.display_units import PER_MILLION
     from coilarray.report.figures import map_outlines
     from coilarray.report.target_tables import (
         base_table,
+        path_drive_table,
         range_table,
         target_coupling_table,
         target_table,
@@ -89,7 +91,7 @@ def target(
         )  # fmt: skip
         shown = on_board(result)
         shared.write_numbers(out, result, values_table(shown).csv)
-    tables = base_table(shown), target_table(shown), range_table(shown)
+    tables = base_table(shown), target_table(shown), range_table(shown), path_drive_table(shown)
     shared.draw(plot, lambda: viz.target_figure(shown))
     shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     data = {
@@ -103,6 +105,7 @@ def target(
     }
     sigma = PER_MILLION.text(result.attrs["sigma"], ".2")
     lines = [
+        *reading_lines(shown),
         *shared.plate_error_lines(result.attrs),
         f"noise of δ {sigma}{shared.noise_source(noise, result)}: the range ends where |δ| is "
         f"{result.attrs['range_factor']:g} times that; a step of distance is resolved if it is at least the standard "

@@ -51,6 +51,8 @@ class Readout:
 
     Parameters
     ----------
+    converter : bool
+        Whether an LDC1614 or FDC2214 reads the coils, whose limits count.
     rcount : int
         Length of a conversion, RCOUNT of the LDC1614: 5 to 65535.
     clock : float
@@ -91,6 +93,7 @@ class Readout:
     (48.32, '1.4e-07')
     """
 
+    converter: bool = True
     rcount: int = 0xFFFF
     clock: float = INTERNAL_CLOCK
     external_clock: bool = False
@@ -199,6 +202,8 @@ _PartsPerMillion = Annotated[float, Field(ge=-100_000, le=100_000)]
 class ReadoutTable(Table):
     """``[readout]``: settings and stability of the converter, for the noise and drift of readings."""
 
+    converter: bool = True
+    """Whether an LDC1614 or FDC2214 reads the coils; without one its limits are not checked."""
     rcount: Annotated[int, Field(ge=5, le=0xFFFF)] = 0xFFFF
     """RCOUNT, the length of a conversion."""
     clock_MHz: Annotated[float, Field(ge=1, le=100)] = 43.4  # noqa: N815 - the unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,8 @@ import xarray as xr
 from scipy.interpolate import NdBSpline
 
 from coilarray.circuit.network import Network
-from coilarray.compute.arrays import FloatArray
+from coilarray.circuit.readability import readable_of
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import referenced_names
@@ -61,6 +63,8 @@ class ForwardModel(ResponseSpline):
         default. They count where no other noise is given.
     errors : tuple of float
         Error of δ of every state by the table itself, of δ there; none by default.
+    unread : ndarray of bool, shape (x, y, depth, states), optional
+        True where the converter cannot read a state, at the coordinates of the table; None where it reads all.
     """
 
     states: tuple[str, ...]
@@ -68,6 +72,24 @@ class ForwardModel(ResponseSpline):
     noise: float = NOISE
     common: tuple[FloatArray, ...] = ()
     errors: tuple[float, ...] = ()
+    unread: BoolArray | None = None
+
+    def unread_at(self, points: FloatArray) -> BoolArray | None:
+        """Whether the converter cannot read each state, shape (…, states), at points (…, 3) in m, or beside them.
+
+        None where it reads every state everywhere.
+        """
+        if self.unread is None:
+            return None
+        found = np.zeros((*points.shape[:-1], len(self.states)), dtype=np.bool_)
+        corners = [
+            {side: np.clip(axis.searchsorted(points[..., k], side) - (side == "right"), 0, len(axis) - 1)
+             for side in ("left", "right")}
+            for k, axis in enumerate((self.x, self.y, self.depth))
+        ]  # fmt: skip
+        for sides in product(("left", "right"), repeat=3):
+            found |= self.unread[tuple(of[side] for of, side in zip(corners, sides, strict=True))]
+        return found
 
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
@@ -85,6 +107,7 @@ class ForwardModel(ResponseSpline):
         return replace(
             self, states=tuple(states), spline=spline, common=tuple(one[kept] for one in self.common),
             errors=tuple(errors[k] for k in kept if errors),
+            unread=None if self.unread is None else self.unread[..., kept],
         )  # fmt: skip
 
     @property
@@ -110,9 +133,13 @@ class ForwardModel(ResponseSpline):
         own = self.noise / math.sqrt(len(taken))
         spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
         common = (*(one[kept] - one[taken].mean() for one in self.common), np.full(len(kept), own))
+        unread = self.unread
+        if unread is not None:
+            unread = unread[..., kept] | unread[..., taken].any(axis=-1, keepdims=True)
         return replace(
-            self, states=others, spline=spline, common=common, errors=tuple(errors[k] for k in kept if errors)
-        )
+            self, states=others, spline=spline, common=common, errors=tuple(errors[k] for k in kept if errors),
+            unread=unread,
+        )  # fmt: skip
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
         """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
@@ -185,15 +212,24 @@ def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
     return checked_noise(model.states, model.noise if noise is None else noise)
 
 
-def whitening_of(model: ForwardModel, noise: npt.ArrayLike | None, delta: FloatArray | None = None) -> Whitening:
+def whitening_of(
+    model: ForwardModel,
+    noise: npt.ArrayLike | None,
+    delta: FloatArray | None = None,
+    points: FloatArray | None = None,
+) -> Whitening:
     """Return what divides differences of readings from the model, and its slopes, by their noise.
 
     A given noise is independent from state to state; the model's own has also what is common to them. The error of the
-    table, as a part of δ, is added for δ (…, states) if given. LocalizeError as `checked_noise`.
+    table, as a part of δ, is added for δ (…, states) if given. States that the converter cannot read at points (…, 3)
+    in m, if given, count for nothing. LocalizeError as `checked_noise`.
     """
     deviations = noise_of(model, noise)
     if delta is not None and any(model.errors):
         deviations = np.hypot(deviations, np.array(model.errors) * delta)
+    unread = None if points is None else model.unread_at(points)
+    if unread is not None:
+        deviations = np.where(unread, np.inf, deviations)
     common = model.common if noise is None else ()
     return whitening(deviations, np.array(common).reshape(-1, len(model.states)).T)
 
@@ -222,6 +258,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
         Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. The attribute
         ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. Where it has
         ``delta_error``, as a target's, its root mean square against that of δ is the model's error, state by state.
+        Where ``readable`` says that the converter cannot read a state, δ of that state determines nothing.
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
         to that of a target, whose distances are its depths here.
@@ -264,9 +301,13 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     common: tuple[FloatArray, ...] = ()
     if "common_noise" in response:
         common = tuple(response["common_noise"].transpose("drift_cause", "state").values.astype(np.float64))
+    read = readable_of(over_depth(response)).transpose("x", "y", "depth", "state").values
+    if len(table.depth) > len(depth):  # the zero plane
+        read = np.concatenate((read[:, :, :1], read), axis=2)
     return ForwardModel(
         states=names, parameters=parameters, noise=float(response.attrs.get("noise", NOISE)), common=common,
-        errors=errors, x=table.x, y=table.y, depth=table.depth, spline=table.spline,
+        errors=errors, unread=None if read.all() else ~read,
+        x=table.x, y=table.y, depth=table.depth, spline=table.spline,
     )  # fmt: skip
 
 

@@ -26,10 +26,12 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     """Information of one reading of all states about x, y and, where it is unknown, the depth, in 1/m².
 
     Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state, which
-    is independent from state to state; by default the model's noise, with what is common. The table's error counts.
+    is independent from state to state; by default the model's noise, with what is common. The table's error counts, and
+    states that the converter cannot read do not.
     LocalizeError for what `ForwardModel.jacobian` and `noise_of` refuse.
     """
-    scaled = whitening_of(model, noise, model.delta(points)).slopes(model.jacobian(points))
+    at = np.asarray(points, dtype=np.float64)
+    scaled = whitening_of(model, noise, model.delta(at), at).slopes(model.jacobian(at))
     return np.asarray(scaled.swapaxes(-1, -2) @ scaled)
 
 

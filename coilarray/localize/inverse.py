@@ -72,6 +72,8 @@ class Mode:
         Names among x, y and depth that are on the border of the table.
     free : tuple of int
         Numbers among x, y and depth of the unknowns; the first ones by default.
+    unread : tuple of str
+        States that the converter cannot read there, which the information leaves out.
     """
 
     x: float
@@ -82,6 +84,7 @@ class Mode:
     gaussian: bool = False
     border: tuple[str, ...] = ()
     free: tuple[int, ...] = ()
+    unread: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> list[int]:
@@ -189,7 +192,8 @@ def _mode_words(mode: Mode) -> str:
     parts = []
     for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
         parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
-    return true_minus(", ".join(parts))
+    cannot = f"; the converter cannot read {listed(mode.unread)} there" if mode.unread else ""
+    return true_minus(", ".join(parts)) + cannot
 
 
 def locate(
@@ -355,6 +359,8 @@ class _Minima:
     free: list[int]  # numbers of the unknowns among x, y and depth
     names: tuple[str, ...]  # of x, y and depth
     pressure: FloatArray  # fall of χ² that lies beyond the border of the table, were the model linear there
+    unread: list[tuple[str, ...]]  # states that the converter cannot read there
+    known: FloatArray  # `fisher` without them
 
     def is_new(self, first: int, k: int) -> bool:
         """Tell whether minimum k is farther than one standard deviation from every one since the first."""
@@ -366,7 +372,8 @@ class _Minima:
         x, y, depth = self.points[k].tolist()
         border = tuple(self.names[axis] for axis, at in zip(self.free, self.edge[k].tolist(), strict=True) if at)
         gaussian, free = bool(self.gaussian[k]), tuple(self.free)
-        return Mode(x, y, depth, self.fisher[k], float(self.chi_square[k]), gaussian, border, free)
+        chi_square = float(self.chi_square[k])
+        return Mode(x, y, depth, self.known[k], chi_square, gaussian, border, free, self.unread[k])
 
 
 def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float) -> _Minima:
@@ -390,7 +397,15 @@ def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None,
     pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
     gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, weights, quantile)
     edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
-    return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure)
+    unread, counted = model.unread_at(points), fisher
+    missing: list[tuple[str, ...]] = [()] * len(points)
+    if unread is not None:
+        seen = whitening_of(model, noise, readings[owner], points).slopes(jacobian)
+        counted, gaussian = seen.swapaxes(1, 2) @ seen, gaussian & ~unread.any(axis=-1)
+        missing = [tuple(name for name, no in zip(model.states, row, strict=True) if no) for row in unread]
+    return _Minima(
+        owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure, missing, counted
+    )
 
 
 def _is_gaussian(

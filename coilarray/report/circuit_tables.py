@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 import xarray as xr
 
+from coilarray.circuit.converter_limits import check_channel, drive_for
 from coilarray.circuit.impedance import CLOSE_CHANNELS
+from coilarray.circuit.readability import with_reasons
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
-from coilarray.hardware import check_channel, drive_for, settle_count
+from coilarray.hardware import settle_count
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _ALIKE = 1e-6  # relative distance of frequencies that tells nothing but rounding
@@ -35,7 +37,8 @@ def state_table(scan: xr.Dataset) -> Table:
         "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
         "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
     )  # fmt: skip
-    return dataset_table("states", "States", scan, names, {"parallel_resistance": KILOHM})
+    scan, read = with_reasons(scan)
+    return dataset_table("states", "States", scan, (*names, *read), {"parallel_resistance": KILOHM})
 
 
 def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
@@ -59,7 +62,7 @@ def state_current_table(scan: xr.Dataset) -> Table:
 
 
 def limit_table(scan: xr.Dataset) -> Table:
-    """Return one row for each state and limit of an LDC1614, with the drive setting it asks for."""
+    """Return one row for each state and limit of an LDC1614; none for a design without a converter."""
     four = DisplayUnit(digits=4)
     columns = (
         *map(Column, ("state", "limit")),
@@ -75,7 +78,9 @@ def limit_table(scan: xr.Dataset) -> Table:
 
 
 def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
-    """State, frequency, R_p, Q of the resonator and self-resonance, in SI."""
+    """State, frequency, R_p, Q of the resonator and self-resonance, in SI; none without a converter."""
+    if "readable" not in scan:
+        return []
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     values = [scan[name].values.tolist() for name in names]
     return list(zip(scan.state.values.tolist(), *values, strict=True))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from coilarray.circuit.readability import readable_of
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, dataset_table
 from coilarray.response.answering import NO_ANSWER
@@ -36,7 +37,8 @@ def response_table(response: xr.Dataset) -> Table:
     """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ.
 
     Positions count from where those of the response do. A largest δ at the edge of the map, beyond which it may be
-    larger, and one of zero are remarked; the latter has no place. Where the indenter has a material, its share of the
+    larger, and one of zero are remarked; the latter has no place. Positions that the converter cannot read are left
+    out, and remarked. Where the indenter has a material, its share of the
     largest δ stands beside it.
     """
     columns = (
@@ -50,10 +52,18 @@ def response_table(response: xr.Dataset) -> Table:
         Column("remark"),
     )
     rows: list[tuple[Value, ...]] = []
+    read = readable_of(response)
     for k, depth in enumerate(response.depth.values.tolist()):
         for j, state in enumerate(response.state.values.tolist()):
             delta = response.delta.isel(depth=k, state=j).transpose("y", "x")
-            row, column = (int(n) for n in np.unravel_index(int(delta.values.argmax()), delta.shape))
+            seen = read.isel(depth=k, state=j).transpose("y", "x").values
+            if not seen.any():
+                rows.append((depth, state, "", "", "", "", "", "not readable"))
+                continue
+            unread = "" if seen.all() else f"{(~seen).sum()} of {seen.size} positions are not readable"
+            delta = delta.where(seen)
+            found = np.where(seen, delta.values, -np.inf)
+            row, column = (int(n) for n in np.unravel_index(int(found.argmax()), delta.shape))
             peak, lowest = float(delta[row, column]), float(delta.min())
             if max(peak, -lowest) <= NO_ANSWER:
                 rows.append((depth, state, peak, "", "", "", lowest, "no response"))
@@ -64,7 +74,8 @@ def response_table(response: xr.Dataset) -> Table:
             metal: Value = ""
             if "metal_delta" in response:
                 metal = float(response.metal_delta.isel(depth=k, state=j).transpose("y", "x")[row, column])
-            rows.append((depth, state, peak, *where, metal, lowest, "at the edge of the map" if at_edge else ""))
+            remarks = ("at the edge of the map" if at_edge else "", unread)
+            rows.append((depth, state, peak, *where, metal, lowest, "; ".join(filter(None, remarks))))
     return Table("response", "Response", columns, tuple(rows)).without_empty_columns()
 
 

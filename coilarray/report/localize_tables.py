@@ -186,7 +186,8 @@ def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) 
 
     Else ``status``, ``reason`` where there is one, ``chi_square``, ``degrees_of_freedom``, ``probability``, and where
     there is a position ``x_m``, ``y_m``, ``depth_m`` and their ``sigma_…_m`` of the best of ``modes``, which has the
-    same keys for each; a standard deviation that the reading does not determine is null. `parameters` are those of the
+    same keys for each; a standard deviation that the reading does not determine is null, and ``unread`` has the states
+    that the converter cannot read there, where there are any. `parameters` are those of the
     model: with a target the third is ``distance``.
     """
     if location.verdict == "refused":
@@ -202,6 +203,7 @@ def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) 
         sigma = zip(parameters, mode.known_deviations, strict=False)
         one |= {f"sigma_{name}_m": value for name, value in sigma}
         one |= {"chi_square": mode.chi_square, "gaussian": mode.gaussian, "border": list(mode.border)}
+        one |= {"unread": list(mode.unread)} if mode.unread else {}
         modes.append(one)
     if modes:
         record |= {key: value for key, value in modes[0].items() if key.endswith("_m")}
@@ -226,11 +228,12 @@ def position_table(records: Sequence[Mapping[str, Any]]) -> Table:
         *(Column(f"sigma_{name}", f"± {name}", "m") for name in PARAMETERS),
         Column("sigma_distance", "± distance", "m", DisplayUnit("µm", 1e6, 3, significant=True)),
         Column("chi_square", "χ²", "1", DisplayUnit(digits=2)),
+        Column("unread", "not readable there"),
     )
     rows: list[tuple[Value, ...]] = []
     for k, record in enumerate(records):
         status = "error" if "error" in record else str(record["status"])
         for mode in record.get("modes") or [{"chi_square": record.get("chi_square")}]:
-            values = ("" if mode.get(column.key) is None else float(mode[column.key]) for column in columns[2:])
-            rows.append((k + 1, status, *values))
+            values = ("" if mode.get(column.key) is None else float(mode[column.key]) for column in columns[2:-1])
+            rows.append((k + 1, status, *values, ", ".join(mode.get("unread", ()))))
     return Table("positions", "Positions", columns, tuple(rows)).without_empty_columns()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from coilarray.circuit.readability import readable_of, reading_lines
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit, true_minus
 from coilarray.errors import LocalizeError
@@ -70,14 +71,18 @@ def summary_table(
     return Table("summary", "Summary", columns, rows, units)
 
 
-def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
-    """Return one line for each kind of limit of the board house and of the converter that is broken: the worst one."""
+def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Dataset | None) -> list[str]:
+    """Return one line for each kind of limit of the board house and of the converter that is broken: the worst one.
+
+    `maps` are those of a target and of an indentation, for what the converter cannot read in them.
+    """
     lines = broken_rules(margins)
     broken = [] if scan is None else broken_limits(scan)
     for name in dict.fromkeys(limit.name for _, limit in broken):
         state, limit = next(one for one in broken if one[1].name == name)
         lines.append(f"The converter cannot read {state}: {limit.words}.")
-    return lines
+    # of a map of the flat board alone, over its states, the scan has said it
+    return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 
 
 def _rows(
@@ -102,7 +107,7 @@ def _rows(
             where += f", which is exactly at its limit of {MM.text(worst.limit, '.4')}"
         yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)
     if response is not None:
-        peaks = response.delta.isel(depth=-1).max(("x", "y"))
+        peaks = response.delta.where(readable_of(response)).isel(depth=-1).max(("x", "y"))
         yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, _PPM)
 
 
@@ -151,11 +156,12 @@ def _metal_rows(
     if target is None:
         return
     states = target.state.values.tolist()
-    nearest = target.delta.isel(distance=0).transpose("state", "y", "x").values.reshape(len(states), -1)
-    largest = nearest[np.arange(len(states)), np.abs(nearest).argmax(axis=1)]
+    read = target.delta.where(readable_of(target))
+    nearest = read.isel(distance=0).transpose("state", "y", "x").values.reshape(len(states), -1)
+    largest = nearest[np.arange(len(states)), np.nan_to_num(np.abs(nearest), nan=-1.0).argmax(axis=1)]
     yield _row(f"δ of the target, {float(target.distance[0]) * 1e3:g} mm away", states, largest, _PPM)
     ranges = target["range"].values
-    if np.isfinite(ranges).all():
+    if np.isfinite(ranges).any():
         at_least = ", at least" if target.range_is_least.values.any() else ""
         yield _row(f"range of the target{at_least}", states, ranges, "m")
 

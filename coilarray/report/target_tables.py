@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from coilarray.circuit.converter_limits import DRIVE_CURRENTS
+from coilarray.circuit.readability import path_drives, with_reasons
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
@@ -13,6 +15,7 @@ _CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "qualit
 _CHANGE = "frequency_change"
 _DELTAS = ("delta", "delta_error")  # the latter of a target with a mesh
 _LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
+_VOLTS = DisplayUnit("V", 1.0, 3, significant=True)
 _MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
 
 
@@ -45,10 +48,39 @@ def target_table(response: xr.Dataset) -> Table:
     large = float(np.abs(best.delta).max()) >= _LARGE
     unit = _LARGE_DELTA if large else PER_MILLION
     shown = {"delta": unit, _CHANGE: unit, "delta_error": PER_MILLION}
-    shown |= {"distance_deviation": _MICROMETRES, "parallel_resistance": KILOHM}
+    shown |= {"distance_deviation": _MICROMETRES, "parallel_resistance": KILOHM, "amplitude": _VOLTS}
     deltas = (name for name in _DELTAS if name in best)
     names = ("distance", "state", "x", "y", *deltas, _CHANGE, *_CIRCUIT, "distance_deviation")
-    return dataset_table("target", "Target", best, names, shown)
+    best, read = with_reasons(best, ("amplitude",))
+    return dataset_table("target", "Target", best, (*names, *read), shown)
+
+
+def path_drive_table(response: xr.Dataset) -> Table:
+    """Return one row for each state of a map: the drive of the converter over all its positions; none without one.
+
+    The amplitudes are those with the drive current of the coil alone. The last columns have the one drive current that
+    reads the most positions, the coil alone being one of them, and the distances or depths that it reads where R_p is
+    the least.
+    """
+    columns = (
+        Column("state"), Column("drive_code", "IDRIVE of the coil alone"),
+        Column("least_amplitude", "least amplitude with it", "V", _VOLTS),
+        Column("largest_amplitude", "largest", "V", _VOLTS), Column("path_drive_code", "IDRIVE of the path"),
+        Column("path_drive_current", "its current", "A"), Column("read", "positions read"),
+        Column("positions", "of"), Column("heights", "read where R_p is the least"),
+    )  # fmt: skip
+    rows = tuple(
+        (
+            one.state, _code(one.code), cell(one.least), cell(one.most), _code(one.path_code),
+            "" if one.path_code < 0 else DRIVE_CURRENTS[one.path_code], str(one.read), str(one.positions), one.heights,
+        )
+        for one in path_drives(response)
+    )  # fmt: skip
+    return Table("target_drive", "Drive over the path", columns, rows)
+
+
+def _code(code: int) -> str:
+    return "none fits" if code < 0 else str(code)
 
 
 def range_table(response: xr.Dataset) -> Table:
@@ -56,7 +88,12 @@ def range_table(response: xr.Dataset) -> Table:
 
     A number that the last distance of the map limits is remarked as "at least"; what is nowhere resolved is empty.
     """
-    columns = [Column("state"), Column("range", unit="m"), Column("range_is_least", "range at least")]
+    columns = [
+        Column("state"),
+        Column("nearest_readable", "read from", "m"),
+        Column("range", unit="m"),
+        Column("range_is_least", "range at least"),
+    ]
     steps = response.step.values
     for step in steps.tolist():
         words = f"{step * 1e6:g} µm"
@@ -68,7 +105,7 @@ def range_table(response: xr.Dataset) -> Table:
         least = [f"{step * 1e6:g} µm" for step, more in zip(steps, of.resolved_is_least.values, strict=True) if more]
         remark = f"{', '.join(least)} farther than the map" if least else ""
         resolved = (cell(value) for value in of.resolved_distance.values)
-        rows.append((state, cell(of.range), bool(of.range_is_least), *resolved, remark))
+        rows.append((state, cell(of.nearest_readable), cell(of.range), bool(of.range_is_least), *resolved, remark))
     return Table("target_range", "Range and resolution", tuple(columns), tuple(rows)).without_empty_columns()
 
 
@@ -98,4 +135,5 @@ def values_table(response: xr.Dataset) -> Table:
     """Return one row for each distance, place and state: every value of a map, with L_0 and f without the target."""
     deltas = (name for name in _DELTAS if name in response)
     names = ("distance", "y", "x", "state", *deltas, _CHANGE, *_CIRCUIT, "base_inductance", "base_frequency")
-    return dataset_table("target_values", "Target", _with_change(response), names)
+    response, read = with_reasons(_with_change(response))
+    return dataset_table("target_values", "Target", response, (*names, *read))

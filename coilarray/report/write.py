@@ -142,9 +142,9 @@ def write_report(
     ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, and of metal ``plates.csv``, ``beside_plates.csv``,
-    ``target.csv``, ``target_range.csv`` and ``target_coupling.csv``, all of them in ``report.json``; ``coupling.nc``,
-    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc``,
-    ``position_bounds.nc`` and ``ellipses.nc`` hold the arrays.
+    ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and ``target_coupling.csv``, all of them in
+    ``report.json``; ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``,
+    ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc`` hold the arrays.
     Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
     page.
     """
@@ -240,7 +240,7 @@ def write_report(
             *([] if positions is None else _position_tables(positions, compare)),
             *([] if distortion is None else _distortion_tables(distortion)),
         ]
-        broken = verdicts(scan, margins)
+        broken = verdicts(scan, margins, seen, shown)
         close = [] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency)
         data: dict[str, object] = {
             "schema": 1,
@@ -318,6 +318,7 @@ def _metal_tables(
         found.append(metal_tables.beside_plates_table(scan, without))
     if target is not None:
         found += [target_tables.target_table(target), target_tables.range_table(target)]
+        found += [target_tables.path_drive_table(target)]
         found += [target_tables.target_coupling_table(target)] if len(design.array.names) > 1 else []
     return found
 

@@ -12,11 +12,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
-from coilarray.circuit.network import Network, Resonance, cases_at_once, loaded_quality, resonances_near, resonate
+from coilarray.circuit.network import Network, Resonance, cases_at_once, loaded_quality, resonate, resonators_near
 from coilarray.circuit.noise_budget import NoiseBudget, budget_of
+from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress, part_of, ranges
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState
@@ -147,6 +149,10 @@ def response_map(
         - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat;
         - ``capacitance_change`` (depth, y, x, coil): in F, zero without `dielectric`.
 
+        Unless `ideal`, and for a design with a converter, ``frequency`` in Hz, ``parallel_resistance`` in Ω and
+        ``quality_factor`` (depth, y, x, state), and ``readable`` and the others of
+        `coilarray.circuit.readability.readability`. With only near coils they are those of the flat board, over state.
+
         With an indenter whose material counts, ``delta`` and ``inductance_change`` include its effect, and
 
         - ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in Ω are the share of the
@@ -222,10 +228,11 @@ def response_map(
     states = None if flat is None or not error else _sensitivity(flat, design.plan, required=reach != "auto")
     if flat is not None and states is not None:
         base = states.base_inductance
-        budget = _budget_of_states(pressed.design, flat, states)
+        budget, alone = _budget_of_states(pressed.design, flat, states)
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
-        changes: dict[str, Variable] = {}
+        # what dents do to frequency and losses, some 1e-3, is left out of what is readable here
+        changes: dict[str, Variable] = {} if ideal else _readability(design, flat, alone, alone, ())
         attributes: dict[str, object] = {
             "error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils
         }  # fmt: skip
@@ -250,14 +257,16 @@ def response_map(
                 "plate_frequency_Hz": mean, "plate_lowest_Hz": over.band.low, "plate_highest_Hz": over.band.high
             }  # fmt: skip
             changes = _plate_variables(axes, over, mean)
-        delta = _through_circuit(flat, flats, changed, capacitance_change)
+        delta, sensors = _through_circuit(flat, flats, changed, capacitance_change)
         if ball is not None:
             frequency = _mean_frequency(flat, design.plan)
             share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
-            both = _through_circuit(flat, flats, _moved(changed, share), capacitance_change)
+            both, sensors = _through_circuit(flat, flats, _moved(changed, share), capacitance_change)
             changes |= metal_variables(axes, both - delta, share, frequency)
             attributes |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
+        if not ideal:
+            changes |= _readability(design, flat, sensors, _sensors(flats), axes.shape)
         base = np.array([_converted(flat, one) for one in flats])
         budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats])
         changes |= {
@@ -334,11 +343,13 @@ def respond(
     if "plate_frequency" in response.dims:
         over = _over_frequency(response)
         changed = _moved(over.at, lossy - over.at(response.attrs["plate_frequency_Hz"]).real)
-    delta = _through_circuit(network, flats, changed, capacitance_change)
+    delta, sensors = _through_circuit(network, flats, changed, capacitance_change)
     base = np.array([_converted(network, one) for one in flats])
     others = response.drop_dims("state")  # a share in δ of a material too
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
     others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
+    if not ideal:
+        others = others.assign(_readability(design, network, sensors, _sensors(flats), change.shape[:3]))
     others["base_inductance"] = ("state", base, response.base_inductance.attrs)
     others = others.assign_coords(state=[state.name for state in states])
     if "common_noise" in response and list(response.state.values) == [state.name for state in states]:
@@ -603,25 +614,49 @@ def _converted(network: Network, flat: Resonance) -> float:
 
 def _through_circuit(
     network: Network, flats: Sequence[Resonance], changed: _Changed, capacitance_change: FloatArray
-) -> FloatArray:
-    """δ of every depth, place and state, from the resonances of the states under flat sheets."""
+) -> tuple[FloatArray, FloatArray]:
+    """δ of every depth, place and state, from the resonances of the states under flat sheets, and `_sensors` of all."""
     shape = capacitance_change.shape[:2]
     capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
-    delta = np.empty((*shape, len(flats)))
+    delta, frequency, resistance = np.empty((3, *shape, len(flats)))
     for k, flat in enumerate(flats):
         inductances = network.inductance + changed(flat.frequency).reshape(-1, *network.inductance.shape)
         parts = []
         for start, stop in ranges(len(inductances), cases_at_once(network)):
             # the network itself first: what changes nothing then gives zero to the last digit
-            found = resonances_near(
+            found, losses = resonators_near(
                 network,
                 flat,
                 np.insert(inductances[start:stop], 0, network.inductance, axis=0),
                 np.insert(capacitances[start:stop], 0, network.winding_capacitance, axis=0),
             )
-            parts.append((found[0] / found[1:]) ** 2 - 1)
-        delta[..., k] = np.concatenate(parts).reshape(shape)
-    return delta
+            parts.append(((found[0] / found[1:]) ** 2 - 1, found[1:], losses[1:]))
+        for values, part in zip((delta, frequency, resistance), zip(*parts, strict=True), strict=True):
+            values[..., k] = np.concatenate(part).reshape(shape)
+    return delta, np.stack((frequency, resistance))
+
+
+def _sensors(flats: Sequence[Resonance]) -> FloatArray:
+    """Frequencies in Hz and parallel resistances in Ω, shape (2, states)."""
+    return np.array([(one.frequency, one.parallel_resistance) for one in flats]).T
+
+
+def _readability(
+    design: Design, network: Network, sensors: FloatArray, flat: FloatArray, shape: tuple[int, ...]
+) -> dict[str, Variable]:
+    """Return the variables of what a converter reads, from `_sensors` at positions of a shape and of the flat board.
+
+    With Q = R_p/(ω L_eff) = ω C R_p, as of `Resonance`.
+    """
+    at, base = (
+        dict(zip(RESONATOR, (f, R_p, 2 * np.pi * f * network.switches.tank_capacitance * R_p), strict=True))
+        for f, R_p in (sensors.reshape(2, *shape, -1), flat)
+    )
+    over = ("depth", "y", "x", "state") if shape else ("state",)
+    found = readability(design, over, at, base)
+    rows = zip(RESONATOR, ("Hz", "ohm", "1"), strict=True)
+    added = variables(*((name, over, at[name], unit, name.replace("_", " ")) for name, unit in rows))
+    return {**found, **added} if found else {}
 
 
 def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
@@ -634,14 +669,15 @@ def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool)
         return None
 
 
-def _budget_of_states(design: Design, network: Network, states: StateSensitivity) -> NoiseBudget:
-    """Noise budget with the losses of every state's own coil alone."""
+def _budget_of_states(design: Design, network: Network, states: StateSensitivity) -> tuple[NoiseBudget, FloatArray]:
+    """Noise budget with the losses of every state's own coil alone, and `_sensors` with them."""
     L = states.base_inductance
     frequency = 1 / (2 * np.pi * np.sqrt(L * network.switches.tank_capacitance))
     resistance = np.diagonal(network.resistance(float(frequency.mean())))[states.measured]
     with np.errstate(divide="ignore"):
         quality = 2 * np.pi * frequency * L / (resistance + 2 * network.switches.on_resistance)
-    return budget_of(design, frequency, quality)
+    sensors = np.stack((frequency, 2 * np.pi * frequency * L * quality))
+    return budget_of(design, frequency, quality), sensors
 
 
 def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:

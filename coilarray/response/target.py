@@ -16,6 +16,7 @@ from coilarray.circuit.coupling import design_circuit, provenance, widened
 from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
 from coilarray.circuit.plates import plate_model_errors
+from coilarray.circuit.readability import readability
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
@@ -138,6 +139,9 @@ def target_map(
         - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils;
         - ``coupling``, the coupling coefficients with the target.
 
+        Unless `ideal`, and for a design with a converter, ``readable`` and the others of
+        `coilarray.circuit.readability.readability` say what it can read, and with which drive current.
+
         ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are those of
         `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
         origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
@@ -214,6 +218,9 @@ def target_map(
     result = _dataset(design, target, axes, network, by_state, base, mean, near.of_each(mean))
     if noise is None:
         result = result.assign(budget.variables())
+    if not ideal:
+        at = {name: values.reshape(*axes.shape, -1) for name, values in by_state.items()}
+        result = result.assign(readability(design, ("distance", "y", "x", "state"), at, base))
     own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
     result = result.assign_attrs(noise=own).merge(ranges_of(result, sigma), combine_attrs="no_conflicts")
     errors = list(plate_model_errors(design, float(mean.mean())).values())

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
+from coilarray.circuit.readability import readable_of
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.errors import MetalError, require_positive
@@ -25,7 +26,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     Parameters
     ----------
     response : xarray.Dataset
-        ``delta`` (distance, y, x, state) of `coilarray.response.target.target_map`.
+        ``delta`` (distance, y, x, state) of `coilarray.response.target.target_map`, and ``readable``, if it is there.
     noise : float
         Standard deviation σ of δ in a reading, positive.
 
@@ -36,7 +37,8 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
         of a distance in m; ``range`` (state), the distance in m at which |δ| has fallen to `FACTOR` σ; and
         ``resolved_distance`` (step, state), that up to which a ``step`` of distance in m is no less than the standard
         deviation. Both are NaN where that is so nowhere, and the last distance where it is so everywhere, with
-        ``range_is_least`` and ``resolved_is_least`` set. Attributes ``sigma`` and ``range_factor``.
+        ``range_is_least`` and ``resolved_is_least`` set. ``nearest_readable`` (state) is the least distance in m that
+        the converter reads, NaN for none. Attributes ``sigma`` and ``range_factor``.
 
     Raises
     ------
@@ -45,33 +47,46 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
 
     Notes
     -----
-    Between the distances ln |δ| is a cubic spline, as δ falls about exponentially; δ itself where it changes its sign.
+    What the converter cannot read does not count: neither distances and places where it reads nothing, nor other
+    distances at the place where |δ| is the largest. Between the distances ln |δ| is a cubic spline, as δ falls about
+    exponentially; δ itself where it changes its sign.
     """
     require_noise(noise)
     distance = response.distance.values
     delta = response.delta.transpose("distance", "state", "y", "x").values
-    flat = delta.reshape(*delta.shape[:2], -1)
-    best = np.abs(flat[0]).argmax(axis=1)
-    rows, columns = np.unravel_index(best, delta.shape[2:])
-    along = np.take_along_axis(flat, best[None, :, None], axis=2)[..., 0]  # (distance, state)
-    fine = np.geomspace(distance[0], distance[-1], _FINE) if len(distance) > 1 else distance
-    states = along.shape[1]
+    seen = readable_of(response).transpose("distance", "state", "y", "x").values
+    states = delta.shape[1]
     deviation = np.full((len(distance), states), np.nan)
+    nearest = np.full(states, np.nan)
     found, least = np.full((1 + len(STEPS), states), np.nan), np.zeros((1 + len(STEPS), states), dtype=np.bool_)
+    rows, columns = np.zeros((2, states), dtype=np.intp)
     for s in range(states):
-        curve, slope = _curve(distance, along[:, s])
+        at, read = delta[:, s].reshape(len(distance), -1), seen[:, s].reshape(len(distance), -1)
+        counted = read.any(axis=0) if read.any() else ~read.any(axis=0)
+        best = int(np.where(counted, np.abs(at[read.any(axis=1).argmax()]), -1.0).argmax())
+        rows[s], columns[s] = np.unravel_index(best, delta.shape[2:])
+        if not read[:, best].any():
+            continue
+        first = int(read[:, best].argmax())
+        last = first + int(np.append(~read[first:, best], True).argmax())
+        d = distance[first:last]
+        nearest[s] = d[0]
+        curve, slope = _curve(d, at[first:last, best])
+        fine = np.geomspace(d[0], d[-1], _FINE) if len(d) > 1 else d
         size = np.abs(curve(fine)) / (FACTOR * noise)
         margins = [size]
-        if len(distance) > 1:
+        if len(d) > 1:
             with np.errstate(divide="ignore"):
-                deviation[:, s] = noise / np.abs(slope(distance))
+                deviation[first:last, s] = noise / np.abs(slope(d))
             margins += [np.abs(slope(fine)) * step / noise for step in STEPS]
         for k, margin in enumerate(margins):
-            found[k, s], least[k, s] = _until(fine, margin)
+            found[k, s], beyond = _until(fine, margin)
+            least[k, s] = beyond and last == len(distance)
     rows_of = (
         ("best_x", ("state",), response.x.values[columns], "m", "x where |δ| is the largest"),
         ("best_y", ("state",), response.y.values[rows], "m", "y where |δ| is the largest"),
         ("distance_deviation", ("distance", "state"), deviation, "m", "± distance"),
+        ("nearest_readable", ("state",), nearest, "m", "least distance that the converter reads"),
         ("range", ("state",), found[0], "m", f"distance at which |δ| is {FACTOR:g} times the noise"),
         ("range_is_least", ("state",), least[0], "", "whether the range is longer"),
         ("resolved_distance", ("step", "state"), found[1:], "m", "distance up to which a step is resolved"),

@@ -34,6 +34,9 @@ MOST_POINTS = 100_000
 """Points of a sweep."""
 RULES = "fab_broken"
 """Quantity that every sweep has: how many fabrication rules a point breaks. What overlaps has values, and no board."""
+UNREAD = "converter_unread"
+"""Quantity that a sweep of what a converter reads has: how many of these values it cannot read."""
+_NOT_READ = ("geometry", "coupling")  # costs of quantities that need no converter
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid
@@ -259,6 +262,8 @@ def plan_sweep(
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
         raise GoalError("a sweep must have at least one quantity or goal.")
+    if any(one.quantity.cost not in _NOT_READ for one in requests.values()):
+        requests[UNREAD] = request(UNREAD)  # after the others, which say what is read
     requests.setdefault(RULES, request(RULES))
     file = as_file(design)
     if samples is None:
@@ -290,7 +295,8 @@ def run_sweep(
         Dimensions are the entries of a grid, or ``sample``; the entries' values are coordinates in the units of their
         keys, texts where they are not numbers, with the design's own as the attribute ``design_value``. One variable a
         quantity, by its canonical name and in its unit, NaN where a point has none; ``reason`` says why, and is empty
-        elsewhere. One quantity is always `RULES`, of which `keeps_rules` tells. Units and long names in the attributes,
+        elsewhere. One quantity is always `RULES`, of which `keeps_rules` tells, and `UNREAD` one where
+        a converter counts, of which `is_read` tells. Units and long names in the attributes,
         ``sampling``, ``accuracy``, and those of `coilarray.circuit.coupling.provenance`.
 
     Raises
@@ -316,6 +322,11 @@ def run_sweep(
 def keeps_rules(result: xr.Dataset) -> xr.DataArray:
     """Whether the points of a sweep keep every fabrication rule; those without a result do not."""
     return result[RULES] == 0
+
+
+def is_read(result: xr.Dataset) -> xr.DataArray:
+    """Whether a converter reads all that the quantities of a point come from; true where none needs it."""
+    return result[UNREAD] == 0 if UNREAD in result else xr.ones_like(result[RULES], dtype=bool)
 
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:

@@ -12,6 +12,13 @@ from typing import Protocol
 
 import numpy as np
 
+from coilarray.circuit.converter_limits import (
+    AMPLITUDE_HIGH,
+    AMPLITUDE_LOW,
+    DIVIDED_FROM,
+    DRIVE_CURRENTS,
+    SENSOR_FREQUENCY,
+)
 from coilarray.design.readout import conversion_time
 from coilarray.hardware.chips.ldc1614 import (
     EXTERNAL_CLOCK_RANGE,
@@ -22,15 +29,7 @@ from coilarray.hardware.chips.ldc1614 import (
     SWITCH_TIME,
     WAKE_CYCLES,
 )
-from coilarray.hardware.chips.ldc1614_limits import (
-    AMPLITUDE_HIGH,
-    AMPLITUDE_LOW,
-    DEGLITCH,
-    DIVIDED_FROM,
-    DRIVE_CURRENTS,
-    SENSOR_FREQUENCY,
-    largest_reference,
-)
+from coilarray.hardware.chips.ldc1614_limits import DEGLITCH, largest_reference
 
 AMPLITUDE_STOPS = 0.6
 """Peak voltage in V below which the oscillation stops."""

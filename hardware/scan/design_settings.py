@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.compute.store import open_store
 from coilarray.design.model import Design
@@ -12,7 +13,6 @@ from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import Family
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
-from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import Wiring

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
-from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY
 from coilarray.hardware.chips.ldc1614_registers import decode
 from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config

@@ -11,6 +11,7 @@ import pytest
 from support.refusals import refused
 
 from coilarray import load_design
+from coilarray.circuit.converter_limits import REFERENCE
 from coilarray.circuit.coupling import bare_network
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
@@ -20,7 +21,7 @@ from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.write import design_document
 from coilarray.errors import DesignError, NetworkError
 from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_time
-from coilarray.hardware.chips.ldc1614_limits import REFERENCE, reference_divider
+from coilarray.hardware.chips.ldc1614_limits import reference_divider
 
 PAPER = load_design("gast2020")
 NAMES = tuple(state.name for state in PAPER.plan)

@@ -23,12 +23,12 @@ from support.recorded_boards import (
 from support.refusals import refused
 
 from coilarray import load_design
+from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.compute.store import open_store
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.emulator import Drift
 from coilarray.hardware.record.campaign import TRIES, Campaign, design_campaign, run_campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, response_csv

@@ -12,8 +12,8 @@ from support.emulated_reader import WIRING, at_rest, plain, quick_settings, read
 from support.quick_coils import series_tank
 from support.refusals import refused
 
+from coilarray.circuit.converter_limits import drive_for
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.readings import judge, read_scan

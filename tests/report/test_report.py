@@ -441,6 +441,8 @@ shape = "plate"
 material = "copper"
 thickness_mm = 2.0
 distances_mm = [2, 4, 8]
+[readout]
+converter = false  # one would not read coils of so few turns
 """
 
 

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter
 
+from coilarray.circuit.readability import readable_of
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.response.answering import answering_states, main_line, middle_state
 from coilarray.response.coordinates import as_depths, depth_words
@@ -333,7 +334,7 @@ def _columns(count: int, shape: float) -> int:
 
 
 def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) -> QuadContourSet:
-    """Fill axes in mm with δ (y, x), its zero line, and the coils with their names."""
+    """Fill axes in mm with δ (y, x), its zero line, and the coils with their names; what is not readable is hatched."""
     x, y = MM.of(delta.x), MM.of(delta.y)
     values = look.unit.of(delta)
     bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
@@ -342,6 +343,11 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     felt = np.ma.masked_invalid(felt)
     if felt.count() and felt.min() < 0 < felt.max():
         ax.contour(x, y, felt, levels=[0.0], colors=INK, linewidths=0.8, linestyles="--")
+    read = readable_of(response)
+    read = read.sel({name: delta[name] for name in ("depth", "state") if name in read.dims and name in delta.coords})
+    if not read.all():
+        unread = (~read).transpose("y", "x").values.astype(float)
+        ax.contourf(x, y, unread, levels=[0.5, 1.5], colors="none", hatches=["////"])
     style.draw_outlines(ax, look.outlines)
     names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
     for name, at, across in zip(names, *centres, strict=True):

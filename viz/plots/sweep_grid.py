@@ -17,7 +17,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy.interpolate import PchipInterpolator
 
 from coilarray.compute.display_units import PLAIN, true_minus
-from coilarray.studies.sweep import RULES
+from coilarray.studies.sweep import RULES, UNREAD
 from coilarray.viz.palette import BLUE, COILS, GREY, INK, SEQUENTIAL, UNKNOWN, VERMILLION, curve_look
 from coilarray.viz.plots.style import (
     axis_unit,
@@ -440,7 +440,8 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         entries, and for samples, one panel for each quantity and entry, with one dot per point. Over one entry with
         numbers coupling coefficients share a panel, drawn by `plot_coupling_sweep`, and so do the resonances with the
         tank and the self-resonances. A dashed line or a diamond marks the design's own value; points without a
-        result are left out, or grey on a map; crosses mark those that break fabrication rules.
+        result are left out, or grey on a map; crosses mark those that break fabrication rules or that no converter
+        reads.
 
     Raises
     ------
@@ -454,7 +455,7 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     >>> [ax.get_ylabel() for ax in sweep_figure(sweep).axes]
     ['worst_k']
     """
-    names = [str(name) for name in result.data_vars if name not in ("reason", RULES)] or [
+    names = [str(name) for name in result.data_vars if name not in ("reason", RULES, UNREAD)] or [
         name for name in (RULES,) if name in result
     ]
     entries = _entries(result)
@@ -493,7 +494,7 @@ def _explained(sweep: xr.Dataset, entries: Sequence[str], *, mapped: bool) -> li
     """Say what the marks of a figure are: over two entries without texts it has `mapped` ones."""
     own = [_own(sweep[entry]) is not None for entry in entries]
     mapped = mapped and not _line_entries(sweep, entries)[0]
-    marks = ["×  breaks fabrication rules"] if _broken(sweep).any() else []
+    marks = ["×  breaks fabrication rules, or no converter reads it"] if _broken(sweep).any() else []
     if all(own) if mapped else any(own):
         marks.append(f"{'◇' if mapped else '- -'}  the design as it is")
     return marks
@@ -515,8 +516,9 @@ def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
 
 
 def _broken(sweep: xr.Dataset) -> npt.NDArray[np.bool_]:
-    """Return whether each point breaks fabrication rules, as far as a sweep says."""
-    return np.asarray(sweep[RULES].values > 0) if RULES in sweep else np.zeros(1, dtype=bool)
+    """Return whether each point breaks fabrication rules or cannot be read, as far as a sweep says."""
+    marks = [sweep[name].values > 0 for name in (RULES, UNREAD) if name in sweep]
+    return np.asarray(np.any(marks, axis=0)) if marks else np.zeros(1, dtype=bool)
 
 
 def _cross_out(ax: Axes, sweep: xr.Dataset, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> None:

@@ -30,6 +30,8 @@ _LOGARITHMIC = 30.0  # last over first distance from which their axis is logarit
 def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None = None) -> Axes:
     """Draw a quantity against the distance of a target, one curve per state, where the target moves it the most.
 
+    What no converter can read is crossed.
+
     Parameters
     ----------
     response : xarray.Dataset
@@ -66,12 +68,21 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     shown = style.axis_unit(response[quantity])
     ax = ax or style.new_axes(6.5, 3.6)
     distance, colours = MM.of(response.distance), style.state_colours(response, names)
+    crossed, marked = False, "readable" in response
     for k, name in enumerate(names):
         look = curve_look(k) | {"color": colours[name]}
         drawn = np.abs(values[:, k]) if quantity == "delta" else shown.of(values[:, k])
         ax.plot(distance, drawn, label=name, marker="o", markersize=3.0, **look)
+        unread = np.array(
+            [not one for one in _along(response, "readable", states[k])] if marked else [], dtype=np.bool_
+        )
+        if marked and unread.any():
+            ax.plot(distance[unread], drawn[unread], "x", color=GREY, markersize=9.0, zorder=5)
+            crossed = True
         if base is not None:
             ax.axhline(float(shown.of(base[k])), color=colours[name], linewidth=0.8, linestyle=":", zorder=0)
+    if crossed:
+        ax.plot([], [], "x", color=GREY, markersize=9.0, label="not readable")
     if base is not None:
         ax.plot([], [], color=GREY, linewidth=0.8, linestyle=":", label="without the target")
     if quantity == "delta":

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from coilarray.circuit.readability import with_reasons
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
@@ -58,11 +59,14 @@ def moved(design: Design, place: tuple[float, float] | None) -> Moved:
 
 
 def target_rows(moved: Moved, step: int) -> list[list[str]]:
-    """Return a row for each state at one distance: its name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz."""
-    at = moved.numbers.isel(distance=step, x=0, y=0)
+    """Return a row for each state at one distance: its name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz.
+
+    The name is followed by the limit of the converter that is broken, where it cannot read the state.
+    """
+    at = with_reasons(moved.numbers.isel(distance=step, x=0, y=0))[0]
     return [
         [
-            str(state),
+            f"{state}{f' (not readable: {one.broken_limit.item()})' if not one.get('readable', True) else ''}",
             true_minus(f"{float(one.delta) * 100:+.4g} %"),
             f"{float(one.effective_inductance) * 1e6:.4f}",
             f"{float(one.effective_resistance):.3f}",

@@ -8,11 +8,11 @@ from contextlib import suppress
 
 import xarray as xr
 
+from coilarray.circuit.converter_limits import SENSOR_FREQUENCY, Limit, check_channel
 from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design
 from coilarray.errors import DesignError, NetworkError
-from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY, Limit, check_channel
 
 _SMALLEST, _DECADES = 100e-12, 5  # F, below which strays would weigh too much
 _SERIES = (1.0, 1.5, 2.2, 3.3, 4.7, 6.8)  # E6
@@ -79,10 +79,12 @@ def expected_frequency(inductance: float) -> float:
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
     """Limits of the LDC1614 that states break, each with the name of the state; `scan` is that of `scan_design`.
 
-    The frequency may also be no more than a share of the coil's self-resonance.
+    The frequency may also be no more than a share of the coil's self-resonance. None for a design without a converter.
     """
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
-    broken = []
+    broken: list[tuple[str, Limit]] = []
+    if "readable" not in scan:
+        return broken
     for state, *values in zip(scan.state.values.tolist(), *(scan[name].values.tolist() for name in names), strict=True):
         frequency, _, _, self_resonance = values
         share = Limit("frequency over self-resonance", frequency / self_resonance, 0, share_of_self_resonance)

@@ -40,6 +40,23 @@ class Evaluation:
     design: Design
     accuracy: Accuracy = "full"
     _maps: dict[tuple[tuple[float | str, ...], ...], xr.Dataset] = field(default_factory=dict, init=False, repr=False)
+    _unread: list[int] = field(default_factory=list, init=False, repr=False)
+
+    @property
+    def unread(self) -> int:
+        """Number of values that the converter cannot read, of what quantities have taken."""
+        return sum(self._unread)
+
+    @property
+    def judged(self) -> bool:
+        """Whether quantities have taken anything that a converter reads, or there is no converter."""
+        return bool(self._unread) or not self.design.readout.converter
+
+    def taken(self, found: xr.Dataset) -> xr.Dataset:
+        """Note what the converter cannot read of a dataset that a quantity takes, and return it."""
+        if "readable" in found:
+            self._unread.append(int((~found.readable).sum()))
+        return found
 
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
@@ -59,7 +76,7 @@ class Evaluation:
     @cached_property
     def scan(self) -> xr.Dataset:
         """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_design`."""
-        return scan_design(self.design, elastomer=False, accuracy=self.accuracy)
+        return self.taken(scan_design(self.design, elastomer=False, accuracy=self.accuracy))
 
     @cached_property
     def own_states(self) -> dict[str, int]:
@@ -86,9 +103,9 @@ class Evaluation:
         key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
-            self._maps[key] = response_map(
+            self._maps[key] = self.taken(response_map(
                 self.design, depths=depths, x=x, y=y, reach="auto", network=network, inductance=lambda: self.inductance
-            )
+            ))  # fmt: skip
         return self._maps[key]
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.hardware.chips.ldc1614_limits import DRIVE_WINDOW, check_channel
+from coilarray.circuit.converter_limits import DRIVE_WINDOW, check_channel
 from coilarray.studies.quantities.couplings import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, Quantity, quantity, read_name
@@ -52,6 +52,16 @@ def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return min(margins)
 
 
+@quantity(
+    "converter_unread", "1", "circuit",
+    "number of values that no LDC1614 can read, of those that the other quantities come from, or of the states",
+)  # fmt: skip
+def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    if not evaluation.judged:
+        _ = evaluation.scan  # which notes itself
+    return float(evaluation.unread)
+
+
 def _of(evaluation: Evaluation, name: str, coil: str) -> float:
     values: npt.NDArray[np.float64] = evaluation.scan[name].values
     return float(values[evaluation.state_of(coil)])
@@ -69,5 +79,5 @@ RESONATORS = (
     _of_state("frequency_MHz", "MHz", "frequency", 1e-6, "resonance of a measured coil with the tank"),
     _of_state("self_resonance_MHz", "MHz", "state_self_resonance", 1e-6,
               "self-resonance of a measured coil, without the tank"),
-    _quality, _self_resonance_margin, _drive_margin,
+    _quality, _self_resonance_margin, _drive_margin, _unread,
 )  # fmt: skip

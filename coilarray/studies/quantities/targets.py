@@ -38,7 +38,7 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
 
     @quantity(name, unit, "target", f"{says}, with the target at a distance", COIL, *_OVER)
     def with_target(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-        at = _over(evaluation, options, [evaluation.distance(options.get("distance_mm"))])
+        at = evaluation.taken(_over(evaluation, options, [evaluation.distance(options.get("distance_mm"))]))
         return scale * float(at[variable].item())
 
     return with_target
@@ -53,7 +53,10 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     found = _ranges(_every_distance(evaluation, options), options)
     value = float(found.range.item())
     if math.isnan(value):
-        raise GoalError(f"{options['coil']} of {evaluation.design.name} does not detect the target at any distance.")
+        raise GoalError(
+            f"{options['coil']} of {evaluation.design.name} does not detect the target at any distance that the "
+            "converter reads."
+        )
     return value * 1e3
 
 
@@ -65,7 +68,13 @@ def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     distance = evaluation.distance(options.get("distance_mm"))
     known = _every_distance(evaluation, options, distance)
     deviations = _ranges(known, options).distance_deviation.values[:, 0]
-    return float(deviations[np.abs(known.distance.values - distance).argmin()]) * 1e6
+    value = float(deviations[np.abs(known.distance.values - distance).argmin()])
+    if math.isnan(value):
+        raise GoalError(
+            f"the converter does not read {options['coil']} of {evaluation.design.name} with the target at "
+            f"{distance * 1e3:g} mm, or at no other of its distances."
+        )
+    return value * 1e6
 
 
 def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:

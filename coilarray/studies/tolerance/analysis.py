@@ -24,7 +24,7 @@ from coilarray.localize.forward import forward_model, table_for, table_grid
 from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.evaluate import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, canonical
-from coilarray.studies.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
+from coilarray.studies.tolerance.outputs import UNREAD, Outputs, default_quantities, evaluate_board, wanted_outputs
 from coilarray.studies.tolerance.position import Shifts, require_states, shifts_at
 from coilarray.studies.tolerance.sampling import Sampling, draw, errors_of
 from coilarray.studies.tolerance.sensitivity import Sensitivity, difference_points, error_steps, sensitivity
@@ -96,6 +96,8 @@ def analyse(
         - their ``ratio`` to the linear deviation with its standard error, NaN where that deviation is zero;
         - ``percentiles``.
 
+        Where no converter can read a board, ``unread`` (sample) marks it, and the attribute ``not_read`` counts.
+
         With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples, ``sample_yield`` with
         its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be made keeps no limit;
         the linear model has none of these.
@@ -140,7 +142,8 @@ def analyse(
     near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
     values = _near_values(near, boards, outputs.names(design))
     nominal, linear = values[0], sensitivity(found, steps, values[1:])
-    sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else list(o.values()) for o in taken])
+    outs = outputs.names(design)
+    sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else [o[name] for name in outs] for o in taken])
     sampled = sampled.reshape(samples, len(nominal))
     located: dict[str, str] = {}
     if shifts is not None:
@@ -151,6 +154,13 @@ def analyse(
         result = result.merge(_sampled_part(names, linear, drawn, sampled, failures))
     if limits:
         result = result.merge(_yields(limits, names, found, nominal, linear, sampled))
+    unread = [not isinstance(one, str) and one.get(UNREAD, 0.0) > 0 for one in (near[0], *taken)]
+    if any(unread):
+        words = {"long_name": "whether no converter can read the board"}
+        result = result.assign(unread=("sample", np.array(unread[1:], dtype=np.bool_), words)) if samples else result
+        located["not_read"] = (
+            f"{'the' if unread[0] else 'not the'} nominal board, {sum(unread[1:])} of {samples} drawn ones"
+        )
     about = {"seed": seed, "sampling": sampling, "accuracy": accuracy, "boards": len(boards)}
     return result.assign_attrs({**provenance(design), **about, **located})
 

@@ -16,6 +16,8 @@ from coilarray.studies.quantities import Evaluation, request
 from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.tolerances import Positions
 
+UNREAD = "unread values"
+"""Name of an outcome that is no output."""
 _MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a table that can be read
 
 
@@ -90,6 +92,8 @@ def wanted_outputs(
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     """Compute the outputs of one board from `Outputs.item`, by the names of `Outputs.names`; workers run this function.
 
+    `UNREAD` is the number of values among them that no converter can read.
+
     GoalError for errors that leave no board, or a quantity that the board does not have; CoilarrayError for physics
     that cannot be solved.
     """
@@ -99,11 +103,12 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     values = {name: request(name).value(evaluation) for name in item["quantities"]}
     at = item["positions"]
     if at is None:
-        return values
+        return {**values, UNREAD: float(evaluation.unread)}
     positions = Positions(tuple(at["x"]), tuple(at["y"]), at["depth"])
     response = evaluation.response(np.array([positions.depth]), np.array(positions.x), np.array(positions.y))
     names = Outputs((), positions).names(board)
-    return {**values, **dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))}
+    deltas = dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))
+    return {**values, **deltas, UNREAD: float(evaluation.unread)}
 
 
 def _mm(length: float) -> str:

@@ -61,7 +61,7 @@ class Shifts:
         states = len(self.model.states)
         rows = []
         for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
-            weights = whitening_of(self.model, self.noise, self.model.delta(point))
+            weights = whitening_of(self.model, self.noise, self.model.delta(point), point)
             inverse = np.linalg.pinv(weights.slopes(self.model.jacobian(point)[:, list(axes)]))
             for row in inverse @ weights.slopes(np.eye(states)) * 1e3:
                 rows.append(np.zeros(len(self.points) * states))

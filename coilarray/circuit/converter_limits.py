@@ -1,0 +1,341 @@
+"""What a converter of the LDC1614's family can read: frequency, losses and amplitude of its sensor, and its drive.
+
+Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current), table 43 (frequencies), section
+8.1.5 (amplitude, equation 12). The FDC2214 has the same core (SNOSCZ5B).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.design.readout import INTERNAL_CLOCK
+
+REFERENCE = INTERNAL_CLOCK / 2
+"""Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
+AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
+"""Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
+_SHOWN = {"Ω": DisplayUnit("kΩ", 1e-3)}
+DRIVE_WINDOW = "R_p (Ω)"
+"""Name of the limit of `check_channel` that holds the parallel resistance to `RESISTANCE`."""
+RESISTANCE = (1e3, 100e3)
+"""Allowed parallel resistance of a sensor in Ω, of the electrical characteristics; the rows of table 42 are for 0.6 to
+90 kΩ."""
+SENSOR_FREQUENCY = (1e3, 10e6)
+"""Allowed frequency of a sensor in Hz."""
+AMPLITUDES = (0.99 * AMPLITUDE_LOW, 1.02 * AMPLITUDE_HIGH)
+"""The same as far as the rows of table 42, which are rounded, go beyond it."""
+LARGEST_REFERENCE = 35e6
+"""Largest reference frequency with one channel in Hz."""
+DIVIDED_FROM = 8.75e6
+"""Frequency of a sensor in Hz from which FIN_DIVIDER must be at least 2."""
+_LARGEST_SHARE_OF_REFERENCE = 0.25
+_LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
+_SMALLEST_QUALITY = 1.0
+LARGEST_INPUT_DIVIDER = 15
+"""Largest FIN_DIVIDER."""
+
+# IDRIVE codes 0 to 31: current in µA, smallest and largest R_p in kΩ
+_DRIVE = (
+    (16, 60.0, 90.0), (18, 51.8, 77.6), (20, 44.6, 66.9), (23, 38.4, 57.6), (28, 33.7, 49.7), (32, 29.5, 42.8),
+    (40, 23.6, 36.9), (46, 20.5, 31.8), (52, 18.1, 27.4), (59, 16.1, 23.6), (72, 13.1, 20.4), (82, 11.5, 17.6),
+    (95, 9.92, 15.1), (110, 8.57, 13.0), (127, 7.42, 11.2), (146, 6.46, 9.69), (169, 5.58, 8.35), (195, 4.83, 7.20),
+    (212, 4.45, 6.21), (244, 3.86, 5.35), (297, 3.17, 4.61), (342, 2.76, 3.97), (424, 2.22, 3.42), (489, 1.93, 2.95),
+    (551, 1.71, 2.54), (635, 1.48, 2.19), (763, 1.24, 1.89), (880, 1.07, 1.63), (1017, 0.93, 1.40),
+    (1173, 0.80, 1.21), (1355, 0.70, 1.05), (1563, 0.60, 0.90),
+)  # fmt: skip
+DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
+"""Currents of the IDRIVE codes 0 to 31 in A."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A setting of the sensor drive.
+
+    Parameters
+    ----------
+    code : int
+        IDRIVE code, 0 to 31.
+    current : float
+        Drive current in A.
+    amplitude : float
+        Peak voltage of the sensor in V, 4 R_p I/π.
+    """
+
+    code: int
+    current: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit of the converter.
+
+    Parameters
+    ----------
+    name : str
+        Name of the limited quantity, with its unit.
+    value, low, high : float
+        Value, and the range it must be in.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def kept(self) -> bool:
+        """True if the value is in the range."""
+        return self.low <= self.value <= self.high
+
+    @property
+    def words(self) -> str:
+        """Name, value and allowed range for people, in customary units.
+
+        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 101e3, 1e3, 100e3).words
+        ('quality factor is 5; it must be at least 10', 'R_p is 101 kΩ; it must be 1 kΩ to 100 kΩ')
+        """
+        name, value, allowed = self._texts()
+        return f"{name} is {value}; it must be {allowed}"
+
+    @property
+    def refusal(self) -> str:
+        """The same as a sentence of an error.
+
+        >>> Limit("clock (Hz)", 30e6, 35e6, 55e6).refusal
+        'clock must be 35 MHz to 55 MHz; got 30 MHz.'
+        """
+        name, value, allowed = self._texts()
+        return f"{name} must be {allowed}; got {value}."
+
+    def _texts(self) -> tuple[str, str, str]:
+        """Return name, value and allowed range."""
+        name, _, unit = self.name.removesuffix(")").partition(" (")
+        shown = _SHOWN.get(unit) or display_unit(unit)
+        counts = not unit and float(self.value).is_integer()
+        value, low, high = (shown.text(one, ".6" if counts else ".4") for one in (self.value, self.low, self.high))
+        if math.isinf(self.high):
+            allowed = f"at least {low}"
+        else:
+            allowed = f"at most {high}" if self.low <= 0 else f"{low} to {high}"
+        return name, value, allowed
+
+
+def drive_for(parallel_resistance: float) -> Drive | None:
+    """Return the drive setting for a `parallel_resistance` R_p of the tank at resonance in Ω.
+
+    Returns
+    -------
+    Drive or None
+        The largest current whose row of table 42 holds R_p and whose amplitude stays below the clamps; None where
+        no row holds R_p.
+
+    Raises
+    ------
+    ValueError
+        A resistance that is not positive.
+
+    Examples
+    --------
+    >>> drive_for(33e3).code
+    6
+    """
+    require_each_positive(parallel_resistance=parallel_resistance)
+    code = int(drive_codes(np.array(parallel_resistance)))
+    return None if code < 0 else drive_of(code, parallel_resistance)
+
+
+def drive_codes(parallel_resistance: FloatArray) -> IntArray:
+    """Return the IDRIVE codes of `drive_for`, −1 where no row holds R_p, for values in Ω of any shape."""
+    within, any_row = (np.full(parallel_resistance.shape, -1) for _ in range(2))
+    for code, (current, low, high) in enumerate(_DRIVE):
+        held = (parallel_resistance >= low * 1e3) & (parallel_resistance <= high * 1e3)
+        # some rows of the table exceed the clamps by a few percent; their neighbours below do not
+        below = held & (4e-6 * current * parallel_resistance / math.pi <= AMPLITUDE_HIGH)
+        within[below], any_row[held] = code, code
+    return np.where(within >= 0, within, any_row)
+
+
+def drive_of(code: int, parallel_resistance: float) -> Drive:
+    """Return the current of an IDRIVE code, 0 to 31, and the amplitude that it gives an R_p in Ω (equation 12).
+
+    >>> round(drive_of(6, 33e3).amplitude, 2)
+    1.68
+    """
+    if not 0 <= code < len(_DRIVE):
+        raise ValueError(f"code must be 0 to {len(_DRIVE) - 1}; got {code}.")
+    require_each_positive(parallel_resistance=parallel_resistance)
+    current = DRIVE_CURRENTS[code]
+    return Drive(code, current, 4 * parallel_resistance * current / math.pi)
+
+
+_NAMES = ("sensor frequency (Hz)", DRIVE_WINDOW, "amplitude (V peak)", "quality factor")
+BROKEN = ("none", "frequency", "R_p", "amplitude", "Q")
+"""Words for the numbers of `broken_limit`."""
+
+
+def decisive_limits(
+    frequency: npt.ArrayLike,
+    parallel_resistance: npt.ArrayLike,
+    quality_factor: npt.ArrayLike,
+    code: int | None = None,
+) -> list[tuple[FloatArray, FloatArray | float, FloatArray | float]]:
+    """Return the values of the limits of `BROKEN` from 1 on, each with the ends of its range; as for `broken_limit`."""
+    f, R_p, Q = (np.asarray(one, dtype=np.float64) for one in (frequency, parallel_resistance, quality_factor))
+    codes = drive_codes(R_p) if code is None else np.asarray(code)
+    amplitude = 4 * R_p * np.array(DRIVE_CURRENTS)[np.maximum(codes, 0)] / math.pi
+    low, high = AMPLITUDES
+    # without a row the smallest current is tried, and too low an R_p has broken its own limit
+    of_amplitude = (np.where(codes < 0, 0.0, low), np.where(codes < 0, AMPLITUDE_HIGH, high))
+    return [
+        (f, *SENSOR_FREQUENCY), (R_p, *RESISTANCE), (amplitude, *of_amplitude), (Q, _SMALLEST_QUALITY, math.inf)
+    ]  # fmt: skip
+
+
+def broken_limit(
+    frequency: npt.ArrayLike,
+    parallel_resistance: npt.ArrayLike,
+    quality_factor: npt.ArrayLike,
+    code: int | None = None,
+) -> IntArray:
+    """Decide which sensors the converter can read: the number of the first limit that each breaks.
+
+    Parameters
+    ----------
+    frequency, parallel_resistance, quality_factor : array_like, shape (…)
+        Frequencies in Hz, parallel resistances R_p at resonance in Ω, and quality factors.
+    code : int, optional
+        IDRIVE of all, 0 to 31; by default that of `drive_for` for each, so that a limit is broken by any drive.
+
+    Returns
+    -------
+    ndarray of int, shape (…)
+        0 where all limits are kept, else the place of the limit in `BROKEN`.
+
+    Examples
+    --------
+    >>> [BROKEN[k] for k in broken_limit([2e6, 11.3e6, 2e6, 2e6], [8e3, 8e3, 512.0, 95e3], 30)]
+    ['none', 'frequency', 'R_p', 'amplitude']
+    >>> BROKEN[broken_limit(7.8e6, 1.89e3, 11, code=13)]  # 0.26 V
+    'amplitude'
+    """
+    kept = [(one >= low) & (one <= high) for one, low, high in decisive_limits(
+        frequency, parallel_resistance, quality_factor, code
+    )]  # fmt: skip
+    every = np.stack(np.broadcast_arrays(*kept))
+    return np.where(every.all(axis=0), 0, 1 + every.argmin(axis=0))
+
+
+def shared_drive(frequency: FloatArray, parallel_resistance: FloatArray, quality_factor: FloatArray) -> int:
+    """Return the IDRIVE code with which the converter reads the most sensors of one channel, one after the other.
+
+    Of codes that read as many, one that exceeds 1.8 V at the fewest, then the largest current: above 1.8 V the clamps
+    shift the frequency, below 0.6 V the oscillation may stop. -1 where no code reads any. All are of shape (n,), in Hz
+    and Ω.
+
+    >>> both = shared_drive(np.array([2e6, 2e6]), np.array([4e3, 5e3]), np.array([20.0, 20.0]))
+    >>> [round(drive_of(both, R_p).amplitude, 2) for R_p in (4e3, 5e3)]
+    [1.24, 1.55]
+    """
+    best = (0, 0, -1)
+    for code, current in enumerate(DRIVE_CURRENTS):
+        read = broken_limit(frequency, parallel_resistance, quality_factor, code) == 0
+        above = 4 * current * parallel_resistance / math.pi > AMPLITUDE_HIGH
+        if read.any():
+            best = max(best, (int(read.sum()), -int((read & above).sum()), code))
+    return best[2]
+
+
+def check_channel(
+    frequency: float,
+    parallel_resistance: float,
+    quality_factor: float,
+    self_resonance: float = math.inf,
+    *,
+    reference: float = REFERENCE,
+    divider: int | None = None,
+    code: int | None = None,
+) -> tuple[Limit, ...]:
+    """Check every limit of one channel.
+
+    Parameters
+    ----------
+    frequency : float
+        Frequency of the sensor in Hz.
+    parallel_resistance : float
+        Parallel resistance R_p of the sensor at resonance in Ω.
+    quality_factor : float
+        Quality factor of the sensor.
+    self_resonance : float
+        Self-resonance of the coil in Hz.
+    reference : float
+        Reference frequency f_ref in Hz.
+    divider : int, optional
+        FIN_DIVIDER, 1 to 15; by default the least that will do, as the driver sets it.
+    code : int, optional
+        IDRIVE, 0 to 31; by default that of `drive_for`.
+
+    Returns
+    -------
+    tuple of Limit
+        All limits, kept or not. An R_p that is allowed but too large for every row of table 42 breaks the limit of the
+        amplitude that the smallest drive current makes. Channel 0 alone can be driven harder than `DRIVE_WINDOW` says,
+        down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
+
+    Raises
+    ------
+    ValueError
+        A value that is not positive.
+
+    Examples
+    --------
+    >>> all(limit.kept for limit in check_channel(1.9e6, 33e3, 48.0, 8e6))
+    True
+    >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0, divider=1) if not limit.kept]
+    ['sensor frequency by divider over reference']
+    """
+    require_each_positive(frequency=frequency, quality_factor=quality_factor, self_resonance=self_resonance)
+    require_each_positive(reference=reference)
+    if divider is None:
+        divider = min(least_divider(frequency, reference), LARGEST_INPUT_DIVIDER)
+    require_each_positive(divider=divider)
+    require_each_positive(parallel_resistance=parallel_resistance)
+    share = frequency / divider / reference
+    decisive = decisive_limits(frequency, parallel_resistance, quality_factor, code)
+    sensor, resistance, amplitude, quality = (
+        Limit(name, float(value), float(low), float(high))
+        for name, (value, low, high) in zip(_NAMES, decisive, strict=True)
+    )
+    limits = [
+        sensor,
+        Limit("sensor frequency by divider over reference", share, 0, _LARGEST_SHARE_OF_REFERENCE),
+        Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
+        resistance,
+        quality,
+        Limit("reference frequency (Hz)", reference, 0, LARGEST_REFERENCE),
+        Limit("FIN_DIVIDER", divider, 2 if frequency >= DIVIDED_FROM else 1, LARGEST_INPUT_DIVIDER),
+    ]
+    if amplitude.low > 0:
+        limits.append(amplitude)
+    elif resistance.kept:
+        limits.append(replace(amplitude, name="amplitude with the smallest drive current (V peak)"))
+    return tuple(limits)
+
+
+def least_divider(frequency: float, reference: float) -> int:
+    """Return the least FIN_DIVIDER, of any size, for a sensor's frequency and a reference frequency in Hz."""
+    least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
+    return max(least, 2 if frequency >= DIVIDED_FROM else 1)
+
+
+def require_each_positive(**values: float) -> None:
+    """Refuse values that are not positive, by their names: ValueError."""
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name} must be positive; got {value}.")
