@@ -609,7 +609,7 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
         ("open_effective_inductance", single, unchanged, "H", "effective inductance, others open"),
         ("inductance_change", single, effective / unchanged - 1, "1", "change by the others"),
         ("effective_resistance", single, each("effective_resistance"), "ohm", "effective resistance"),
-        ("quality_factor", single, each("quality_factor"), "1", "quality factor"),
+        ("quality_factor", single, each("quality_factor"), "1", f"quality factor{network.switches.beside_q}"),
         ("open_frequency", single, each("frequency", alone), "Hz", "resonance frequency, others open"),
         ("frequency", single, each("frequency"), "Hz", "resonance frequency"),
         ("current_real", pair, currents.real, "A/A", "in-phase current"),

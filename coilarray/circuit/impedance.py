@@ -72,7 +72,8 @@ def scan_design(
     design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     elastomer : bool
-        Compute also what the elastomer's permittivity does, which takes as long as all the rest.
+        Compute also what the elastomer's permittivity does, which takes as long as all the rest; nothing on a board
+        without elastomer.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
@@ -131,14 +132,15 @@ def scan_design(
     middle = float(np.sqrt(grid[0] * grid[-1]))
     nearest = int(np.abs(grid - middle).argmin())
     states, pair, coil = ("state",), ("state", "coil"), ("coil",)
-    currents = np.array([r.currents for r in results])
+    currents, beside_q = np.array([r.currents for r in results]), network.switches.beside_q
     rows = [
         ("frequency", states, [r.frequency for r in results], "Hz", "resonance frequency"),
         ("effective_inductance", states, [r.effective_inductance for r in results], "H", "effective inductance"),
         ("effective_resistance", states, [r.effective_resistance for r in results], "ohm", "effective resistance"),
-        ("quality_factor", states, [r.quality_factor for r in results], "1", "quality factor of the coil"),
+        ("quality_factor", states, [r.quality_factor for r in results], "1",
+         f"quality factor of the coil{beside_q}"),
         ("loaded_quality_factor", states, [loaded_quality(network, r) for r in results], "1",
-         "quality factor with the tank"),
+         f"quality factor with the tank{beside_q}"),
         ("state_self_resonance", states, _self_resonances(design, network, results, accuracy), "Hz",
          "self-resonance without the tank"),
         ("parallel_resistance", states, [r.parallel_resistance for r in results], "ohm", "parallel resistance"),
@@ -156,7 +158,7 @@ def scan_design(
     if (counted := part_switches(design)) != design.circuit.switches:
         with_part = [resonate(replace(network, switches=counted), state).frequency for state in plan]
         rows.append(("part_frequency", states, with_part, "Hz", f"with capacitances of {design.circuit.part}"))
-    if elastomer:
+    if elastomer and design.sheets:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
         above = permittivity_above(design)
         effect = kept_dataset(
@@ -246,7 +248,7 @@ def sweep_design(
         ("impedance_real", dims, Z.real, "ohm", "resistance, Re Z"),
         ("impedance_imag", dims, Z.imag, "ohm", "reactance, Im Z"),
         ("apparent_inductance", dims, Z.imag / (2 * np.pi * f[:, None]), "H", "apparent inductance"),
-        ("quality_factor", dims, Z.imag / Z.real, "1", "quality factor"),
+        ("quality_factor", dims, Z.imag / Z.real, "1", f"quality factor{design.circuit.switches.beside_q}"),
     )
     frequency = variables(("frequency", ("frequency",), f, "Hz", "frequency"))
     return xr.Dataset(

@@ -60,6 +60,17 @@ class Switches:
             raise NetworkError(f"tank_at must be 'converter' or 'coil'; got {self.tank_at!r}.")
 
     @property
+    def beside_q(self) -> str:
+        """Resistance that is no copper in R and Q of a measured coil, to be said beside Q; empty without any.
+
+        Examples
+        --------
+        >>> "quality factor" + Switches(2.5).beside_q, Switches().beside_q
+        ('quality factor, with 5 Ω of switches', '')
+        """
+        return f", with {2 * self.on_resistance:.4g} Ω of switches" if self.on_resistance else ""
+
+    @property
     def across_coil(self) -> float:
         """Capacitance in F across a measured coil: the tank, and what both of its sides have to ground in series.
 

@@ -28,7 +28,8 @@ def winding_table(scan: xr.Dataset) -> Table:
         "self_resonance", "bare_winding_capacitance", "elastomer_delta", "dent_delta_bound",
     )  # fmt: skip
     shown = dict.fromkeys(("elastomer_delta", "dent_delta_bound"), PER_MILLION)
-    return dataset_table("windings", "Windings", scan.assign(ac_resistance_frequency=frequency), names, shown)
+    scan = scan.assign(ac_resistance_frequency=frequency)
+    return dataset_table("windings", "Windings", scan, [name for name in names if name in scan], shown)
 
 
 def state_table(scan: xr.Dataset) -> Table:

@@ -69,7 +69,9 @@ def _errors(errors: Mapping[str, ModelError], name: str) -> tuple[Value, ...]:
 def beside_plates_table(scan: xr.Dataset, without: xr.Dataset) -> Table:
     """Return one row for each state: L, R, Q and f beside the plates and without them, as the converter sees them."""
     rows: dict[str, xr.DataArray] = {}
-    for name, words in _COMPARED.items():
+    beside_q = str(scan.quality_factor.attrs["long_name"]).partition(",")[2]
+    compared = _COMPARED | ({"quality_factor": f"Q,{beside_q}"} if beside_q else {})
+    for name, words in compared.items():
         rows[name] = scan[name].assign_attrs(long_name=words)
         rows[f"{name}_without"] = without[name].assign_attrs(long_name=f"{words} without plates")
     change = scan.effective_inductance / without.effective_inductance - 1

@@ -28,7 +28,7 @@ _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
     ("effective_inductance", "effective inductance"),
-    ("quality_factor", "quality factor"),
+    ("quality_factor", ""),  # the name in the dataset says what is in it
     ("parallel_resistance", "parallel resistance"),
     ("state_self_resonance", "self-resonance"),
 )
@@ -95,7 +95,12 @@ def _rows(
         if scan is None or name not in scan:
             continue
         values = scan[name]
-        yield _row(words, values.state.values.tolist(), values.values, str(values.attrs["units"]))
+        yield _row(
+            words or str(values.attrs["long_name"]),
+            values.state.values.tolist(),
+            values.values,
+            str(values.attrs["units"]),
+        )
     if len(names) > 1:
         k = np.abs(coupling.coupling.values - np.eye(len(names)))
         i, j = (int(n) for n in np.unravel_index(int(k.argmax()), k.shape))

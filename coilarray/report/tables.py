@@ -224,9 +224,14 @@ def pair_table(coupling: xr.Dataset) -> Table:
 
 
 def design_table(file: DesignFile) -> Table:
-    """Return one row for each value of the design, assumed ones with their reason."""
+    """Return one row for each value of the design, assumed ones with their reason.
+
+    On a board without elastomer its keys are left out, unless they are given.
+    """
     rows = []
     for key, value in file.values.items():
+        if not file.design.sheets and key.rpartition(".")[2].startswith("elastomer") and key not in file.given:
+            continue
         origin = "assumed" if key in file.assumed else "given" if key in file.given else "default"
         rows.append((key, _plain(value), origin, file.assumed.get(key, "")))
     return Table("design", "Design", tuple(map(Column, ("key", "value", "origin", "reason"))), tuple(rows))

@@ -159,8 +159,8 @@ def no_indentation(design: Design) -> str:
     """Return the line that says what a design without an indentation lacks."""
     bundled = ", ".join(names_with("indentation"))
     return (
-        f"the design {design.name} has no [indenter] and [indentation], what presses on its elastomer: coilarray init "
-        f"writes both unless --no-elastomer; bundled designs that have them are {bundled}."
+        f"the design {design.name} has no [indenter] and [indentation], which say what presses on the board; "
+        f"bundled designs that have them are {bundled}."
     )
 
 

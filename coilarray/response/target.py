@@ -350,13 +350,17 @@ def _dataset(
     omega = 2 * np.pi * middle[:, None, None]
     L, L_0 = by_state["effective_inductance"], base["effective_inductance"]
     shape = (*axes.shape, len(names), len(names))
+    beside_q = design.circuit.switches.beside_q
+    quantities = [
+        (name, unit, words + (beside_q if name == "quality_factor" else "")) for name, unit, words in _QUANTITIES
+    ]
     rows = [
         ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "δ"),
         ("base_inductance", ("state",), L_0, "H", "L_0 as the converter sees it"),
         *((name, (*place, "state"), by_state[name].reshape(*axes.shape, -1), unit, words)
-          for name, unit, words in _QUANTITIES),
+          for name, unit, words in quantities),
         *((f"base_{name}", ("state",), base[name], unit, f"{words} without the target")
-          for name, unit, words in _QUANTITIES if name != "effective_inductance"),
+          for name, unit, words in quantities if name != "effective_inductance"),
         ("inductance_change", (*place, *pair), matrix.real.reshape(shape), "H", "inductance matrix, with less without"),
         ("resistance_change", (*place, *pair), (-omega * matrix.imag).reshape(shape), "ohm",
          "resistance matrix, with less without"),

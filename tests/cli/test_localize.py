@@ -143,7 +143,7 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
         (("a1.nc", "--plot", "dir.png"), "it is a folder"),
         (("no_such_design",), "no_such_design"),
         (("gast2020", "--coil", "coil9"), "--coil must be one of coil1, coil2, coil3, coil4, coil5, coil6; got coil9"),
-        (("proximity",), "has no [indenter] and [indentation], what presses on its elastomer: coilarray init writes"),
+        (("proximity",), "has no [indenter] and [indentation], which say what presses on the board"),
     ],
 )
 def test_mistakes_of_fit(capsys, monkeypatch, arguments, message):

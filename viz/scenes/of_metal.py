@@ -126,10 +126,11 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
     states = [str(name) for name in at.state.values]
     first = coil if coil in states else states[0]
     one = at.sel(state=first)
+    beside_q = str(at.quality_factor.attrs["long_name"]).partition(",")[2]
     line = (
         f"target at {MM.text(at.distance, '.3')}, {first}: δ = {percent(one.delta)}, "
         f"L = {float(one.effective_inductance) * 1e6:.4g} µH, "
-        f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}, "
+        f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}{beside_q}, "
         f"f = {float(one.frequency) * 1e-6:.4f} MHz"
     )
     others = [name for name in states if name != first]

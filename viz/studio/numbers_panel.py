@@ -138,6 +138,7 @@ class NumbersPanel(Panel):
         state.matrix = {
             "names": list(numbers.names), "of": kind, "cells": _plain(cells), "most": most,
             "dense": len(numbers.names) > _MOST_IN_DIGITS,
+            "beside_q": self._numbers[0].circuit.switches.beside_q,
         }  # fmt: skip
 
     def _show_circuit(self, found: tuple[Design, Circuit]) -> None:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Literal, get_args
 
 from coilarray.design.fab_limits import load_profile
+from coilarray.design.switch_parts import PARTS, PartName
 from coilarray.errors import DesignError
 from coilarray.geometry.values import SIDES, Side
 from coilarray.studies.create.arrangement import Arrangement, read_arrangement
@@ -44,10 +45,12 @@ class Choices:
     frequency: float | None = None
     capacitance: float | None = None
     connector: Side | None = None
+    switches: PartName | None = None
     title: str = ""
 
     def __post_init__(self) -> None:
-        for what, allowed in (("shape", SHAPES), ("overlap", get_args(Overlap)), ("connector", (None, *SIDES))):
+        for what, allowed in (("shape", SHAPES), ("overlap", get_args(Overlap)),
+                              ("connector", (None, *SIDES)), ("switches", (None, *PARTS))):  # fmt: skip
             if getattr(self, what) not in allowed:
                 listed = ", ".join(word for word in allowed if word is not None)
                 raise DesignError(f"{what} must be one of {listed}; got {getattr(self, what)!r}.")

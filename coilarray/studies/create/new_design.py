@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from coilarray.circuit.coupling import design_inductance
 from coilarray.design.bundled import DESIGNS
 from coilarray.design.model import DesignFile, build_design_file
+from coilarray.design.switch_parts import PartName
 from coilarray.design.units import Name, Table
 from coilarray.design.vary import plain
 from coilarray.errors import DesignError, GeometryError
@@ -42,6 +43,7 @@ def new_design(
     frequency: float | None = Choices.frequency,
     capacitance: float | None = Choices.capacitance,
     connector: Side | None = Choices.connector,
+    switches: PartName | None = Choices.switches,
     title: str = Choices.title,
 ) -> DesignFile:
     """Make a design that a board house can make and a converter can read, from a few choices.
@@ -56,8 +58,8 @@ def new_design(
     shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
         Shape of the coils.
     size : float or tuple of float, optional
-        Width in m of a coil's copper, of a hexagon across flats; 16 mm by default. A rectangle or racetrack has width
-        and height; 20 and 12 mm by default.
+        Width in m of a coil's copper, of a hexagon across flats, of a circle the diameter at which its outer edge
+        starts; 16 mm by default. A rectangle or racetrack has width and height; 20 and 12 mm by default.
     inductance : float, optional
         Inductance in H that a coil is to have, alone and under the flat sheets; turns and trace are found for it. By
         default the turns of a usual trace that fit.
@@ -78,6 +80,8 @@ def new_design(
         Capacitance in F of the tank, instead.
     connector : {"right", "top", "left", "bottom"}, optional
         Edge of the board to which the leads of all coils are routed; coils may then lie a little further apart.
+    switches : {"ADG714", "ADG738", "ADG739"}, optional
+        Part that connects one coil after another to the converter and grounds the others; by default ideal switches.
     title : str
         Title in reports; by default it says what the design is.
 
@@ -96,13 +100,13 @@ def new_design(
     --------
     >>> pad = new_design("pad", "2", shape="square", size=12e-3, inductance=5e-6, elastomer=False).design
     >>> from coilarray.circuit.coupling import design_inductance
-    >>> (design_inductance(pad)[0].diagonal() * 1e6).round(2).tolist()
+    >>> (design_inductance(pad)[0].diagonal() * 1e6).round(1).tolist()
     [5.0, 5.0]
     """
     choices = Choices(
         coils=coils, shape=shape, size=size, inductance=inductance, layers=layers, fab=fab, pitch=pitch,
         overlap=overlap, elastomer=elastomer, frequency=frequency, capacitance=capacitance, connector=connector,
-        title=title
+        switches=switches, title=title
     )  # fmt: skip
     DESIGNS.check(_Named, {"name": name}, f"{name}")
     found = lay_out(_planned(name, choices), choices)
@@ -150,4 +154,5 @@ def reach_of_fewer_layers(layers: int, choices: Choices) -> Reach | None:
 
 def _planned(name: str, choices: Choices) -> Plan:
     """Return what is decided before the layout."""
-    return Plan(name, choices.title, choices.arrangement, choices.shape, choices.sides, choices.elastomer)
+    plan = Plan(name, choices.title, choices.arrangement, choices.shape, choices.sides, choices.elastomer)
+    return replace(plan, switches=choices.switches)
