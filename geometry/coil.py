@@ -309,16 +309,16 @@ def _wind(of: Wound, name: str) -> Coil:
         )
     windings = [spiral.centre_line(layer) for layer in range(winding_layers)]
     sense = 1.0 if spiral.winding == "ccw" else -1.0
-    last = winding_layers - 1
+    last, steps = winding_layers - 1, winding_layers * spiral.steps
     ends_inside = winding_layers % 2 == 1
     first_lead = last_lead = np.zeros((0, 2))
     if leads is not None:
-        first_lead = _lead(windings[0][0], leads, -sense)
+        first_lead = _lead(windings[0][0], spiral.outwards(0), leads, -sense)
         if of.return_lead:
-            corner = spiral.rim(winding_layers * spiral.steps)
-            last_lead = np.vstack((corner, _lead(corner, leads, sense)))
+            corner = spiral.rim(steps)
+            last_lead = np.vstack((corner, _lead(corner, spiral.outwards(steps), leads, sense)))
         elif not ends_inside:
-            last_lead = _lead(windings[last][-1], leads, sense)
+            last_lead = _lead(windings[last][-1], spiral.outwards(steps), leads, sense)
 
     # the hole at the end of each layer: every layer but the last, and the last where it ends inside at a hole
     pads = [via.pad] * last
@@ -468,13 +468,12 @@ def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
     return None
 
 
-def _lead(end: FloatArray, leads: Leads, side: float) -> FloatArray:
+def _lead(end: FloatArray, outwards: FloatArray, leads: Leads, side: float) -> FloatArray:
     """Knee and terminal of one lead, shape (2, 2); `side` +1 to the left seen outwards, −1 to the right."""
-    radial = end / float(np.hypot(*end))
-    tangent = np.array([-radial[1], radial[0]])
+    tangent = np.array([-outwards[1], outwards[0]])
     half = leads.spacing / 2
-    knee = end + half * (radial + side * tangent)
-    terminal = end + leads.length * radial + side * half * tangent
+    knee = end + half * (outwards + side * tangent)
+    terminal = end + leads.length * outwards + side * half * tangent
     return np.array([terminal]) if np.allclose(knee, terminal, rtol=0, atol=1e-9) else np.array([knee, terminal])
 
 
@@ -500,38 +499,52 @@ def _hole_points(
             before = windings[-1][-1:] if len(windings) % 2 == 0 else last_lead[:0]
             lines.append(np.vstack((before, last_lead)))
             fixed.append((last_lead[-1], leads.terminal.pad))
-    corners: dict[tuple[bool, int], list[int]] = {}
+    places: dict[tuple[bool, int], list[int]] = {}
     for layer in range(len(pads)):
-        corners.setdefault((layer % 2 == 0, (layer + 1) * spiral.steps % spiral.sides), []).append(layer)
+        places.setdefault((layer % 2 == 0, (layer + 1) * spiral.steps % spiral.sides), []).append(layer)
     points: dict[int, FloatArray] = {}
-    for (inside, _), layers in corners.items():
-        end = windings[layers[0]][-1]
-        sizes = np.array([pads[layer] for layer in layers])
-        for layer, point in zip(layers, _fan(spiral, end, sizes, lines, fixed, inside=inside), strict=True):
+    for (inside, step), layers in places.items():
+        begins = [[line[end] for line, end in zip(windings[k : k + 2], (-1, 0), strict=False)] for k in layers]
+        fan = _Fan(
+            spiral.junction(layers[0]),
+            spiral.outwards(step) * (-1 if inside else 1),
+            np.array([pads[layer] for layer in layers]),
+            begins,
+        )
+        for k, layer, point in zip(
+            range(len(layers)), layers, _fan(spiral, fan, lines, fixed, inside=inside), strict=True
+        ):
             points[layer] = point
             fixed.append((point, pads[layer]))
-            lines.append(np.stack((end, point)))
+            lines += [np.stack((begin, point)) for begin in begins[k]]
     return [points[layer] for layer in range(len(pads))]
+
+
+@dataclass(frozen=True)
+class _Fan:
+    """Holes of one place: it, shape (2,), direction of the rays, pads, shape (m,), begins of the stubs; in m."""
+
+    place: FloatArray
+    direction: FloatArray
+    pads: FloatArray
+    begins: list[list[FloatArray]]
 
 
 def _fan(
     spiral: Winding,
-    end: FloatArray,
-    pads: FloatArray,
+    fan: _Fan,
     lines: Sequence[FloatArray],
     fixed: Sequence[tuple[FloatArray, float]],
     *,
     inside: bool,
 ) -> FloatArray:
-    """Nearest points in m, shape (m, 2), on rays from `end` where pads clear all copper and one another by the gap.
+    """Nearest points in m, shape (m, 2), on rays from a place where pads clear all copper and one another by the gap.
 
-    `end` is the corner, shape (2,), where the windings end, `pads` are the diameters, shape (m,), `lines` the centre
-    lines to be cleared, each of shape (n, 2), `fixed` the holes to be cleared, place and pad diameter, all in m. The
-    rays run towards the centre where `inside`.
+    `lines` are the centre lines to be cleared, each of shape (n, 2), and `fixed` the holes, place and pad diameter, all
+    in m. The rays run towards the centre where `inside`.
     """
+    end, direction, pads = fan.place, fan.direction, fan.pads
     m = len(pads)
-    outwards = end / float(np.hypot(*end))
-    direction = -outwards if inside else outwards
     across = np.array([-direction[1], direction[0]])
     clear_of_trace = pads / 2 + spiral.gap + spiral.trace_width / 2
     longest = float(np.hypot(*end)) if inside else 4 * m * float(clear_of_trace.max())
@@ -550,13 +563,14 @@ def _fan(
         clear = np.ones((len(points), m), dtype=bool)
         for centre, pad in fixed:
             clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + spiral.gap
-            ahead = np.clip(rays @ (centre - end), 0, reachable[:, None])  # where the stub comes closest
-            beside = np.hypot(*np.moveaxis(end + ahead[..., None] * rays - centre, -1, 0))
-            clear &= beside >= pad / 2 + spiral.gap + spiral.trace_width / 2
+            for i in range(m):
+                beside = _to_stubs(centre, fan.begins[i], points[:, i])
+                clear[:, i] &= beside >= pad / 2 + spiral.gap + spiral.trace_width / 2
         free = np.asarray(clear.all(axis=1))
-        for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stub
+        for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stubs
             free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + spiral.gap
-            free &= reachable * math.sin(opening) >= max(clear_of_trace[i], clear_of_trace[i + 1])
+            for j, other in ((i, i + 1), (i + 1, i)):
+                free &= _to_stubs(points[:, j], fan.begins[other], points[:, other]) >= clear_of_trace[j]
         for i in range(m):  # last, and only where it decides: it takes by far the longest
             there = np.flatnonzero(free)
             free[there] = ~shapely.dwithin(shapely.points(points[there, i]), obstacles, float(clear_of_trace[i]))
@@ -574,3 +588,13 @@ def _fan(
         kind = GeometryError if inside else _NoRoomBesideLeadsError
         raise kind(f"there is no room for {what} {where}.")
     return found
+
+
+def _to_stubs(centre: FloatArray, begins: Sequence[FloatArray], ends: FloatArray) -> FloatArray:
+    """Distance in m, shape (n,), of places, shape (2,) or (n, 2), from the nearest stub to each of `ends`, (n, 2)."""
+    nearest = np.full(len(ends), math.inf)
+    for begin in begins:
+        along = ends - begin
+        share = np.clip(((centre - begin) * along).sum(axis=1) / (along**2).sum(axis=1), 0, 1)
+        nearest = np.minimum(nearest, np.hypot(*(begin + share[:, None] * along - centre).T))
+    return nearest

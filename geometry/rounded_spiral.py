@@ -1,9 +1,11 @@
 """Centre lines of spirals with parallel sides and round corners: rectangles, racetracks, circles, rounded polygons.
 
-Side k of a layer, counted from 0, is parallel to side k mod N of the enclosing polygon and lies w/2 + (w + s)·k/N
-further in. The turns therefore keep the gap s everywhere on the sides. The corner after side k is an arc about the same
-centre in every turn, so that they keep it in the corners too, until its radius would fall below one trace width; inner
-turns keep that radius. A winding starts and ends in the middle of a side.
+The sides of a turn are parallel to those of the enclosing shape. With the rule "parallel" all N of the outermost turn
+lie at the stated size, and those of each following turn one pitch w + s further in; with the rule "corner" side k of a
+layer, counted from 0, lies w/2 + (w + s)·k/N further in. The turns keep the gap s everywhere on the sides. The corner
+after side k is an arc about the same centre in every turn, so that they keep it in the corners too, until its radius
+would fall below one trace width; inner turns keep that radius. A winding starts and ends in the middle of a side;
+one of parallel sides with sharp corners starts at the beginning of a side, as `Spiral` does.
 
 A circle is a square whose corners are as round as can be: quarter circles joined by straight pieces of a quarter pitch.
 """
@@ -18,7 +20,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, rounded_line
-from coilarray.geometry.spiral import Sense, Winding
+from coilarray.geometry.spiral import Sense, Winding, WindingRule
 
 
 @dataclass(frozen=True)
@@ -42,9 +44,14 @@ class RoundedSpiral(Winding):
     sides : int
         Sides of the enclosing polygon, at least 3.
     direction : float
-        Angle in rad of the place where the outermost turn starts, the middle of a side, seen from the centre.
+        Angle in rad of the middle of the outermost turn's first side, seen from the centre. The turn starts there, or
+        at the side's beginning where its sides are parallel and its corners sharp.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
+    winding_rule : {"parallel", "corner"}
+        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in at the end of its
+        last side. "corner": each side lies 1/sides of a pitch further in than the one before. A circle follows the
+        latter whatever is given: its outer edge starts on the circle of the stated size and nears the centre steadily.
 
     Examples
     --------
@@ -62,6 +69,7 @@ class RoundedSpiral(Winding):
     sides: int = 4
     direction: float = 0.0
     winding: Sense = "ccw"
+    winding_rule: WindingRule = "parallel"
 
     def __post_init__(self) -> None:
         for name in ("extent", "breadth", "turns", "trace_width", "gap"):
@@ -84,6 +92,11 @@ class RoundedSpiral(Winding):
         return self.sides == 4 and self.extent == self.breadth == 2 * self.corner_radius
 
     @property
+    def is_parallel(self) -> bool:
+        """True if the sides of a turn have the same distance from those of the enclosing shape; never for a circle."""
+        return super().is_parallel and not self.is_circle
+
+    @property
     def is_racetrack(self) -> bool:
         """True if the enclosing shape ends in half circles."""
         return self.sides == 4 and self.corner_radius == min(self.extent, self.breadth) / 2
@@ -91,7 +104,7 @@ class RoundedSpiral(Winding):
     @property
     def inner_apothem(self) -> float:
         """Distance in m from the centre to the nearest side of the centre line at its inner end."""
-        return min(self.extent, self.breadth) / 2 - self.trace_width / 2 - self.pitch * self.turns
+        return min(self.extent, self.breadth) / 2 - self.trace_width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
         """Vertices of one layer as `Winding.centre_line`, with arcs as short straight pieces.
@@ -101,7 +114,7 @@ class RoundedSpiral(Winding):
         ndarray, shape (n, 2)
             Vertices in m, from the outer end to the inner one.
         """
-        return self._rounded(layer)[0]
+        return self._sharp_line(layer) if self._starts_at_corner else self._rounded(layer)[0]
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
         """Return the arcs of the centre line of one layer.
@@ -111,7 +124,7 @@ class RoundedSpiral(Winding):
         tuple of Arc
             Arcs, in the order of the path.
         """
-        return self._rounded(layer)[1]
+        return () if self._starts_at_corner else self._rounded(layer)[1]
 
     def outline(self) -> FloatArray:
         """Points of the enclosing shape (the nominal outer copper edge), shape (n, 2), x and y in m.
@@ -127,36 +140,67 @@ class RoundedSpiral(Winding):
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Middle in m of the side number `step` of the outermost turn, shape (2,).
+        """Middle in m of the side number `step` of the outermost turn, or its beginning if turns start there.
 
         Returns
         -------
         ndarray, shape (2,)
             x and y in m.
         """
+        if self._starts_at_corner:
+            return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, self.trace_width / 2))[0])
         return np.asarray(self._foot(np.array([step]), np.array([self.trace_width / 2]))[0])
+
+    def junction(self, layer: int) -> FloatArray:
+        """Place about whose ray the ends of a layer and the next one lie, as `Winding.junction`.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            x and y in m.
+        """
+        return self._sharp_junction(layer) if self._starts_at_corner else super().junction(layer)
+
+    def outwards(self, step: int) -> FloatArray:
+        """Direction straight outwards from the middle of side `step`, or between both sides from its beginning.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            Dimensionless unit vector.
+        """
+        sides = np.array([step - 1, step] if self._starts_at_corner else [step])
+        between = self._normals(sides)[0].sum(axis=0)
+        return np.asarray(between / float(np.hypot(*between)))
+
+    @property
+    def _starts_at_corner(self) -> bool:
+        return self.is_parallel and not self.corner_radius
 
     @property
     def _least_radius(self) -> float:
         return min(self.corner_radius, self.trace_width)
 
+    def _radii(self, inset: FloatArray) -> FloatArray:
+        return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
+
     def _rounded(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
         k = np.arange(self.steps + 1)
-        inset = self.trace_width / 2 + self.pitch * (k if layer % 2 == 0 else self.steps - k) / self.sides
+        inset = self._insets(k if layer % 2 == 0 else self.steps - k)
         sides = layer * self.steps + k
         ends = self._foot(sides[[0, -1]], inset[[0, -1]])
-        corners = np.vstack((ends[:1], self._corners(sides, inset), ends[1:]))
-        radii = np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
+        if self.is_parallel:
+            inner, radii = self._parallel_corners(sides, inset)
+        else:
+            inner, radii = self._corners(sides, inset), self._radii(inset)
         if self.corner_radius:
             # the first and the last half side may be a little short for the arc
             half = math.tan(math.pi / self.sides)
-            for end, corner in ((0, 0), (-1, -1)):
-                room = float(np.hypot(*(ends[end] - corners[1:-1][corner]))) / half
-                radii[corner] = min(radii[corner], room)
-        return rounded_line(corners, radii.tolist())
+            for end in (0, -1):
+                radii[end] = min(radii[end], float(np.hypot(*(ends[end] - inner[end]))) / half)
+        return rounded_line(np.vstack((ends[:1], inner, ends[1:])), radii.tolist())
 
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Give unit vectors from the centre to sides, shape (n, 2), and the distances of the enclosing sides in m."""
         angle = self.direction + self._turned(sides)
         distance = np.where((self.sides == 4) & (sides % 2 == 1), self.breadth, self.extent) / 2
         return np.column_stack((np.cos(angle), np.sin(angle))), distance
@@ -165,12 +209,3 @@ class RoundedSpiral(Winding):
         """Points in m of sides, moved in by `inset`, that are nearest to the centre."""
         normal, distance = self._normals(sides)
         return np.asarray((distance - inset)[:, None] * normal)
-
-    def _corners(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Points in m where each side, moved in by `inset`, meets the following one, shape (n − 1, 2)."""
-        normal, distance = self._normals(sides)
-        (a, b), p = (normal[:-1], normal[1:]), distance - inset
-        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        x = (p[:-1] * b[:, 1] - p[1:] * a[:, 1]) / cross
-        y = (p[1:] * a[:, 0] - p[:-1] * b[:, 0]) / cross
-        return np.column_stack((x, y))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 
 import numpy as np
+import shapely
 
 from coilarray.compute.display_units import MM
 from coilarray.geometry.array import CoilArray
@@ -19,23 +20,38 @@ _MOST_POINTS = 10_000  # of traces, which are drawn in about a second
 def array_words(array: CoilArray) -> str:
     """Return number, shape and size of the coils, without ways to a connector, and how far apart the nearest are.
 
+    Circles, and windings that step in at every corner, have the size of their copper as well.
+
     Examples
     --------
     >>> from coilarray import load_design
-    >>> array_words(load_design("gast2020").array)
-    '6 hexagonal coils of 23 × 26.56 mm, neighbours 13.28 mm apart'
+    >>> array_words(load_design("proximity").array)
+    '1 round coil of 29 × 29 mm (copper 28.848 × 28.848 mm)'
     """
     array = array.unrouted
     outlines = [place.coil.outline for place in array.placements]
     shapes = {_shape(place.coil) for place in array.placements}
     shape = shapes.pop() if len(shapes) == 1 else ""
     sizes = {tuple(f"{side:.4g}" for side in MM.of(np.ptp(outline, axis=0))) for outline in outlines}
-    size = f" of {' × '.join(sizes.pop())} mm" if len(sizes) == 1 else ""
+    coppers = {copper_words(place.coil) for place in array.placements}
+    copper = coppers.pop() if len(coppers) == 1 else ""
+    size = f" of {' × '.join(sizes.pop())} mm{copper}" if len(sizes) == 1 else ""
     if len(outlines) == 1:
         return f"1 {shape}coil{size}"
     apart = np.hypot(*(array.centres[:, None] - array.centres).transpose(2, 0, 1))
     np.fill_diagonal(apart, np.inf)
     return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.4g} mm apart"
+
+
+def copper_words(coil: Coil) -> str:
+    """Return in brackets the width and height of a winding's copper where they are below the stated ones; else ""."""
+    if coil.wound is None or coil.wound.spiral.is_parallel:
+        return ""
+    spiral, layers = coil.wound.spiral, range(coil.wound.winding_layers)
+    lines = shapely.MultiLineString([spiral.centre_line(layer) for layer in layers])
+    copper = lines.buffer(spiral.trace_width / 2, cap_style="flat", join_style="mitre")
+    width, height = np.ptp(np.reshape(copper.bounds, (2, 2)), axis=0)
+    return f" (copper {MM.of(width):.5g} × {MM.of(height):.5g} mm)"
 
 
 def array_facts(array: CoilArray) -> list[tuple[str, str]]:

@@ -54,6 +54,7 @@ def check(
     from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.rules import KEPT_WITHIN
+    from coilarray.geometry.words import array_words
     from coilarray.report.tables import rules_table
 
     if list_fabs:
@@ -77,7 +78,7 @@ def check(
     shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
     names = opened.array.stackup.names
     rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
-    lines = [_margins_text(rows, profile.title if profile else "the design")]
+    lines = [f"board: {array_words(opened.array)}", _margins_text(rows, profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     source = None if profile is None else _source(profile)
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
+Part = Literal["ADG714", "ADG738", "ADG739"]
 _MET = 5e-3  # of the wanted inductance: as near as is not worth a word
 _FEW = 2  # layers of a winding: no board has fewer
 _HELPS = {
@@ -48,8 +49,8 @@ def init(
     size_mm: Annotated[
         str | None,
         typer.Option(
-            help="Width of a coil's copper, of a hexagon across flats, 16 by default; width and height of a rectangle "
-            "or racetrack, 20x12 by default."
+            help="Width of a coil's copper, of a hexagon across flats, of a circle the diameter at which its outer "
+            "edge starts, 16 by default; width and height of a rectangle or racetrack, 20x12 by default."
         ),
     ] = None,
     inductance_uH: Annotated[
@@ -76,6 +77,10 @@ def init(
     ] = None,
     connector: Annotated[
         Side | None, typer.Option(help="Edge of the board to which the leads of all coils run.")
+    ] = None,
+    switches: Annotated[
+        Part | None,
+        typer.Option(help="Part of the switches that select the coils; ideal ones, without resistance, by default."),
     ] = None,
     elastomer: Annotated[
         bool | None,
@@ -115,7 +120,8 @@ def init(
     given = {
         "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
         "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz,
-        "capacitance_pF": capacitance_pF, "connector": connector, "elastomer": elastomer, "title": title,
+        "capacitance_pF": capacitance_pF, "connector": connector, "switches": switches, "elastomer": elastomer,
+        "title": title,
     }  # fmt: skip
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if copied is not None:
@@ -175,6 +181,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     from coilarray.circuit.coupling import design_inductance
     from coilarray.circuit.impedance import scan_design
     from coilarray.compute.display_units import number_text
+    from coilarray.geometry.words import copper_words
     from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
 
     design, values = file.design, file.values
@@ -191,8 +198,9 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         off = float(np.abs(L / wanted - 1).max()) > _MET
         asked = f" ({wanted:g} wanted{_why_not_met(design) if off else ''})"
     size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(**in_si(chosen)).sides))
+    copper = copper_words(design.array.unrouted.placements[0].coil)
     lines = [
-        f"coil: {size} mm, {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
+        f"coil: {size} mm{copper}, {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
         f"inductance: {span} µH{asked}",
         _resistance(design, scan),
     ]
@@ -203,14 +211,14 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         lines.append(f"pitch: {values['array.pitch_mm']:g} mm; largest coupling of neighbours {k}")
     low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
     f = low if low == high else f"{low} to {high}"
-    C = values["circuit.capacitance_pF"]
+    C, beside_q = values["circuit.capacitance_pF"], design.circuit.switches.beside_q
     tuned = f" ({chosen['frequency_MHz']:g} wanted)" if "frequency_MHz" in chosen else ""
     standard = (
         ""
         if "frequency_MHz" not in chosen or is_standard(design.circuit.capacitance)
         else "; no standard value (E24) comes within 1 % of that"
     )
-    lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{standard}")
+    lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{beside_q}{standard}")
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     lines.append(
         f"board: {x_max - x_min:.4g} × {y_max - y_min:.4g} mm, {len(design.array.stackup.names)} copper layers; "

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, RoundedSpiral
+from coilarray.geometry.arcs import Arc
 
 # Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise makes no other
 # design: numbers count to 14 digits, places and angles, for which zero is not a special value, to 1 pm and 1 prad.
@@ -45,7 +46,10 @@ def _plain(value: Any) -> Any:
         case RoundedSpiral():  # a file has the direction of a corner, degrees away from that of a flat
             values = {field.name: getattr(value, field.name) for field in fields(value)}
             values["direction"] = np.array(value.direction)
+            values["winding_rule"] = "parallel" if value.is_parallel else "corner"  # a circle has one whatever is given
             return [type(value).__name__, *map(_plain, values.values())]
+        case Arc():  # its bulge is computed, and the bulge of a short arc has few digits
+            return [value.first, value.last, _plain(np.array(value.bulge))]
         case FinitePlate():
             shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
             return [value.name, _plain(shape), _plain(np.array(value.centre))]

@@ -63,7 +63,7 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.array import Connector, LatticeKind
 from coilarray.geometry.sheet import KPA_PER_MM, Base, Strain
-from coilarray.geometry.spiral import Sense, Winding
+from coilarray.geometry.spiral import Sense, Winding, WindingRule
 from coilarray.geometry.values import SIDES, Side
 
 SCHEMA = 1
@@ -171,16 +171,21 @@ class WoundTable(Table):
         leads = None if self.leads is None else self.leads.build(via.plating)
         return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead, name=name)
 
-    def rounded(
-        self, name: str, extent: float, breadth: float, radius: float, direction: float, sides: int = 4
-    ) -> Coil:
-        """Return the coil in SI from its sizes (m) along the direction (rad) of its start and across, and radius."""
-        turns = (self.turns_per_layer, self.trace_width_mm * _MM, self.gap_mm * _MM)
-        spiral = RoundedSpiral(extent, breadth, *turns, radius, sides, direction, self.winding)
-        return self.wind(name, spiral)
+    @property
+    def turns(self) -> tuple[float, float, float]:
+        """Turns, and width of the trace and gap in m."""
+        return self.turns_per_layer, self.trace_width_mm * _MM, self.gap_mm * _MM
 
 
-class PolygonCoil(WoundTable):
+class SidedTable(WoundTable):
+    """What coils of all wound shapes with sides share."""
+
+    winding_rule: WindingRule = "parallel"
+    """How turns become smaller: "parallel" sides, all of the outermost turn at the stated size, with a step inwards on
+    the last side of each turn; or a part of the step at each "corner", so that the copper is narrower than stated."""
+
+
+class PolygonCoil(SidedTable):
     """``[coils.NAME]`` with ``shape = "polygon"``; one with round corners starts in the middle of its first side."""
 
     shape: Literal["polygon"]
@@ -212,9 +217,11 @@ class PolygonCoil(WoundTable):
         corner = self.first_corner_deg * _DEG
         if self.corner_radius_mm:
             first_side = corner + half_side(self.sides, self.winding)
-            return self.rounded(name, 2 * apothem, 2 * apothem, self.corner_radius_mm * _MM, first_side, self.sides)
-        turns = (self.turns_per_layer, self.trace_width_mm * _MM, self.gap_mm * _MM)
-        return self.wind(name, Spiral(self.sides, apothem, *turns, corner, self.winding))
+            radius, how = self.corner_radius_mm * _MM, (self.winding, self.winding_rule)
+            return self.wind(
+                name, RoundedSpiral(2 * apothem, 2 * apothem, *self.turns, radius, self.sides, first_side, *how)
+            )
+        return self.wind(name, Spiral(self.sides, apothem, *self.turns, corner, self.winding, self.winding_rule))
 
 
 class CircleCoil(WoundTable):
@@ -223,17 +230,18 @@ class CircleCoil(WoundTable):
     shape: Literal["circle"]
     """A circular winding."""
     outer_diameter_mm: Millimetres
-    """Outer diameter of the copper."""
+    """Diameter of the circle on which the outer edge of the copper starts; from there it nears the centre steadily, so
+    that the copper of two layers is half of a pitch, of trace and gap, narrower."""
     first_corner_deg: Degrees = 0.0
     """Direction in which the winding starts; 0 is +x."""
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
-        size = self.outer_diameter_mm * _MM
-        return self.rounded(name, size, size, size / 2, self.first_corner_deg * _DEG)
+        size, start = self.outer_diameter_mm * _MM, self.first_corner_deg * _DEG
+        return self.wind(name, RoundedSpiral(size, size, *self.turns, size / 2, direction=start, winding=self.winding))
 
 
-class OblongTable(WoundTable):
+class OblongTable(SidedTable):
     """What rectangles and racetracks share."""
 
     outer_width_mm: Millimetres
@@ -241,14 +249,19 @@ class OblongTable(WoundTable):
     outer_height_mm: Millimetres
     """Size of the copper along y."""
     first_side: Side = "right"
-    """Side where the winding starts and its leads leave."""
+    """Side where the winding starts and its leads leave: at its middle, or over the corner at its beginning where
+    corners are sharp and sides parallel."""
 
     def oblong(self, name: str, radius_mm: float) -> Coil:
         """Return the coil in SI from the radius of its corners."""
         quarter = SIDES.index(self.first_side)
         sizes = (self.outer_width_mm * _MM, self.outer_height_mm * _MM)
         extent, breadth = sizes if quarter % 2 == 0 else sizes[::-1]
-        return self.rounded(name, extent, breadth, radius_mm * _MM, quarter * math.pi / 2)
+        radius, start = radius_mm * _MM, quarter * math.pi / 2
+        return self.wind(
+            name,
+            RoundedSpiral(extent, breadth, *self.turns, radius, 4, start, self.winding, self.winding_rule),
+        )
 
 
 class RectangleCoil(OblongTable):

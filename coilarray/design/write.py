@@ -231,7 +231,8 @@ def _wound_table(of: Wound) -> dict[str, Any]:
 def _shape_table(spiral: Winding) -> dict[str, Any] | None:
     """Shape and sizes of a winding; None for a rectangle that is not along x and y, which a file can only trace."""
     if isinstance(spiral, Spiral):
-        return _polygon_table(spiral.sides, spiral.outer_apothem) | _entries(spiral, "first_corner_deg")
+        rule = {"winding_rule": spiral.winding_rule}
+        return _polygon_table(spiral.sides, spiral.outer_apothem) | _entries(spiral, "first_corner_deg") | rule
     assert isinstance(spiral, RoundedSpiral)  # there is no other
     start = _entry(spiral.direction, _DEG)
     if spiral.is_circle:
@@ -248,6 +249,7 @@ def _shape_table(spiral: Winding) -> dict[str, Any] | None:
             "outer_width_mm": _entry(sizes[0], _MM),
             "outer_height_mm": _entry(sizes[1], _MM),
             "first_side": SIDES[quarter],
+            "winding_rule": spiral.winding_rule,
         }
         return table if spiral.is_racetrack else table | _entries(spiral, "corner_radius_mm")
     if spiral.extent != spiral.breadth or not spiral.corner_radius:
@@ -255,7 +257,7 @@ def _shape_table(spiral: Winding) -> dict[str, Any] | None:
     half = half_side(spiral.sides, spiral.winding)
     corner = _number((spiral.direction - half) / _DEG, spiral.direction, lambda entry: entry * _DEG + half, places=True)
     table = _polygon_table(spiral.sides, spiral.extent / 2) | _entries(spiral, "corner_radius_mm")
-    return table | {"first_corner_deg": corner}
+    return table | {"first_corner_deg": corner, "winding_rule": spiral.winding_rule}
 
 
 def _polygon_table(sides: int, apothem: float) -> dict[str, Any]:

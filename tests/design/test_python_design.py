@@ -33,7 +33,9 @@ def gast2020_in_python():
     """The bundled design, written with the numbers of its file; what its calibration finds is read there."""
     file = ca.load_design_file("gast2020").values
     dielectrics = tuple(mm * 1e-3 for mm in file["stackup.dielectric_thickness_mm"])
-    hexagon = ca.Spiral(6, 11.5e-3, 30, 0.1e-3, file["coils.hexagon.gap_mm"] * 1e-3, first_corner=math.pi / 2)
+    hexagon = ca.Spiral(
+        6, 11.5e-3, 30, 0.1e-3, file["coils.hexagon.gap_mm"] * 1e-3, first_corner=math.pi / 2, winding_rule="corner"
+    )
     row = ca.Lattice("linear", 13.28e-3, columns=6, layers=(("L3", "L4"), ("L1", "L2")))
     magnetic = ca.Sheet(
         "magnetic", 2e-3, file["elastomer.1.relative_permeability"], file["elastomer.1.youngs_modulus_kPa"] * 1e3

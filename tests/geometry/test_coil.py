@@ -109,7 +109,7 @@ def test_windings_that_cannot_be():
     refused(GeometryError, message, spiral_coil, SPIRAL, 2, VIA, LEADS, return_lead=True)
     refused(GeometryError, "got 1 without leads", spiral_coil, SPIRAL, 1, VIA, return_lead=True)
     message = r"no room for a pad of 0\.45 mm inside the winding"
-    refused(GeometryError, message, spiral_coil, Spiral(6, 3e-3, 13, 0.1e-3, 0.1e-3), 2, VIA)
+    refused(GeometryError, message, spiral_coil, Spiral(6, 3e-3, 14, 0.1e-3, 0.1e-3), 2, VIA)
     narrow, wide = Leads(2e-3, 0.6e-3, PlatedHole(0.2e-3, 0.45e-3)), PlatedHole(0.2e-3, 1.45e-3)
     message = r"no room for a pad of 1\.45 mm outside the winding, beside the leads; leads\.spacing_mm of (.*) makes it"
     with pytest.raises(GeometryError, match=message) as error:

@@ -1,6 +1,7 @@
-"""Spirals: the vertex rule, closed formulas for length and area, sizes, symmetry, and every bad input.
+"""Spirals: both rules, closed formulas for length and area, sizes, gaps, symmetry, and every bad input.
 
-Who checks whom: the rule written out here and the lengths of another program (tests/reference) against `Spiral`.
+Who checks whom: the rule of corners written out here and the lengths of another program (tests/reference) against
+`Spiral`; the rule of parallel sides against the sizes and gaps that it promises, formulas, and shapely's distances.
 """
 
 import math
@@ -9,6 +10,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from support.boards import length, swept_area
@@ -24,7 +26,7 @@ from coilarray.geometry.arcs import arc_size
 def test_vertices_and_length_agree_with_the_reference_rule(row):
     sides, turns, layers = int(row["N_sides"]), int(row["n_turns_per_layer"]), int(row["layers"])
     edge, w, s = (float(row[key]) * 1e-3 for key in ("ap_edge_mm", "w_mm", "s_mm"))
-    spiral = Spiral(sides, edge, turns, w, s)
+    spiral = Spiral(sides, edge, turns, w, s, winding_rule="corner")
     k = np.arange(sides * turns + 1)
     radius = ((edge - w / 2) - (w + s) * k / sides) / math.cos(math.pi / sides)
     expected = radius[:, None] * np.column_stack((np.cos(2 * np.pi * k / sides), np.sin(2 * np.pi * k / sides)))
@@ -39,7 +41,7 @@ def test_vertices_and_length_agree_with_the_reference_rule(row):
 
 @pytest.mark.parametrize("sides", [3, 4, 6, 12])
 def test_length_of_a_segment_follows_the_cosine_rule(sides):
-    spiral = Spiral(sides, 10e-3, 7, 0.15e-3, 0.2e-3)
+    spiral = Spiral(sides, 10e-3, 7, 0.15e-3, 0.2e-3, winding_rule="corner")
     line = spiral.centre_line()
     r = np.hypot(*line.T)
     expected = np.sqrt(r[:-1] ** 2 + r[1:] ** 2 - 2 * r[:-1] * r[1:] * math.cos(2 * math.pi / sides))
@@ -49,8 +51,9 @@ def test_length_of_a_segment_follows_the_cosine_rule(sides):
 ROUND = {
     "circle": RoundedSpiral(10e-3, 10e-3, 8, 0.1e-3, 0.1e-3, 5e-3),
     "racetrack": RoundedSpiral(20e-3, 10e-3, 8.5, 0.1e-3, 0.1e-3, 5e-3),
-    "rectangle": RoundedSpiral(20e-3, 12e-3, 8, 0.1e-3, 0.1e-3),
+    "rectangle": RoundedSpiral(20e-3, 12e-3, 8, 0.1e-3, 0.1e-3, winding_rule="corner"),
     "rounded": RoundedSpiral(12e-3, 20e-3, 8.25, 0.1e-3, 0.1e-3, 3e-3),
+    "stepping rounded": RoundedSpiral(12e-3, 20e-3, 8.25, 0.1e-3, 0.1e-3, 3e-3, winding_rule="corner"),
     "hexagon": RoundedSpiral(12e-3, 12e-3, 8, 0.1e-3, 0.1e-3, 4e-3, 6),
 }
 
@@ -89,7 +92,13 @@ def test_a_circle_of_arcs_is_as_long_as_the_spiral_of_archimedes():
 
 
 @pytest.mark.parametrize(
-    "spiral", [*ROUND.values(), Spiral(6, 8e-3, 5 + 1 / 6, 0.2e-3, 0.15e-3, 0.4)], ids=[*ROUND, "sharp"]
+    "spiral",
+    [
+        *ROUND.values(),
+        Spiral(6, 8e-3, 5 + 1 / 6, 0.2e-3, 0.15e-3, 0.4),
+        Spiral(5, 8e-3, 5, 2e-4, 1e-4, 0, "cw", "corner"),
+    ],
+    ids=[*ROUND, "a sixth", "stepping"],
 )
 @pytest.mark.parametrize("winding", ["ccw", "cw"])
 def test_layers_meet_and_keep_the_sense_of_rotation(spiral, winding):
@@ -116,6 +125,141 @@ def test_the_direction_of_the_start_only_rotates(sides, start, sharp, winding, l
     expected = plain.centre_line(layer) @ np.array([[c, s], [-s, c]])
     # rounding of an angle of about 10 rad at a radius of at most 12 mm
     np.testing.assert_allclose(turned.centre_line(layer), expected, rtol=0, atol=1e-15 if sharp else 1e-14)
+
+
+@st.composite
+def parallel_spirals(draw):
+    """A winding of parallel sides with sharp corners, and how far its enclosing sides are from the centre."""
+    w, s = draw(st.floats(0.05e-3, 1e-3)), draw(st.floats(0.05e-3, 1e-3))
+    sides, whole = draw(st.sampled_from([3, 4, 5, 6, 8, 12])), draw(st.integers(1, 12))
+    turns = whole + draw(st.integers(0, sides - 1)) / sides
+    # the innermost side is longer than the step inwards, which `test_a_step_longer_than_a_side` looks at
+    step = (w + s) / math.sin(2 * math.pi / sides) / math.tan(math.pi / sides) / 2
+    size = w + (w + s) * whole + step + draw(st.floats(1e-5, 5e-3))
+    more = {"winding": draw(st.sampled_from(["ccw", "cw"]))}
+    if sides == 4 and draw(st.booleans()):
+        longer = size * draw(st.floats(1, 3))
+        direction = draw(st.sampled_from([0.0, math.pi / 2, 1.0]))
+        extents = [2 * size, 2 * longer] if draw(st.booleans()) else [2 * longer, 2 * size]
+        return RoundedSpiral(*extents, turns, w, s, direction=direction, **more)
+    return Spiral(sides, size, turns, w, s, draw(st.floats(-7, 7)), **more)
+
+
+def normals(spiral):
+    """Directions of the enclosing sides, shape (sides, 2), and their distances, from the corners of the outline."""
+    outline = spiral.outline()
+    along = np.roll(outline, -1, axis=0) - outline
+    normal = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(*along.T)[:, None]
+    distance = (normal * outline).sum(axis=1)
+    return normal * np.sign(distance)[:, None], np.abs(distance)
+
+
+@given(parallel_spirals(), st.integers(0, 3))
+def test_parallel_sides_have_the_stated_size_and_keep_the_gap(spiral, layer):
+    line = spiral.centre_line(layer)
+    normal, distance = normals(spiral)
+    w, pitch = spiral.trace_width, spiral.pitch
+    size = float(distance.max())
+    # copper reaches each enclosing side: half a trace beyond the outermost centre line
+    np.testing.assert_allclose((line @ normal.T).max(axis=0) + w / 2, distance, rtol=0, atol=1e-12 * size)
+    # every piece is parallel to a side and a whole number of pitches further in than the outermost ones
+    along = np.diff(line, axis=0)
+    slant = np.abs(along @ normal.T) / np.hypot(*along.T)[:, None]
+    which = slant.argmin(axis=1)
+    assert slant.min(axis=1).max() < 1e-9
+    if spiral.sides % 2:  # sides of an even number have opposites; the nearer one is meant
+        inset = distance[which] - (line[:-1] * normal[which]).sum(axis=1) - w / 2
+        assert np.abs(inset / pitch - np.round(inset / pitch)).max() < 1e-9 * size / pitch
+    assert len(along) == spiral.steps
+    # pieces a turn apart, and almost a turn apart: exactly one pitch, where there is a second turn beside the first
+    pieces = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
+    n = spiral.sides
+    apart = [shapely.distance(pieces[:-k], pieces[k:]).min() for k in range(n - 1, min(n + 2, len(pieces)))]
+    assert min(apart) >= pitch - 1e-12 * size
+    if len(pieces) > n:
+        assert apart[1] == pytest.approx(pitch, abs=1e-12 * size)
+
+
+@pytest.mark.parametrize("sides", [3, 4, 5, 6, 8])
+@pytest.mark.parametrize("turns", [1, 7])
+def test_length_and_area_of_parallel_sides(sides, turns):
+    spiral = Spiral(sides, 10e-3, turns, 0.15e-3, 0.2e-3, 0.3)
+    a, p = 10e-3 - 0.075e-3, 0.35e-3
+    tangent, sine = math.tan(math.pi / sides), math.sin(2 * math.pi / sides)
+    apothems = a - p * np.arange(turns)
+    # closed polygons; the last side of each is shorter by p/sine, and the first of the next one longer by as much
+    total = 2 * sides * tangent * apothems.sum() - p / sine
+    area = sides * tangent * (apothems**2).sum() - a * p / sine / 2
+    for layer in (0, 1):
+        assert length(spiral.centre_line(layer)) == pytest.approx(total, rel=1e-12)  # rounding
+        assert swept_area(spiral.centre_line(layer)) == pytest.approx(area, rel=1e-12)
+
+
+@pytest.mark.parametrize("sides", [7, 12, 24, 64, 200])
+def test_a_step_longer_than_a_side_begins_on_the_side_before(sides):
+    spiral = Spiral(sides, 4e-3, 9, 0.2e-3, 0.2e-3)
+    line = spiral.centre_line()
+    normal, distance = normals(spiral)
+    reached = (line @ normal.T).max(axis=0) + 0.1e-3
+    missing = distance - reached
+    # where the last sides of the outermost turn are left out as well, the step has begun there
+    assert -1e-15 < missing.min() <= missing.max() < 0.4e-3
+    assert missing[: 3 * sides // 4 if sides > 24 else sides].max() < 1e-15
+    assert np.hypot(*line.T).min() > 4e-3 - 0.1e-3 - 9 * 0.4e-3
+    apart, turns = turn_by_turn(spiral, line)
+    assert 8.7 < turns <= 9  # the innermost step takes up to a quarter of a turn
+    assert apart == pytest.approx(0.4e-3, abs=1e-15)
+
+
+def turn_by_turn(spiral, line):
+    """Pairs of pieces of a line that are half a turn and more apart: the least distance in m."""
+    turned = np.unwrap(np.arctan2(line[:, 1], line[:, 0])) * (1 if spiral.winding == "ccw" else -1)
+    assert (np.diff(turned) > 0).all()
+    pieces = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
+    i, j = np.nonzero(turned[None, :-1] - turned[1:, None] > math.pi)
+    return float(shapely.distance(pieces[i], pieces[j]).min()), (turned[-1] - turned[0]) / (2 * math.pi)
+
+
+ROUNDED = {
+    "rectangle": RoundedSpiral(20e-3, 12e-3, 8, 0.1e-3, 0.1e-3, 3e-3),
+    "racetrack": RoundedSpiral(12e-3, 20e-3, 8, 0.1e-3, 0.1e-3, 6e-3, winding="cw"),
+    **{
+        f"{n} sides": RoundedSpiral(12e-3, 12e-3, 8, 0.1e-3, 0.1e-3, radius, n, 0.4)
+        for n, radius in ((3, 2e-3), (5, 5e-3), (6, 6e-3), (12, 5e-3), (40, 6e-3))
+    },
+}
+
+
+@pytest.mark.parametrize("spiral", ROUNDED.values(), ids=ROUNDED)
+def test_rounded_turns_have_the_stated_size_and_keep_the_gap(spiral):
+    normal, distance = normals(replace(spiral, corner_radius=0.0))
+    for layer in (0, 1):
+        line = spiral.centre_line(layer)
+        reached = (line @ normal.T).max(axis=0) + 0.05e-3
+        missing = distance - reached
+        # the arcs that stand for round ends reach up to 0.9 µm further
+        assert missing.min() > -0.9e-6
+        # where corners leave no room for the step, the last sides of the outermost turn are left out
+        room = spiral.corner_radius < 6e-3 or spiral.is_racetrack
+        assert np.count_nonzero(missing > 0.9e-6) <= (0 if room else spiral.sides / 3)
+    # pieces of up to 3.4° of arcs about one centre are nearer by 1 − cos 1.7° = 4.4e-4
+    assert turn_by_turn(spiral, line)[0] == pytest.approx(0.2e-3, rel=4.4e-4)
+
+
+@given(parallel_spirals())
+def test_every_second_layer_is_the_mirror_image_run_outwards(spiral):
+    first, second = spiral.centre_line(0), spiral.centre_line(1)
+    corner = spiral.junction(0)
+    if spiral.steps % spiral.sides == 0:
+        end = first[-1] - corner
+        # symmetrical about the corner: as far from it, along its two sides
+        assert np.hypot(*end) == pytest.approx(np.hypot(*(second[0] - corner)), rel=1e-9)
+        np.testing.assert_allclose(second[-1], first[0], rtol=0, atol=1e-12 * np.ptp(first))
+    else:
+        np.testing.assert_allclose(second[0], first[-1], rtol=0, atol=1e-12 * np.ptp(first))
+    if isinstance(spiral, Spiral):  # a rectangle is no mirror image of itself about a corner
+        assert length(first) == pytest.approx(length(second), rel=1e-9)
+        assert swept_area(first) == pytest.approx(swept_area(second), rel=1e-9)
 
 
 def test_size_across_flats_and_corners():
@@ -146,8 +290,13 @@ def test_sizes_and_turns_that_cannot_be():
         refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)
     refused(GeometryError, "winding must be 'ccw' or 'cw'; got 'left'", Spiral, 6, **good, winding="left")
     refused(GeometryError, "turns must be a multiple of 1/6", Spiral, 6, **{**good, "turns": 3.1})
-    refused(GeometryError, r"30 turns .*; at most 24\.5 turns fit", Spiral, 6, 5.01e-3, 30, 1e-4, 1e-4)
-    Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
+    many = (6, 5.01e-3, 30, 1e-4, 1e-4)
+    refused(GeometryError, r"30 turns .*; at most 24\.83 turns fit", Spiral, *many)
+    refused(GeometryError, r"30 turns .*; at most 24\.5 turns fit", Spiral, *many, winding_rule="corner")
+    refused(GeometryError, "at most 0 turns fit", Spiral, 6, 0.5e-4, 1, 1e-4, 1e-4)
+    for turns, rule in ((24 + 5 / 6, "parallel"), (24.5, "corner")):
+        Spiral(6, 5.01e-3, turns, 1e-4, 1e-4, winding_rule=rule)
+    refused(GeometryError, "winding_rule must be 'parallel' or 'corner'; got 'c'", Spiral, 6, **good, winding_rule="c")
     good = {"extent": 12e-3, "breadth": 10e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
     for name, value in product(good, BAD):
         refused(GeometryError, f"{name} must be positive and finite", RoundedSpiral, **{**good, name: value})
@@ -157,7 +306,7 @@ def test_sizes_and_turns_that_cannot_be():
     refused(GeometryError, "turns must be a multiple of 1/4", RoundedSpiral, **{**good, "turns": 3.1})
     refused(
         GeometryError,
-        r"30 turns .*; at most 24\.5 turns fit",
+        r"30 turns .*; at most 24\.75 turns fit",
         RoundedSpiral,
         **{**good, "breadth": 10.02e-3, "turns": 30},
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, build_design
+from coilarray.design.switch_parts import PartName
 from coilarray.design.tables import SCHEMA
 from coilarray.geometry import FabRules
 from coilarray.studies.create.arrangement import Arrangement
@@ -61,6 +62,7 @@ class Plan:
     capacitance: float = 330e-12
     rough: bool = False  # arcs and round ends as few straight sides, for quick estimates
     connector: Mapping[str, Any] | None = None  # keys of its table
+    switches: PartName | None = None
 
     @property
     def width(self) -> float:
@@ -115,7 +117,7 @@ class Plan:
         return document | {
             "circuit": {
                 "capacitance_pF": float(f"{self.capacitance * 1e12:.6g}"),
-                "short_resistance_ohm": 0.0 if alone else 5.0,  # a coil alone needs no switches
+                **({} if self.switches is None else {"switches": self.switches}),
                 **({"elastomer_permittivity": 3.0} if self.elastomer else {}),
             },
             "field": {"height_mm": 3.0},
@@ -165,7 +167,7 @@ class Plan:
     def _coil(self) -> dict[str, Any]:
         width, height = (_mm(side) for side in self.size)
         sizes: Mapping[str, dict[str, Any]] = {
-            "twelve sides": {"shape": "polygon", "sides": 12, "outer_across_flats_mm": width},
+            "twelve sides": {"shape": "polygon", "sides": 12, "outer_across_flats_mm": width, "winding_rule": "corner"},
             "hexagon": {"shape": "polygon", "sides": 6, "outer_across_flats_mm": width},
             "square": {"shape": "polygon", "sides": 4, "outer_across_flats_mm": width},
             "circle": {"shape": "circle", "outer_diameter_mm": width},
@@ -210,8 +212,6 @@ class Plan:
     def _assumed(self) -> dict[str, str]:
         board = "usual of a board of 1.6 mm; ask the board house for its own"
         reasons = {"stackup.dielectric_thickness_mm": board, "stackup.dielectric_epsilon_r": "usual of FR-4"}
-        if self.arrangement.lattice != "single":
-            reasons["circuit.short_resistance_ohm"] = "two analogue switches of about 2.5 ohm in series"
         if self.elastomer:
             reasons |= {
                 "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
