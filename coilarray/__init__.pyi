@@ -44,6 +44,7 @@ from .errors import MissingDependencyError as MissingDependencyError
 from .errors import NetworkError as NetworkError
 from .errors import OutputError as OutputError
 from .errors import RuleViolationError as RuleViolationError
+from .errors import UnusualValueWarning as UnusualValueWarning
 from .geometry.array import CoilArray as CoilArray
 from .geometry.array import Connector as Connector
 from .geometry.array import Lattice as Lattice

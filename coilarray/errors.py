@@ -108,6 +108,10 @@ class DamagedError(CoilarrayError):
     """A file whose content is not what this package wrote, as its checksum shows: which file."""
 
 
+class UnusualValueWarning(UserWarning):
+    """A value that is possible, but a thousand times more or less than usual: which one, and the likely one."""
+
+
 class MissingDependencyError(CoilarrayError):
     """A library or system package that a command needs and the machine lacks; the text names it."""
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.usual_values import require_coil_size, warn_unusual
 from coilarray.errors import LARGEST, GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line
 from coilarray.geometry.conductor import SMALLEST
@@ -45,6 +46,7 @@ class PlatedHole:
     def __post_init__(self) -> None:
         for name in ("drill", "pad", "plating"):
             require_positive(f"{name} of a hole", getattr(self, name), " mm")
+        warn_unusual((("drill_mm", self.drill), ("pad_mm", self.pad), ("plating_um", self.plating)))
         if self.pad <= self.drill:
             raise GeometryError(
                 f"pad of a hole must be larger than its drill of {self.drill * 1e3:g} mm; got {self.pad * 1e3:g} mm."
@@ -91,6 +93,7 @@ class Leads:
     def __post_init__(self) -> None:
         for name in ("length", "spacing"):
             require_positive(f"{name} of the leads", getattr(self, name), " mm")
+        warn_unusual((("length_mm", self.length), ("spacing_mm", self.spacing)))
         if self.length < self.spacing / 2:
             raise GeometryError(
                 f"length of the leads must be at least half their spacing of {self.spacing * 1e3:g} mm; "
@@ -419,6 +422,8 @@ def path_coil(
     else:
         widths = _arrays(trace_width, "trace_width must be a number, or numbers of shape (n − 1,) for each line.")
     coil = Coil(arrays, widths, gap, via, terminal, outline=np.zeros((0, 2)), name=name)
+    require_coil_size(float(np.ptp(np.vstack(arrays), axis=0).max()))
+    warn_unusual([("gap_mm", gap), *(("trace_width_mm", width) for width in set(np.concatenate(widths).tolist()))])
     for k, line in enumerate(arrays):
         _refuse_self_crossing(line, k)
     return replace(coil, outline=hull_outline(coil))

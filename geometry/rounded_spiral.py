@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.usual_values import require_coil_size, warn_unusual
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, rounded_line
 from coilarray.geometry.spiral import Sense, Winding, WindingRule
@@ -74,6 +75,9 @@ class RoundedSpiral(Winding):
     def __post_init__(self) -> None:
         for name in ("extent", "breadth", "turns", "trace_width", "gap"):
             require_positive(name, getattr(self, name), "")
+        require_coil_size(max(self.extent, self.breadth))
+        sizes = (("outer_width_mm", self.extent), ("outer_height_mm", self.breadth))
+        warn_unusual((*sizes, ("trace_width_mm", self.trace_width), ("gap_mm", self.gap)))
         if self.sides != 4 and self.breadth != self.extent:
             raise GeometryError(
                 f"extent and breadth must be equal for {self.sides} sides; got {self.extent} m and {self.breadth} m."

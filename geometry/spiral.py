@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.usual_values import require_coil_size, warn_unusual
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc
 
@@ -280,6 +281,10 @@ class Spiral(Winding):
     def __post_init__(self) -> None:
         for name in ("outer_apothem", "turns", "trace_width", "gap"):
             require_positive(name, getattr(self, name), "")
+        size = 2 * self.outer_apothem
+        require_coil_size(size)
+        sizes = (("outer_across_flats_mm", size), ("trace_width_mm", self.trace_width), ("gap_mm", self.gap))
+        warn_unusual(sizes)
         self._require_turns(self.outer_apothem, self.trace_width / 2, "first_corner")
 
     @property

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from coilarray.compute.usual_values import THICKEST_DIELECTRIC, THINNEST_COPPER, warn_unusual
 from coilarray.errors import GeometryError, require_positive
 
 COPPER_THICKNESS = 35e-6
@@ -64,6 +65,21 @@ class Stackup:
                 raise GeometryError(f"{n} copper layers need {expected} {what}; got {len(values)}.")
         for thickness in (*self.copper_thickness, *self.dielectric_thickness):
             require_positive("a layer thickness", thickness)
+        for copper in self.copper_thickness:
+            if copper < THINNEST_COPPER:
+                raise GeometryError(
+                    f"a copper thickness must be at least 1 µm; got {copper * 1e6:g} µm: {copper * 1e9:.4g} µm?"
+                )
+        for dielectric in self.dielectric_thickness:
+            if dielectric > THICKEST_DIELECTRIC:
+                raise GeometryError(
+                    f"a dielectric thickness must be at most {THICKEST_DIELECTRIC * 1e3:g} mm; "
+                    f"got {dielectric * 1e3:g} mm: {dielectric:.4g} mm?"
+                )
+        warn_unusual(
+            [("copper_thickness_um", copper) for copper in self.copper_thickness]
+            + [("dielectric_thickness_mm", dielectric) for dielectric in self.dielectric_thickness]
+        )
         for epsilon in self.epsilon_r:
             if not (math.isfinite(epsilon) and epsilon >= 1):
                 raise GeometryError(f"a relative permittivity must be at least 1; got {epsilon}.")

@@ -7,8 +7,9 @@ import functools
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import typer
@@ -50,7 +51,7 @@ from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
 from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
-from coilarray.errors import CoilarrayError
+from coilarray.errors import CoilarrayError, UnusualValueWarning
 
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
@@ -156,7 +157,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
-        code = program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
+        with _telling_unusual_values():
+            code = program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
         _flush()
     except CoilarrayError as error:
         return _refuse(str(error))
@@ -189,6 +191,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     if code == INTERRUPTED:  # typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)
     return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def _telling_unusual_values() -> Iterator[None]:
+    """Write warnings of unusual values to standard error, each once, in one line."""
+    told: set[str] = set()
+
+    def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if not issubclass(category, UnusualValueWarning):
+            usual(message, category, *where, **more)
+        elif str(message) not in told:
+            told.add(str(message))
+            typer.echo(f"coilarray: warning: {message}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UnusualValueWarning)
+        usual, warnings.showwarning = warnings.showwarning, tell
+        yield
 
 
 def run() -> None:

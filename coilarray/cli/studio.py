@@ -99,6 +99,8 @@ def _folder(design: str | None, folder: Path | None) -> Path:
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:
     """See `coilarray.viz.studio.services.Summarize`; the numbers are those of the report."""
     from coilarray.circuit.impedance import scan_design
+    from coilarray.compute.usual_values import unusual_values
+    from coilarray.design.write import design_document
     from coilarray.geometry import check_rules
     from coilarray.report.summary import position_bounds, summary_table, verdicts
     from coilarray.viz.studio.services import Summary
@@ -110,7 +112,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
         scan = None
     bounds = None if response is None else position_bounds(response)
     table = summary_table(coupling, scan, margins, response, bounds=bounds).brief()
-    lines = verdicts(scan, ())  # the page says itself which rules are broken
+    lines = [*unusual_values(design_document(design)), *verdicts(scan, ())]  # the page says which rules are broken
     return Summary(table.headers, table.cells(), lines, converter=scan is not None)
 
 

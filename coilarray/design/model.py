@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -14,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.usual_values import reading, unusual_values
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.circuit_table import PASSIVE
@@ -25,7 +27,7 @@ from coilarray.design.scan_states import Passive, ScanState, Switches, check_sta
 from coilarray.design.switch_parts import PartName
 from coilarray.design.tables import Document
 from coilarray.design.window import Positions, array_window
-from coilarray.errors import DesignError, GeometryError, NetworkError, require_finite
+from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
 from coilarray.geometry import (
     EVEN,
     Ball,
@@ -418,6 +420,11 @@ class DesignFile:
     values: Mapping[str, object]
     text: str = ""
 
+    @cached_property
+    def unusual(self) -> tuple[str, ...]:
+        """A line for each unusual value, with the likely one, in the order of the file."""
+        return tuple(unusual_values(self.values))
+
     def __repr__(self) -> str:
         from coilarray.design.words import file_facts
 
@@ -494,8 +501,14 @@ def parse_design(text: str, origin: str = "design") -> Design:
 
 
 def parse_design_file(text: str, origin: str = "design") -> DesignFile:
-    """Read a design file from its text; `origin` names it in messages. See `load_design_file`."""
-    return build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
+    """Read a design file from its text; `origin` names it in messages. See `load_design_file`.
+
+    Unusual values, which a slip of a unit may have made, get an `UnusualValueWarning`.
+    """
+    file = build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
+    for line in file.unusual:
+        warnings.warn(f"{origin}: {line}", UnusualValueWarning, stacklevel=2)
+    return file
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
@@ -513,7 +526,8 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
     """
     parsed = bundled.DESIGNS.check(Document, document, origin)
     try:
-        design = _build(parsed)
+        with reading():
+            design = _build(parsed)
         values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
         values |= _of_part(parsed, design)
         for key in parsed.assumed:

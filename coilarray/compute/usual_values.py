@@ -1,0 +1,146 @@
+"""Usual ranges of lengths, capacitances, resistances and frequencies, and the likely slip of a unit outside of them.
+
+A value is called unusual only where a thousandth or the thousandfold of it would be usual: millimetres for metres,
+micrometres for millimetres. The ranges reach from coils on chips, 0.1 mm wide, to those of wireless chargers, 1 m wide.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+from coilarray.errors import GeometryError, UnusualValueWarning
+
+_COIL, _TRACE, _PAD = (0.05, 1000), (0.001, 30), (0.002, 30)
+_COPPER, _BODY, _LIMIT, _CAPACITANCE = (1, 500), (0.05, 2000), (0.001, 20), (0.05, 5e6)
+USUAL: Mapping[str, tuple[float, float]] = {
+    **dict.fromkeys(
+        ("outer_across_flats_mm", "outer_across_corners_mm", "outer_diameter_mm", "outer_width_mm", "outer_height_mm"),
+        _COIL,
+    ),
+    "corner_radius_mm": (0.005, 500),
+    **dict.fromkeys(("trace_width_mm", "gap_mm"), _TRACE),
+    **dict.fromkeys(("drill_mm", "pad_mm", "terminal_drill_mm", "terminal_pad_mm"), _PAD),
+    **dict.fromkeys(("copper_thickness_um", "plating_um", "terminal_plating_um"), _COPPER),
+    "dielectric_thickness_mm": (0.0004, 20),
+    **dict.fromkeys(("length_mm", "spacing_mm"), (0.01, 1000)),
+    "margin_mm": (0.01, 100),
+    **dict.fromkeys(("pitch_mm", "diameter_mm", "inner_diameter_mm", "width_mm", "height_mm"), _BODY),
+    **dict.fromkeys(("distance_mm", "distances_mm"), (0.02, 2000)),
+    "thickness_mm": (0.005, 200),
+    **dict.fromkeys(("radius_mm", "sample_radius_mm", "edge_radius_mm"), (0.01, 500)),
+    "depths_mm": (0.002, 50),
+    "step_mm": (0.005, 500),
+    **dict.fromkeys(
+        ("min_trace_mm", "min_gap_mm", "min_drill_mm", "min_annular_ring_mm", "min_edge_clearance_mm",
+         "min_hole_spacing_mm"), _LIMIT,
+    ),
+    "max_board_mm": (5, 5000),
+    **dict.fromkeys(("max_inner_copper_um", "max_outer_copper_um"), _COPPER),
+    **dict.fromkeys(
+        ("capacitance_pF", "switch_off_capacitance_pF", "terminal_capacitance_pF", "bus_capacitance_pF"), _CAPACITANCE
+    ),
+    "lead_inductance_nH": (0.01, 1e5),
+    "short_resistance_ohm": (0.001, 1000),
+    "load_ohm": (0.001, 1e7),
+    "resistivity_ohm_m": (5e-9, 3e-6),
+    "conductivity_MS_per_m": (1e-3, 100),
+    "clock_MHz": (0.5, 500),
+}  # fmt: skip
+"""Least and largest usual value of each key of a design file, in the unit at the end of its name."""
+_UNITS = {"mm": "mm", "um": "µm", "pF": "pF", "nH": "nH", "ohm": "Ω", "ohm_m": "Ω·m", "MHz": "MHz", "MS_per_m": "MS/m"}
+LARGEST_COIL = 10.0
+"""Size in m above which no coil is made."""
+THINNEST_COPPER, THICKEST_DIELECTRIC = 1e-6, 50e-3
+"""Bounds in m of the layers of a board."""
+
+_reading: ContextVar[bool] = ContextVar("_reading", default=False)
+
+
+def slip(key: str, value: float) -> str:
+    """Return the value with its unit and the likely one, if it is unusual for the last name of a key; else "".
+
+    Examples
+    --------
+    >>> slip("target.distances_mm.0", 0.001), slip("coils.c.gap_mm", 0.15)
+    ('0.001 mm is unusual: 1 mm?', '')
+    """
+    name = next((part for part in reversed(key.split(".")) if not part.isdecimal()), "")
+    if name not in USUAL or not value:
+        return ""
+    least, most = USUAL[name]
+    meant = value * 1e3 if value < least else value * 1e-3
+    if least <= value <= most or not least <= meant <= most:
+        return ""
+    unit = next(words for end, words in _UNITS.items() if name.endswith(f"_{end}"))
+    return f"{value:g} {unit} is unusual: {meant:.4g} {unit}?"
+
+
+def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Return a line for each unusual value of a design file, as TOML reads it or by its dotted keys.
+
+    Examples
+    --------
+    >>> unusual_values({"target": {"distances_mm": [0.001, 1.0]}})
+    ['target.distances_mm of 0.001 mm is unusual: 1 mm?']
+    """
+    found: list[str] = []
+    for key, value in table.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            found += unusual_values(value, f"{name}.")
+            continue
+        tables = isinstance(value, (list, tuple)) and bool(value) and isinstance(value[0], Mapping)
+        for number, one in enumerate(value if tables else ()):
+            found += unusual_values(one, f"{name}.{number}.")
+        words = dict.fromkeys(slip(name, one) for one in _numbers(() if tables else value))
+        found += [f"{name} of {one}" for one in words if one]
+    return found
+
+
+def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
+    """Warn of unusual values in SI by the keys that a file has for them, but not while a file is read.
+
+    Examples
+    --------
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     warn_unusual([("trace_width_mm", 0.15)])
+    >>> str(caught[0].message)
+    'trace_width of 150 mm is unusual: 0.15 mm? Lengths are in m.'
+    """
+    if _reading.get():
+        return
+    for key, value in values:
+        if words := slip(key, value * (1e6 if key.endswith("_um") else 1e3)):
+            text = f"{key.rpartition('_')[0]} of {words} Lengths are in m."
+            warnings.warn(text, UnusualValueWarning, stacklevel=4)
+
+
+@contextmanager
+def reading() -> Iterator[None]:
+    """Leave warnings of single values to who reads a whole file."""
+    token = _reading.set(True)
+    try:
+        yield
+    finally:
+        _reading.reset(token)
+
+
+def require_coil_size(size: float) -> None:
+    """Raise GeometryError for a coil above 10 m, size in m."""
+    if size > LARGEST_COIL:
+        raise GeometryError(
+            f"a coil must be at most {LARGEST_COIL:g} m wide; got {size:g} m. Lengths are in m: {size * 1e-3:g} m?"
+        )
+
+
+def _numbers(value: object) -> Iterator[float]:
+    if isinstance(value, (list, tuple)):
+        for one in value:
+            yield from _numbers(one)
+    elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        yield float(value)
