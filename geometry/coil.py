@@ -221,10 +221,11 @@ class Coil:
 
     @cached_property
     def trace_width(self) -> float:
-        """Width in m of most of the path's length."""
+        """Width in m of most of the path's length; the smallest of several with the same length."""
         widths, which = np.unique(np.concatenate(self.widths), return_inverse=True)
         lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in self.lines])
-        return float(widths[np.argmax(np.bincount(which, weights=lengths))])
+        share = np.bincount(which, weights=lengths) / lengths.sum()
+        return float(widths[np.argmax(np.round(share, 9))])  # how a path is turned decides nothing
 
     @property
     def via_points(self) -> FloatArray:

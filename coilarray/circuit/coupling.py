@@ -123,7 +123,7 @@ def design_circuit(
 
     Notes
     -----
-    A coil that does not wind around its centre has no model of its capacitance; the network then has none at all. In
+    A coil without turns beside each other has no model of its capacitance; the network then has none at all. In
     an array of more than 24 coils the losses that a coil's field has in the copper of others (1 % of its resistance in
     gast2020) are left out.
 

@@ -33,7 +33,6 @@ from coilarray.design.scan_states import Switches
 from coilarray.design.switch_parts import PARTS
 from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import GeometryError
 
 CLOSE_CHANNELS = 0.03
 """Relative distance of two frequencies below which simultaneous channels would pull each other."""
@@ -99,16 +98,16 @@ def scan_design(
           elastomer; ``elastomer_delta``, the apparent change of L when it is laid on; ``dent_delta_bound``, which no
           dent through the topmost sheet exceeds (`coilarray.electromagnetics.capacitance.elastomer_effect`).
 
-        ``capacitance`` (coil, other) is the Maxwell matrix. For a design that names the part of its switches but gives
-        other capacitances, ``part_frequency`` (state) is the frequency with those of the part, which are typical and
-        not verified.
+        ``capacitance`` (coil, other) is the Maxwell matrix. Where a coil's capacitance has no model
+        (`coilarray.electromagnetics.capacitance.coil_capacitance`), all capacitances of the windings are left out, and
+        the attribute ``left_out`` says why. For a design that names the part of its switches but gives other
+        capacitances, ``part_frequency`` (state) is the frequency with those of the part, which are typical and not
+        verified.
 
     Raises
     ------
     NetworkError
         A state without a resonance, or one that cannot be solved.
-    GeometryError
-        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.coil_capacitance`.
     """
     design = design_of(design)
     plan = design.plan
@@ -120,8 +119,6 @@ def scan_design(
 
     parts = circuit_parts(design, accuracy=accuracy)
     network, ac = parts.network, parts.resistance
-    if parts.capacitance is None:
-        raise GeometryError(parts.problem)
     tell(1)
     results = []
     for k, state in enumerate(plan):
@@ -148,17 +145,20 @@ def scan_design(
          "effective resistance, AC over DC"),
         ("current_real", pair, currents.real, "A/A", "in-phase current"),
         ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
-        ("winding_capacitance", coil, network.winding_capacitance, "F", "capacitance of the winding"),
-        ("self_resonance", coil, self_resonance(np.diag(network.inductance), network.winding_capacitance), "Hz",
-         "self-resonance of the coil alone"),
         ("ac_resistance", coil, np.diag(network.resistance(middle)), "ohm", "AC resistance"),
         ("resistance_model", coil, ac.model.values[nearest].astype(object), "", "model of the AC resistance"),
-        ("capacitance", ("coil", "other"), parts.capacitance.capacitance.values, "F", "capacitance matrix"),
     ]  # fmt: skip
+    if parts.capacitance is not None:
+        own = self_resonance(np.diag(network.inductance), network.winding_capacitance)
+        rows += [
+            ("winding_capacitance", coil, network.winding_capacitance, "F", "capacitance of the winding"),
+            ("self_resonance", coil, own, "Hz", "self-resonance of the coil alone"),
+            ("capacitance", ("coil", "other"), parts.capacitance.capacitance.values, "F", "capacitance matrix"),
+        ]
     if (counted := part_switches(design)) != design.circuit.switches:
         with_part = [resonate(replace(network, switches=counted), state).frequency for state in plan]
         rows.append(("part_frequency", states, with_part, "Hz", f"with capacitances of {design.circuit.part}"))
-    if elastomer and design.sheets:
+    if elastomer and design.sheets and parts.capacitance is not None:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
         above = permittivity_above(design)
         effect = kept_dataset(
@@ -175,7 +175,11 @@ def scan_design(
     scan = xr.Dataset(
         variables(*rows) | readability(design, states, at, at),
         coords={"state": [state.name for state in plan], "coil": names, "other": names},
-        attrs={**provenance(design), "ac_resistance_frequency_Hz": middle},
+        attrs={
+            **provenance(design),
+            "ac_resistance_frequency_Hz": middle,
+            "left_out": "; ".join(network.left_out),
+        },
     )
     tell(steps)
     return scan

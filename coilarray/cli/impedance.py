@@ -69,7 +69,8 @@ def impedance(
         "states": states.records(),
         "windings": windings.records(),
         "state_currents": circuit_tables.state_current_table(scan).records(),
-        "capacitance_F": scan.capacitance.values.tolist(),
+        "capacitance_F": scan.capacitance.values.tolist() if "capacitance" in scan else None,
+        "left_out": scan.attrs["left_out"],
         "ldc1614_drive": drives.records(),
         "ldc1614": limits.records(),
         "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
@@ -85,6 +86,8 @@ def impedance(
         lines = [f"LDC1614: all limits are kept{without}"]
     if close:
         lines.append(circuit_tables.close_line(close))
+    if scan.attrs["left_out"]:
+        lines.append(f"not in these numbers: {scan.attrs['left_out']}")
     shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -98,7 +99,7 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
     return [
         {
             "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
-            "turns": coil.turns, "length_m": coil.length,
+            "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
             "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
             "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
         }
@@ -117,7 +118,7 @@ def _cells(record: dict[str, Any]) -> list[str]:
         record["net"] or "–",
         record["shape"],
         " ".join(record["layers"]),
-        number_text(record["turns"], 2),
+        " ".join(number_text(pole["turns"], 2) for pole in record["poles"]),
         f"{record['length_m'] * 1e3:.1f}",
         widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}",
         str(record["vias"]),

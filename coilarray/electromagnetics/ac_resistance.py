@@ -20,7 +20,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
-from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes, nearest_crossing, radial_cut
+from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes
 from coilarray.electromagnetics.kernels.eddy_modes import (
     Basis,
     Section,
@@ -36,6 +36,7 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
+from coilarray.geometry.winding import Cut, FlatPath, find_turns
 
 WIDE = 2.0
 """Trace width in skin depths above which the section filaments take over."""
@@ -47,8 +48,10 @@ SECTION_MESH = (30, 8)
 """Cells along the sides of each trace of a bundle."""
 BASIS_TOLERANCE = 3e-2
 """Accuracy of a trace's basis of currents; the loss errs by about its square."""
-POINTS = ((0.0, 1), (6.0, 4), (24.0, 8))
-"""Gauss points along a segment, from a length of so many widths on."""
+POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
+"""Gauss points along a segment, from a length of so many widths on; no ratio of round lengths."""
+RAYS = 5, 16, 97.3
+"""Least and most cuts about a pole, and how many turns they cut in all; no multiple of round numbers of turns."""
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
 HIGHEST = 1e15
@@ -56,7 +59,8 @@ HIGHEST = 1e15
 
 _FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
 
-_INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces: leads make sections differ, whose turns are the same
+_INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces at places of a grid that all sections share
+_GRID = 0.04, 0.5  # step of the grid relative to the distance, and the distance in widths where it becomes even
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +155,23 @@ def _basis(width: float, thickness: float, octaves: int) -> Basis:
 
 @lru_cache(maxsize=16)
 def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
-    def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
+    def at(first: tuple[float, float], second: tuple[float, float], node: int, z: float) -> FloatArray:
+        x = _GRID[1] * math.sinh(_GRID[0] * node)
         return _INTERACTIONS.get(
-            (first, second, x, z, octaves),
+            (first, second, node, z, octaves),
             lambda: interaction(_basis(*first, octaves), _basis(*second, octaves), x, z),
         )
+
+    def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
+        """Cubic in x between places that all sections share; rounding x to them would make equal coils differ."""
+        place = math.asinh(x / _GRID[1]) / _GRID[0]
+        node = math.floor(place)
+        u = place - node
+        weights = (
+            -u * (u - 1) * (u - 2) / 6, (u + 1) * (u - 1) * (u - 2) / 2,
+            -(u + 1) * u * (u - 2) / 2, (u + 1) * u * (u - 1) / 6,
+        )  # fmt: skip
+        return sum((w * at(first, second, node + k - 1, z) for k, w in enumerate(weights)), start=np.zeros(()))
 
     return section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
 
@@ -188,12 +204,13 @@ def resistance_matrix(
     (`cross_section`), the fields by Biot–Savart at Gauss points on it, its own left out. Eddy currents act on nothing
     but themselves.
 
-    *Section filaments* (wider traces): the same, each turn's part times three factors from the radial cut through its
-    coil, all turns on all layers as infinite traces: heat by filaments over heat by transverse field, for the coil's
-    own current (with the mean local field of the turn where the cut alone has another), and for a uniform field along
-    the thickness and the width, as other coils make it. The part of two coils takes √ of both factors, which keeps R
-    positive definite. So turns of one coil shield each other, coils do not; corners, leads and turns shorter than a few
-    bundle widths are the weak points.
+    *Section filaments* (wider traces): the same, each part of a turn times three factors from radial cuts through its
+    coil (`coilarray.geometry.winding.Turns.cuts`), all turns on all layers as infinite traces: heat by filaments over
+    heat by transverse field, for the coil's own current (with the mean local field where the cut alone has another),
+    and for a uniform field along the thickness and the width, as other coils make it. Along the path the factors are
+    linear from cut to cut; on leads they are 1. The part of two coils takes √ of both factors, which keeps R positive
+    definite. So turns of one coil shield each other, coils do not; corners, leads and turns shorter than a few bundle
+    widths are the weak points.
 
     Vertical segments (vias) count with their DC resistance; eddy currents in pads and planes are not there.
 
@@ -293,13 +310,14 @@ class _Points:
 class _Traces:
     """Losses in the horizontal segments of coils of one shape.
 
-    `resistance` (frequencies,) in Ω without the fields of other segments. The field of unit currents adds its square at
-    the `points` times the loss of their `group` (points,) of traces: `own`, `mixed` and `others` (2, frequencies,
-    groups) in Ω·m, for fields along width and thickness of the coil's own current twice, once, and not at all.
+    `resistance` (frequencies,) in Ω without the fields of other segments. The field of unit currents adds its square
+    times the loss of each of the `groups`, the indices and lengths in m of points on traces that lose alike: `own`,
+    `mixed` and `others` (2, frequencies, groups) in Ω·m, for fields along width and thickness of the coil's own current
+    twice, once, and not at all.
     """
 
     points: _Points
-    group: IntArray
+    groups: list[tuple[IntArray, FloatArray]]
     resistance: FloatArray
     own: FloatArray
     mixed: FloatArray
@@ -322,36 +340,86 @@ def _traces(
     of_point, weight, places = gauss_points(vertices, widths, segments, POINTS)
     normals = np.cross(lateral, np.diff(vertices, axis=0) / lengths[:, None])
     points = _Points(places, lateral[of_point], normals[of_point], of_point, weight)
-    turn = np.full(len(lengths), -1)
+    point, crossing, share = np.arange(len(of_point)), np.full(len(of_point), -1), np.ones(len(of_point))
     factors = np.ones((3, len(f), 1))
     if wide.any():
-        cut = radial_cut(vertices, widths)
-        crossed = cut[0]
-        turn = nearest_crossing(vertices, crossed, 0.5 * float(thicknesses[flat].max()))
-        of_turn = turn[of_point]
-        h = _own_field(shape, points, vertices)
-        mean = np.array(
-            [np.average(h[of_turn == k], axis=0, weights=weight[of_turn == k]) for k in range(len(crossed))]
-        )
-        factors = np.ones((3, len(f), len(crossed) + 1))
-        if len(crossed):
-            sizes = widths[crossed], thicknesses[crossed]
-            factors[:, wide, :-1] = _section_factors(cut[1:], sizes, mean, skin_depth(f[wide], resistivity))
+        cuts = _radial_cuts(vertices, widths)
+        if cuts:
+            point, crossing, share = _shared_out(vertices, places, of_point, cuts)
+            h = _own_field(shape, points, vertices)
+            mean = _mean_fields(h, weight, (point, crossing, share), sum(len(cut.piece) for cut in cuts))
+            factors = np.ones((3, len(f), len(mean) + 1))
+            first = np.cumsum([0, *(len(cut.piece) for cut in cuts)])
+            for cut, begin, end in zip(cuts, first[:-1], first[1:], strict=True):
+                z = 0.5 * (vertices[cut.piece, 2] + vertices[cut.piece + 1, 2])
+                sizes = widths[cut.piece], thicknesses[cut.piece]
+                delta = skin_depth(f[wide], resistivity)
+                factors[:, wide, begin:end] = _section_factors(cut, z, sizes, mean[begin:end], delta)
+    of_trace = of_point[point]
     groups, group = np.unique(
-        np.column_stack((turn, widths, thicknesses))[segments], axis=0, return_inverse=True
-    )  # turn −1, outside the cut, takes the last factor, 1
+        np.column_stack((crossing, widths[of_trace], thicknesses[of_trace])), axis=0, return_inverse=True
+    )  # crossing −1, outside the turns, takes the last factor, 1
     group = group.ravel()
+    length = share * weight[point]
     alone, normal, side = factors[:, :, groups[:, 0].astype(np.int64)]
-    skin = np.bincount(group, (lengths / conductor.areas)[segments])
+    skin = np.bincount(group, length / conductor.areas[of_trace])
     sizes_of = {(w, t): cross_section(w, t, f, resistivity) for w, t in np.unique(groups[:, 1:], axis=0).tolist()}
     traces = [sizes_of[w, t] for _, w, t in groups.tolist()]
     ratio = np.stack([trace.resistance_ratio for trace in traces], axis=1)
     g = np.stack([np.stack((one.lateral_field_loss, one.normal_field_loss)) for one in traces], axis=2)
     other = np.stack((side, normal))
+    members = [np.flatnonzero(group == k) for k in range(len(groups))]
     return _Traces(
-        points, group[np.searchsorted(segments, of_point)], resistivity * (ratio * alone) @ skin,
+        points, [(point[p], length[p]) for p in members], resistivity * (ratio * alone) @ skin,
         g * alone, g * np.sqrt(alone * other), g * other,
     )  # fmt: skip
+
+
+def _radial_cuts(vertices: FloatArray, widths: FloatArray) -> list[Cut]:
+    """Cuts through the turns of a path with vias; none where nothing winds."""
+    turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
+    if turns is None:
+        return []
+    least, most, crossings = RAYS
+    wound = max(abs(pole.turns) for pole in turns.poles)
+    return turns.cuts(min(max(math.ceil(crossings / wound), least), most))
+
+
+def _line_numbers(vertices: FloatArray) -> IntArray:
+    """Return the number of the line between two vias that each segment belongs to, (n,); −1 for vias."""
+    _, flat = lateral_axes(vertices)
+    return np.where(flat, np.cumsum(~flat), -1)
+
+
+def _shared_out(
+    vertices: FloatArray, places: FloatArray, of_point: IntArray, cuts: Sequence[Cut]
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Points that cuts stand for, by the crossing of each (all cuts one after another), and by which share.
+
+    Between two crossings of a line the share of one falls linearly to that of the other; outside the turns the whole
+    share has crossing −1. Points occur once or twice, in arrays of one shape.
+    """
+    line = _line_numbers(vertices)
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(vertices[:, :2], axis=0).T)))
+    s = along[of_point] + np.hypot(*(places - vertices[of_point])[:, :2].T)
+    piece = np.concatenate([cut.piece for cut in cuts])
+    crossed = np.concatenate([cut.along for cut in cuts])
+    found = []
+    for number in np.unique(line[of_point]):
+        here = np.flatnonzero(line[of_point] == number)
+        own = np.flatnonzero(line[piece] == number)
+        if not len(own):
+            found.append((here, np.full(len(here), -1), np.ones(len(here))))
+            continue
+        own = own[np.argsort(crossed[own], kind="stable")]
+        place = np.interp(s[here], crossed[own], np.arange(len(own)))
+        before = np.minimum(place.astype(np.int64), max(len(own) - 2, 0))
+        after = np.minimum(before + 1, len(own) - 1)
+        part = place - before
+        found += [(here, own[before], 1 - part), (here, own[after], part)]
+    point, crossing, share = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    kept = share > 0
+    return point[kept], crossing[kept], share[kept]
 
 
 def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: int, traces: _Traces) -> FloatArray:
@@ -366,10 +434,9 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
         return _FIELDS.get((shapes[c], shapes[k], POINTS, *steps), lambda: points.field(vertices, own=False))
 
     h = np.stack([field_of(k) for k in range(len(conductors))], axis=1)
-    of_group = [np.flatnonzero(traces.group == k) for k in range(traces.own.shape[-1])]
     R = np.zeros((len(traces.resistance), h.shape[1], h.shape[1]))
     for axis in range(2):
-        gram = np.array([(h[p, :, axis].T * points.weight[p]) @ h[p, :, axis] for p in of_group])
+        gram = np.array([(h[p, :, axis].T * length) @ h[p, :, axis] for p, length in traces.groups])
         part = np.einsum("fg,gij->fij", traces.others[axis], gram)
         part[:, c, :] = part[:, :, c] = traces.mixed[axis] @ gram[:, c, :]
         part[:, c, c] = traces.own[axis] @ gram[:, c, c]
@@ -378,19 +445,26 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
     return R
 
 
+def _mean_fields(
+    h: FloatArray, weight: FloatArray, shared: tuple[IntArray, IntArray, FloatArray], crossings: int
+) -> FloatArray:
+    """Mean field (crossings, 2) of the points that each crossing stands for, see `_shared_out`; 0 without points."""
+    point, crossing, share = (part[shared[1] >= 0] for part in shared)
+    length = share * weight[point]
+    total = np.bincount(crossing, length, crossings)
+    sums = [np.bincount(crossing, length * h[point, axis], crossings) for axis in range(2)]
+    return np.stack(sums, axis=1) / np.where(total > 0, total, 1.0)[:, None]
+
+
 def _section_factors(
-    place: tuple[FloatArray, FloatArray, FloatArray],
-    sizes: tuple[FloatArray, FloatArray],
-    mean: FloatArray,
-    delta: FloatArray,
+    cut: Cut, z: FloatArray, sizes: tuple[FloatArray, FloatArray], mean: FloatArray, delta: FloatArray
 ) -> FloatArray:
     """Heat by filaments over heat by transverse field in the turns of a cut; shape (3, frequencies, turns)."""
-    x, z, sign = place
     w, t = sizes
     side = float(max(w.max(), t.max()))
     octaves = _octaves(side, delta)
-    grain = 1e-3 * side  # far below what matters; equal coils then share their section
-    x, z = (grain * np.round((v - v.min()) / grain) for v in (x, z))
+    grain = 1e-9 * side  # rounding: equal coils then share their section
+    x, z = (grain * np.round((v - v.min()) / grain) for v in (cut.across, z))
     bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), octaves)
     alone = [_section(((0.0, 0.0, p, q),), octaves) for p, q in zip(w.tolist(), t.tolist(), strict=True)]
-    return bundle_factors(bundle, alone, x, z, sign, mean, delta)
+    return bundle_factors(bundle, alone, x, z, cut.sign, mean, delta)

@@ -21,13 +21,13 @@ from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_gri
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
 from coilarray.geometry.copper import uniform_runs
+from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 
 Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
 
-# A third of a turn apart: the layers of a spiral shift past each other by whole pitches a turn, so these take the
-# mean over the shift. Nine instead of three rays change C by 1e-3 (tests).
-_RAYS = 3
-_CROSSING = 0.3  # cosine to the ray's normal below which a trace runs along the ray: a lead or a stub
+# At equal angles: the layers of a spiral shift past each other by whole pitches a turn, so these take the mean over
+# the shift. Nine instead of five rays change C by 1e-3 (tests).
+_RAYS = 5
 _MOST_PERMITTIVITY = 1e6
 _HIGHEST_FACE = 1.0  # m; of what changes no permittivity
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
@@ -70,7 +70,7 @@ def coil_capacitance(
     ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn``, the field's energy between turns of different
     layers and of one layer; ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one potential:
     symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the board, so its rows sum to zero. Raises
-    a GeometryError for a coil that does not wind around its centre, copper that overlaps on a layer, or a permittivity
+    a GeometryError for a coil without turns beside each other, copper that overlaps on a layer, or a permittivity
     below 1.
 
     Returns
@@ -80,11 +80,12 @@ def coil_capacitance(
 
     Notes
     -----
-    Of one winding: the voltage rises linearly along the path from one terminal to the other; the coil floats. Rays from
-    the centre cut the winding; the traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer,
-    mirrored at the centre, with the Maxwell matrix c per length of `strip_capacitance`, two faces a trace. A piece ds
-    of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not
-    neighbours, the winding's edges and the layers' shift against each other all count. Two layers joined inside give
+    Of one winding: the voltage rises linearly along the turns from one end to the other; the coil floats. Rays from
+    the poles that they run around cut the turns (`coilarray.geometry.winding`); the traces on a ray, unfolded to
+    perpendicular cuts, are a row of strips on each layer, mirrored at the pole, with the Maxwell matrix c per length of
+    `strip_capacitance`, two faces a trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i −
+    V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers' shift against
+    each other all count. Leads are no turns and are left out. Two layers joined inside give
     C_facing/3 with C_facing the capacitance between the layers; n layers Σ 4 C_i/(3n²) over adjacent ones (Zolfaghari,
     Chan, Razavi, IEEE JSSC 36, 620 (2001)), if the fringing at the edges is small.
 
@@ -251,85 +252,42 @@ def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[Winding
     return windings
 
 
-@dataclass(frozen=True, eq=False)
-class _Cut:
-    """Traces on one ray: line of the coil; place across the unfolded cut, place along the path and width in m."""
-
-    line: npt.NDArray[np.int64]
-    across: FloatArray
-    along: FloatArray
-    width: FloatArray
-
-
-def _cuts(placement: Placement) -> list[_Cut]:
-    coil = placement.coil
-    outline = shapely.Polygon(coil.outline)
-    centre = shapely.get_coordinates(outline.centroid)[0]
-    beyond = float(np.hypot(*np.ptp(coil.outline, axis=0)))
-    steps = np.vstack([np.diff(line, axis=0) for line in coil.lines])
-    longest = steps[np.argmax(np.hypot(*steps.T))]
-    azimuth = math.atan2(longest[1], longest[0]) - math.pi / 2
-    cuts = []
-    for ray in range(_RAYS):
-        angle = azimuth + 2 * math.pi * ray / _RAYS
-        direction = np.array([math.cos(angle), math.sin(angle)])
-        # leads that run along the winding from further away are none of its turns
-        length = outline.intersection(shapely.LineString((centre, centre + beyond * direction))).length
-        cut = _cut(coil, centre, direction, length)
-        if len(cut.line) < 2:
-            raise GeometryError(
-                f"the winding of {placement.name} must have at least two turns around the centre of its outline; a "
-                f"ray from there crosses {len(cut.line)} of its traces."
-            )
-        cuts.append(cut)
-    return cuts
-
-
-def _cut(coil: Coil, centre: FloatArray, ray: FloatArray, length: float) -> _Cut:
-    normal = np.array([-ray[1], ray[0]])
-    found = []  # line, distance from the centre, along the path, width, cosine
-    start = 0.0
-    for k, (line, widths) in enumerate(zip(coil.lines, coil.widths, strict=True)):
-        points = line - centre
-        side, distance = points @ normal, points @ ray
-        lengths = np.hypot(*np.diff(points, axis=0).T)
-        i = np.flatnonzero((side[:-1] < 0) != (side[1:] < 0))
-        part = side[i] / (side[i] - side[i + 1])
-        u = distance[i] + part * (distance[i + 1] - distance[i])
-        cosine = np.abs(side[i + 1] - side[i]) / lengths[i]
-        along = start + np.cumsum(np.append(0.0, lengths))[i] + part * lengths[i]
-        keep = (u > 0) & (u < length) & (cosine > _CROSSING)
-        found.append(np.column_stack((np.full(len(u), float(k)), u, along, widths[i], cosine))[keep])
-        start += float(lengths.sum())
-    which, u, along, width, cosine = np.vstack(found)[np.argsort(np.vstack(found)[:, 1], kind="stable")].T
-    if not len(u):
-        return _Cut(np.zeros(0, dtype=np.int64), u, along, width)
-    across = np.append(u[0] * cosine[0], np.diff(u) * 0.5 * (cosine[1:] + cosine[:-1])).cumsum()
-    return _Cut(which.astype(np.int64), across, along, width)
-
-
 def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: float) -> WindingCapacitance:
     medium, first = _board_medium(stackup, above, half_space)
     coil = placement.coil
     copper = np.array([stackup.index(layer) for layer in placement.layers])
-    ends = np.cumsum([0.0, *(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in coil.lines)])
-    cuts = _cuts(placement)
-    lines = np.concatenate([cut.line for cut in cuts])
-    lengths = _shares(lines, np.concatenate([cut.along for cut in cuts]), ends)
+    turns = find_turns(FlatPath.of_lines(coil.lines, coil.widths))
+    if turns is None:
+        raise GeometryError(
+            f"the winding of {placement.name} must have turns beside each other for a capacitance; its path runs "
+            "beside itself nowhere."
+        )
+    path = turns.path
+    cuts = turns.cuts(_RAYS)
+    layers = [copper[path.line[cut.piece]] for cut in cuts]
+    clear = [_clear(cut, path.widths[cut.piece], layer) for cut, layer in zip(cuts, layers, strict=True)]
+    if not any(clear):
+        raise GeometryError(f"{placement.name}: copper of its turns overlaps, or they cross each other everywhere.")
+    cuts = [cut for cut, good in zip(cuts, clear, strict=True) if good]
+    lines = np.concatenate([path.line[cut.piece] for cut in cuts])
+    lengths = _shares(lines, np.concatenate([cut.along for cut in cuts]), turns)
     interlayer = turn_to_turn = longest = 0.0
     between = np.zeros((len(coil.lines),) * 2)
     done = 0
     for cut in cuts:
-        n = len(cut.line)
-        layer = copper[cut.line]
+        n = len(cut.piece)
+        line, width = path.line[cut.piece], path.widths[cut.piece]
+        layer = copper[line]
         face = first + 2 * layer
-        period = _MIRROR_DISTANCE * float((cut.across + cut.width / 2).max())
+        # turns up to the centre have their mirror image, the other side of the winding, a gap away
+        across = cut.across + max(0.0, 0.5 * (coil.gap + float((width - 2 * cut.across).max())))
+        period = _MIRROR_DISTANCE * float((across + width / 2).max())
         try:
             c = strip_capacitance(
                 medium,
                 np.concatenate((face, face + 1)).tolist(),
-                np.tile(cut.across, 2),
-                np.tile(cut.width, 2),
+                np.tile(across, 2),
+                np.tile(width, 2),
                 np.tile(np.arange(n), 2).tolist(),
                 period=period,
                 mirror=True,
@@ -337,18 +295,27 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
             )
         except GeometryError as error:
             raise GeometryError(f"{placement.name}: {error}") from None
-        V = cut.along / ends[-1]
+        V = (cut.along - turns.begin) / (turns.end - turns.begin)
         energy = -c * (V[:, None] - V) ** 2 / 4  # J/m at V = 1, of strip i against strip j
         length = lengths[done : done + n]
         same = layer[:, None] == layer
         turn_to_turn += 2 * float(length @ np.where(same, energy, 0.0).sum(axis=1))
         interlayer += 2 * float(length @ np.where(same, 0.0, energy).sum(axis=1))
         longest += float(length.max() * (V @ c @ V))
-        np.add.at(between, (cut.line[:, None], cut.line), c * 0.5 * (length[:, None] + length))
+        np.add.at(between, (line[:, None], line), c * 0.5 * (length[:, None] + length))
         done += n
     np.fill_diagonal(between, 0.0)
     np.fill_diagonal(between, -between.sum(axis=1))
     return WindingCapacitance(interlayer, turn_to_turn, between, longest)
+
+
+def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:
+    """Whether the turns of a cut, of a width in m, are apart on every copper layer; not always beside a corner."""
+    for number in np.unique(layer):
+        on = np.flatnonzero(layer == number)
+        if (np.diff(cut.across[on]) <= 0.5 * (width[on][1:] + width[on][:-1])).any():
+            return False
+    return len(layer) > 1
 
 
 def _basis(stackup: Stackup, coil: Coil) -> int:
@@ -358,19 +325,16 @@ def _basis(stackup: Stackup, coil: Coil) -> int:
     return max(3, math.ceil(2 * math.sqrt(widest / nearest)))
 
 
-def _shares(line: npt.NDArray[np.int64], along: FloatArray, ends: FloatArray) -> FloatArray:
-    """Length in m of its line that each cut trace stands for: half-way to the next, and to the ends."""
+def _shares(line: npt.NDArray[np.int64], along: FloatArray, turns: Turns) -> FloatArray:
+    """Length in m of its line that each cut trace stands for: half-way to the next, and to the ends of the turns."""
     shares = np.zeros_like(along)
     for i in np.unique(line):
         on = np.flatnonzero(line == i)
-        on = on[np.argsort(along[on])]
-        s = along[on]
-        if len(on) == 1:
-            shares[on] = ends[i + 1] - ends[i]
-            continue
-        half = np.diff(s) / 2
-        head, tail = min(2 * half[0], s[0] - ends[i]), min(2 * half[-1], ends[i + 1] - s[-1])
-        shares[on] = np.append(head, half) + np.append(half, tail)
+        on = on[np.argsort(along[on], kind="stable")]
+        piece = np.flatnonzero(turns.path.line == i)
+        begin, end = np.clip(turns.path.along[[piece[0], piece[-1] + 1]], turns.begin, turns.end)
+        middles = 0.5 * (along[on][1:] + along[on][:-1])
+        shares[on] = np.diff(np.concatenate(([begin], middles, [end])))
     return shares
 
 

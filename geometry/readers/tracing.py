@@ -240,7 +240,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 def _too_few_turns(coil: TracedCoil) -> str:
     """Why a path is not a coil; empty if it winds."""
     turns = abs(coil.turns)
-    return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around its centre; a coil makes at least one."
+    return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
 
 
 Copper = Track | Hole | SurfacePad | CopperArea

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -18,6 +18,7 @@ from coilarray.errors import BoardError
 from coilarray.geometry.copper import groups
 from coilarray.geometry.readers.board_copper import Hole, SurfacePad, Track
 from coilarray.geometry.values import Point, place_in_mm
+from coilarray.geometry.winding import FlatPath, Pole, find_turns, turns_about
 
 JOINED = 1e-6
 """Ends closer than this many m are one place, whatever lies there."""
@@ -281,14 +282,24 @@ class TracedCoil:
         x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
         return float(x), float(y)
 
+    @cached_property
+    def poles(self) -> tuple[Pole, ...]:
+        """Places that the path winds about, with the turns about each, the most first.
+
+        A path whose turns lie nowhere beside each other, a single loop, has its centre for a pole, and 0 turns where it
+        runs around nothing.
+        """
+        found = find_turns(FlatPath.of_lines(self.lines, self.widths))
+        if found is not None:
+            poles = [replace(pole, turns=turns_about(self.path, (pole.x, pole.y))) for pole in found.poles]
+            return tuple(sorted(poles, key=lambda pole: -round(abs(pole.turns), 6)))
+        centre = self.centre
+        return (Pole(*centre, 0.0 if _runs_around_nothing(self.path) else turns_about(self.path, centre)),)
+
     @property
     def turns(self) -> float:
-        """How often the path runs around its centre, anticlockwise positive; 0 where it runs around nothing."""
-        if _runs_around_nothing(self.path):
-            return 0.0
-        points = self.path - self.centre
-        a, b = points[:-1], points[1:]
-        return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2 * math.pi))
+        """Turns about the pole that the path winds about most, anticlockwise positive."""
+        return self.poles[0].turns
 
 
 def _cross(points: FloatArray) -> FloatArray:

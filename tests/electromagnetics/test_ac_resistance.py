@@ -28,7 +28,6 @@ from coilarray.compute.recent import Recent
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
-from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
 from coilarray.electromagnetics.kernels.eddy_modes import isolated_modes
 from coilarray.electromagnetics.kernels.sections import NEAR, pair_logs
 from coilarray.errors import GeometryError
@@ -316,9 +315,8 @@ def test_scaled_turned_and_moved_coil(scale, angle, shift):
     f = np.array([3e5, 4e6])
     first, second = resistance_matrix(path, f), resistance_matrix(moved, f / scale**2)
     assert (first.model == second.model).all()
-    # the cut's positions are rounded to a thousandth of the width, and equal sides of the spiral are no tie in floats:
-    # another side's cut is as good; measured 1e-4
-    np.testing.assert_allclose(scale * second.resistance.values, first.resistance.values, rtol=1e-3)
+    # coordinates differ by roundings, and lengths in units of the width are rounded to 1e-8
+    np.testing.assert_allclose(scale * second.resistance.values, first.resistance.values, rtol=1e-6)
 
 
 @pytest.mark.parametrize("path", [
@@ -342,21 +340,6 @@ def test_vias_keep_their_direct_resistance():
     np.testing.assert_allclose(R, RESISTIVITY_COPPER * 1e-3 / 1e-8, rtol=1e-14)  # no part of it depends on f
 
 
-def test_cut_of_a_spiral():
-    path = spiral_path(Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3), (0.0, -0.2e-3))
-    crossed, x, z, sign = radial_cut(path.vertices, path.widths)
-    assert len(crossed) == 16  # every turn of both layers once
-    assert np.unique(np.round(z, 6)).tolist() == [-0.2e-3, 0.0]
-    assert len(set(sign)) == 1
-    for level in (0.0, -0.2e-3):
-        # pitch 0.3 mm; the sides of a spiral are not quite at right angles to any ray
-        np.testing.assert_allclose(np.abs(np.diff(x[np.isclose(z, level)])), 0.3e-3, rtol=1e-2)
-    turn = nearest_crossing(path.vertices, crossed, T / 2)
-    flat = np.diff(path.vertices[:, 2]) == 0
-    assert set(turn[flat]) == set(range(16))
-    assert turn[~flat].tolist() == [-1]  # half-way between the layers
-
-
 @pytest.mark.parametrize("trace_width", [0.5e-3, 0.55e-3])
 def test_where_a_round_winding_starts_changes_nothing(trace_width):
     """A line through the centre crosses its two halves alike and in opposite directions: only one half counts."""
@@ -364,35 +347,25 @@ def test_where_a_round_winding_starts_changes_nothing(trace_width):
     for direction in (0.0, 1.0, np.pi / 2):
         coil = spiral_coil(round_spiral(20e-3, 6, trace_width, 0.2e-3, direction=direction), 2, VIA, LEADS)
         (path,) = one_coil(coil).conductors()
-        assert len(radial_cut(path.vertices, path.widths)[0]) == 12  # every turn of both layers once
         resistances.append(float(resistance_matrix(path, 3.6e6).resistance[0, 0, 0]))
     np.testing.assert_allclose(resistances, resistances[0], rtol=1e-9)  # coordinates differ by roundings
 
 
 @pytest.mark.parametrize(("out", "past"), [(5e-3, 5e-3), (5e-3, 80e-3), (5e-3, -80e-3)])
 def test_leads_do_not_change_the_winding(out, past):
-    """However far leads go out and past the turns, the winding is cut through the same turns and keeps its losses."""
+    """However far leads go out and past the turns, the winding keeps its losses."""
     winding = spiral_path(Spiral(6, 16e-3, 15, 0.15e-3, 0.15e-3), (0.0, -1.5e-3))
     start, end = winding.vertices[[0, -1]]  # one above the other, on the x axis
     way, beside = np.array([[out, past, 0], [out, 0, 0]]), np.array([[out + 2e-3, 0, 0], [out + 2e-3, past, 0]])
     path = Conductor(np.vstack((start + way, winding.vertices, end + beside)), 0.15e-3, T)
-    cuts = radial_cut(winding.vertices, winding.widths), radial_cut(path.vertices, path.widths)
-    (_, x, z, sign), (crossed, x_led, z_led, sign_led) = cuts
-    assert set(crossed) <= set(range(2, len(path.lengths) - 2))
-    np.testing.assert_allclose(np.diff(x_led), np.diff(x), atol=1e-12)  # in m from different centres
-    np.testing.assert_array_equal(z_led, z)
-    np.testing.assert_array_equal(sign_led, sign)
     alone, led = (resistance_matrix(each, 2e6) for each in (winding, path))
     leads = cross_section(0.15e-3, T, 2e6).resistance_ratio * (led.dc_resistance - alone.dc_resistance).values
     # the leads, 0.7 to 9 % of the length, have some of the field of the turns, and these of theirs; measured 1.4e-4
     np.testing.assert_allclose(led.resistance.values.ravel() - leads, alone.resistance.values.ravel(), rtol=5e-4)
 
 
-def test_cut_of_a_straight_wire():
+def test_straight_wire():
     wire = Conductor([[0, 0, 0], [0, 1e-2, 0]], W, T)
-    crossed, x, _, _ = radial_cut(wire.vertices, wire.widths)
-    assert crossed.tolist() == [0]
-    assert x == pytest.approx(0, abs=1e-15)
     result = resistance_matrix(wire, [5e6, 2e7])
     assert (result.model == "section filaments").all()
     # alone its factor is 1

@@ -357,7 +357,7 @@ def test_without_names_the_nets_that_wind_are_coils(read):
     items = (path(*SPIRAL), bent, closed, path(*((x + 60, y) for x, y in SPIRAL), net="0"))
     found = trace_coils(read(board(*items, nets=("A", "B", "C", "D"))))
     assert [coil.name for coil in found.coils] == ["A", "coil1"]
-    assert re.fullmatch(r"it makes 0\.\d\d turns around its centre; a coil makes at least one\.", found.left_out["B"])
+    assert re.fullmatch(r"it makes 0\.\d\d turns around a place; a coil makes at least one\.", found.left_out["B"])
     assert "it is closed" in found.left_out["C"]
     assert set(found.left_out) == {"B", "C"}
 

@@ -171,7 +171,7 @@ def section(
     """Reduce parallel traces to their eddy modes.
 
     `basis` gives that of a width and thickness (`response_basis`), `between` the `interaction` of the bases of two
-    such sizes at a distance (x, z): neighbours at equal pitches ask for the same ones, in other sections too.
+    such sizes at a distance (x, z).
     """
     unit = max(max(w, t) for _, _, w, t in traces)
     scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]
@@ -180,7 +180,7 @@ def section(
     M = np.empty((start[-1], start[-1]))
     for i, (xi, zi, *size_i) in enumerate(scaled):
         for k, (xk, zk, *size_k) in enumerate(scaled[: i + 1]):
-            x, z = round(xk - xi, 3), round(zk - zi, 3)
+            x, z = round(xk - xi, 8), round(zk - zi, 8)
             block = between((size_i[0], size_i[1]), (size_k[0], size_k[1]), x, z)
             M[start[i] : start[i + 1], start[k] : start[k + 1]] = block
             M[start[k] : start[k + 1], start[i] : start[i + 1]] = block.T

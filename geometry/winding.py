@@ -1,0 +1,317 @@
+"""Where a path winds: its turns without leads, the poles that it winds about, and cuts across the turns.
+
+Nothing here depends on where a coil lies or how it is turned: directions and places are taken from the path itself,
+never from the first of several equal ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from coilarray.compute.arrays import FloatArray, IntArray
+
+_REACH = math.pi  # pitches up to which turns belong to one bundle; like the next two no ratio of round lengths
+_NEXT = math.sqrt(3)  # pitches within which a turn has another one beside it on its line
+_ABOVE = math.sqrt(0.5)  # and sideways on another line: turns of two layers are staggered by half a pitch at most
+_ALONGSIDE = 0.9  # cosine of the largest angle between neighbouring turns
+_PARALLEL = 0.985  # of one turn in ten at 30° from the others, or all spread over 20°
+_STEEPEST = 0.35  # cosine to a ray's normal below which a trace runs along the ray: a stub
+_WITHIN = (3 - math.sqrt(5)) / 2  # golden section: a place on a side, or along a path, where symmetry puts nothing
+_NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
+_POLE = 1 / 3  # of the most turns; a pole has more
+_BLOCK = 64
+_HALVINGS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPath:
+    """A current path seen from above.
+
+    `points` (n + 1, 2) in m in the direction of the current, with the `widths` (n,) in m of the pieces between them and
+    the number of the `line` (n,) that each belongs to, equal lines being on one layer. Vias are pieces of no length.
+    """
+
+    points: FloatArray
+    widths: FloatArray
+    line: IntArray
+
+    @classmethod
+    def of_lines(cls, lines: Sequence[FloatArray], widths: Sequence[FloatArray]) -> FlatPath:
+        """Join lines, each beginning where the one before ends.
+
+        Parameters
+        ----------
+        lines : sequence of ndarray, each of shape (n, 2)
+            Lines between two vias in m.
+        widths : sequence of ndarray, each of shape (n − 1,)
+            Widths of their pieces in m.
+
+        Returns
+        -------
+        FlatPath
+            The path, its lines numbered from 0.
+        """
+        numbers = [np.full(len(width), k) for k, width in enumerate(widths)]
+        via = [np.zeros(1)], [np.full(1, -1)]
+        return cls(
+            np.vstack(lines),
+            np.concatenate([part for width in widths for part in (width, *via[0])][:-1]),
+            np.concatenate([part for number in numbers for part in (number, *via[1])][:-1]),
+        )
+
+    @property
+    def steps(self) -> FloatArray:
+        """Vectors along the pieces in m, shape (n, 2)."""
+        return np.diff(self.points, axis=0)
+
+    @property
+    def along(self) -> FloatArray:
+        """Length of the path in m up to every point, shape (n + 1,)."""
+        return np.append(0.0, np.cumsum(np.hypot(*self.steps.T)))
+
+    def between(self, begin: float, end: float) -> FloatArray:
+        """Points in m of the path from one place along it to another, shape (m, 2)."""
+        along = self.along
+        inside = (along > begin) & (along < end)
+        return np.vstack((self._at(np.array([begin])), self.points[inside], self._at(np.array([end]))))
+
+    def _at(self, s: FloatArray) -> FloatArray:
+        along = self.along
+        return np.column_stack([np.interp(s, along, axis) for axis in self.points.T])
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A place that a path winds about: x and y in m, and its turns, anticlockwise positive."""
+
+    x: float
+    y: float
+    turns: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Turns that a ray from a pole crosses, from the pole outwards.
+
+    `piece` (k,) of the path, place `across` the turns and `along` the path in m, shape (k,), and `sign` (k,) of the
+    current: 1 anticlockwise about the pole. Places across are perpendicular distances of the turns.
+    """
+
+    piece: IntArray
+    across: FloatArray
+    along: FloatArray
+    sign: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """The part of a path that winds, from `begin` to `end` along it in m, its mean `pitch` in m, and its poles."""
+
+    path: FlatPath
+    begin: float
+    end: float
+    pitch: float
+    poles: tuple[Pole, ...]
+
+    def cuts(self, rays: int) -> list[Cut]:
+        """Cut the turns by rays from every pole.
+
+        Parameters
+        ----------
+        rays : int
+            Number of rays from each pole, at equal angles.
+
+        Returns
+        -------
+        list of Cut
+            Those that cross turns at all.
+        """
+        place = self.path._at(np.array([self.begin + _WITHIN * (self.end - self.begin)]))[0]
+        found = []
+        for pole in self.poles:
+            first = math.atan2(place[1] - pole.y, place[0] - pole.x)
+            # the angle from the pole to a place of the path, so that the rays turn and mirror with it
+            sense = math.copysign(1.0, pole.turns)
+            for ray in range(rays):
+                cut = self._cut(pole, first + sense * 2 * math.pi * ray / rays)
+                if len(cut.piece):
+                    found.append(cut)
+        return found
+
+    def _cut(self, pole: Pole, angle: float) -> Cut:
+        path = self.path
+        direction = np.array([[math.cos(angle), math.sin(angle)]])
+        crossed, u, part, cosine = _crossings(path, np.array([[pole.x, pole.y]]), direction)
+        piece = np.flatnonzero(crossed[0])
+        u, part, cosine = u[0][piece], part[0][piece], cosine[0][piece]
+        along = path.along[piece] + part * np.hypot(*path.steps[piece].T)
+        keep = (u > 0) & (np.abs(cosine) > _STEEPEST) & (along > self.begin) & (along < self.end)
+        order = np.flatnonzero(keep)[np.argsort(u[keep], kind="stable")]
+        piece, u, along, cosine = piece[order], u[order], along[order], cosine[order]
+        if not len(piece):
+            return Cut(piece, u, along, cosine)
+        steep = np.abs(cosine)
+        steps = np.diff(u) * 0.5 * (steep[1:] + steep[:-1])
+        bundle = np.concatenate(([0], np.cumsum(steps > _REACH * self.pitch)))
+        most = np.flatnonzero(bundle == np.bincount(bundle).argmax())
+        across = np.append(u[0] * steep[0], steps).cumsum()
+        along_turns = path.steps[piece[most]] * np.sign(cosine[most])[:, None]
+        along_turns /= np.hypot(*along_turns.T)[:, None]
+        if np.hypot(*along_turns.mean(axis=0)) < _PARALLEL:
+            most = most[:0]
+        return Cut(piece[most], across[most], along[most], np.sign(cosine[most]))
+
+
+def find_turns(path: FlatPath) -> Turns | None:
+    """Find the part of a path that winds, without its leads.
+
+    From either end, a path is a lead up to the first place beside which another part of it runs in the same direction
+    about a pitch away, or above it on another layer. However far leads go, the turns are the same.
+
+    Parameters
+    ----------
+    path : FlatPath
+        The path with its leads.
+
+    Returns
+    -------
+    Turns or None
+        None where no part of the path runs beside another, or where it winds about nothing.
+    """
+    steps = path.steps
+    length = np.hypot(*steps.T)
+    real = np.flatnonzero(length > 0)
+    every = real[:: max(1, len(real) // 256)]  # enough for a mean
+    distance = _beside(path, path.points[every] + _WITHIN * steps[every], every)[0]
+    weight = length[every]
+    width = float(np.average(path.widths[real], weights=length[real]))
+    # turns that are near count most, and what has no neighbour not at all
+    pitch = float((weight / distance).sum() / (weight / distance**2).sum()) if np.isfinite(distance).any() else 0.0
+    pitch = max(pitch, width)
+    begin = _lead(path, pitch)
+    if begin is None:
+        return None
+    back = FlatPath(path.points[::-1], path.widths[::-1], path.line[::-1])
+    end = float(path.along[-1]) - (_lead(back, pitch) or 0.0)
+    poles = _poles(path.between(begin, end)) if end > begin else ()
+    return Turns(path, begin, end, pitch, poles) if poles else None
+
+
+def _crossings(
+    path: FlatPath, origins: FloatArray, directions: FloatArray
+) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
+    """Where lines through points cross the pieces of a path; all of shape (lines, pieces).
+
+    Which pieces are crossed; the place on the line in m from its point; that on the piece, 0 to 1; and the cosine of
+    the angle between the piece and the normal of the line, positive where it goes to the left of the line.
+    """
+    x, y = path.points.T
+    dx, dy = directions[:, :1], directions[:, 1:]
+    ox, oy = x - origins[:, :1], y - origins[:, 1:]
+    side, u = dx * oy - dy * ox, dx * ox + dy * oy
+    crossed = (side[:, :-1] < 0) != (side[:, 1:] < 0)
+    rise = np.diff(side, axis=1)
+    part = np.divide(-side[:, :-1], rise, out=np.zeros_like(rise), where=crossed)
+    length = np.hypot(*path.steps.T)
+    cosine = np.divide(rise, length, out=np.zeros_like(rise), where=crossed)
+    return crossed, u[:, :-1] + part * np.diff(u, axis=1), part, cosine
+
+
+def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Distances in m to what runs beside places of a path in its direction, on the same line and on others; (m,) each.
+
+    `places` (m, 2) in m lie on pieces by their numbers (m,). A distance is infinite where nothing does.
+    """
+    length = np.hypot(*path.steps.T)
+    tangent = path.steps[piece] / length[piece][:, None]
+    normal = np.column_stack((tangent[:, 1], -tangent[:, 0]))
+    crossed, u, _, cosine = _crossings(path, places, normal)
+    own = path.line[piece][:, None] == path.line
+    distance = np.where(crossed & (cosine > _ALONGSIDE), np.abs(u), np.inf)
+    next_to = np.where(own & (distance > 0.5 * path.widths), distance, np.inf).min(axis=1)
+    return next_to, np.where(own, np.inf, distance).min(axis=1)
+
+
+def _lead(path: FlatPath, pitch: float) -> float | None:
+    """Length in m of the lead at the beginning of a path; None if the whole path is one."""
+    along = path.along
+    total = float(along[-1])
+    step = pitch / 2
+
+    def winds(s: FloatArray) -> npt.NDArray[np.bool_]:
+        piece = np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(path.line) - 1)
+        next_to, above = _beside(path, path._at(s), piece)
+        return np.asarray((next_to < _NEXT * pitch) | (above < _ABOVE * pitch))
+
+    for block in range(math.ceil(total / (step * _BLOCK))):
+        s = step * (np.arange(block * _BLOCK, (block + 1) * _BLOCK, dtype=np.float64) + _WITHIN)
+        s = s[s < total]
+        found = np.flatnonzero(winds(s)) if len(s) else s
+        if len(found):
+            high = float(s[found[0]])
+            low = max(high - step, 0.0)
+            for _ in range(_HALVINGS):
+                tried = np.asarray(np.linspace(low, high, 34)[1:-1], dtype=np.float64)
+                good = np.flatnonzero(winds(tried))
+                low, high = (tried[good[0] - 1] if good[0] else low, tried[good[0]]) if len(good) else (tried[-1], high)
+            return float(high)
+    return None
+
+
+def _poles(points: FloatArray) -> tuple[Pole, ...]:
+    """Find the places that a path of points (n, 2) in m, closed by a straight line, winds about most."""
+    ring = np.vstack((points, points[:1]))
+    edges = shapely.union_all(shapely.linestrings(np.stack((ring[:-1], ring[1:]), axis=1)))
+    faces = shapely.get_parts(shapely.polygonize([edges]))
+    area = shapely.area(faces)
+    real = area > _NO_AREA * area.sum()
+    faces, area = faces[real], area[real]
+    if not len(faces):
+        return ()
+    times = _winding_numbers(shapely.get_coordinates(shapely.point_on_surface(faces)), ring)
+    middles = shapely.get_coordinates(shapely.centroid(faces))
+    found = []
+    for sense in (1, -1):
+        inside = np.flatnonzero(sense * times > _POLE * np.abs(times).max())
+        for region in shapely.get_parts(shapely.union_all(faces[inside])):
+            own = inside[shapely.contains(region, shapely.point_on_surface(faces[inside]))]
+            weight = area[own] * times[own] ** 2
+            x, y = (weight @ middles[own] / weight.sum()).tolist()
+            found.append((float(weight.sum()), Pole(x, y, turns_about(points, (x, y)))))
+    most = max(weight for weight, _ in found)
+    return tuple(pole for weight, pole in found if weight > 1e-3 * most)
+
+
+def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
+    """Count how often a path runs around a place, anticlockwise positive.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        Path in m.
+    place : tuple of float
+        x and y in m.
+
+    Returns
+    -------
+    float
+        Turns, with their fraction.
+    """
+    about = points - np.array(place)
+    a, b = about[:-1], about[1:]
+    return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2 * math.pi))
+
+
+def _winding_numbers(places: FloatArray, ring: FloatArray) -> IntArray:
+    """How often a closed path (n + 1, 2) runs around each of the places (m, 2), shape (m,)."""
+    (x0, y0), (x1, y1) = ring[:-1].T, ring[1:].T
+    px, py = places[:, :1], places[:, 1:]
+    left = (x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)
+    up, down = (y0 <= py) & (y1 > py) & (left > 0), (y0 > py) & (y1 <= py) & (left < 0)
+    return np.asarray(up.sum(axis=1) - down.sum(axis=1))

@@ -1,0 +1,111 @@
+"""However coils are turned, mirrored, shifted and put in order, they have the same L, R, C, k, f and Q."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.boards import LEADS, VIA, many_layers, round_spiral
+
+from coilarray import Circuit, couple_design, load_design, scan_design
+from coilarray.design.model import Design
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.capacitance import coil_capacitance
+from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.geometry import CoilArray, Material, Placement, Plate, RoundedSpiral, Spiral, path_coil, spiral_coil
+
+ROUNDING = 1e-6
+"""Relative: asked for; coordinates differ by roundings, and the sections of turns are rounded to 1e-8 of the width."""
+FREQUENCIES = [1e5, 1e6, 1e7]
+PATH = [(-8, -8), (-8, 8), (8, 8), (8, -8), (-7, -8), (-7, 7), (7, 7), (7, -7), (-6, -7), (-6, 6), (6, 6), (6, -6),
+        (-5, -6), (-5, 0.5), (0.4, 0.5)]  # fmt: skip
+LEAD = [(0.4, 0.5), (0.4, -12)]
+
+
+def coil_of(shape, layers, angle=0.0, *, mirrored=False):
+    """A coil whose path is turned by an angle, after it was mirrored at the x axis."""
+    sense = "cw" if mirrored else "ccw"
+    if shape == "path":
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        flip = np.array([1.0, -1.0 if mirrored else 1.0])
+        return path_coil([1e-3 * np.array(line) * flip @ turn for line in (PATH, LEAD)], 0.3e-3, 0.3e-3, VIA)
+    sizes = {"turns": 3, "trace_width": 0.3e-3, "gap": 0.2e-3, "winding": sense}
+    if shape == "circle":
+        spiral = round_spiral(5.731e-3, 3, 0.3e-3, 0.2e-3, direction=angle, winding=sense)
+    elif shape == "racetrack":
+        spiral = RoundedSpiral(16e-3, 9e-3, corner_radius=4.5e-3, direction=angle, **sizes)
+    else:
+        spiral = Spiral({"square": 4, "hexagon": 6, "octagon": 8}[shape], 6e-3, first_corner=angle, **sizes)
+    return spiral_coil(spiral, layers, VIA, LEADS)
+
+
+def numbers(coils, places, rotations, order, layers):
+    """L, R and C of two coils beside each other, in one order."""
+    stackup = many_layers(layers)
+    placed = [
+        Placement(name, coil, stackup.names, *place, rotation)
+        for name, coil, place, rotation in zip("AB", coils, places, rotations, strict=True)
+    ]
+    array = CoilArray(stackup, tuple(placed[k] for k in order))
+    back = np.argsort(order)
+    L = inductance_matrix(array)[np.ix_(back, back)]
+    R = resistance_matrix(array, FREQUENCIES).resistance.values[:, back][:, :, back]
+    C = coil_capacitance(array).coil_capacitance.values[back]
+    return L, R, C
+
+
+@lru_cache
+def as_it_is(shape, layers):
+    coil = coil_of(shape, layers)
+    return numbers((coil, coil), ((0.0, 0.0), (31e-3, 4e-3)), (0.0, 0.0), (0, 1), layers)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "layers"), [
+    *(("circle", n) for n in (1, 2)), *(("hexagon", n) for n in (2, 4)), ("octagon", 2), ("square", 1), ("square", 2),
+    ("racetrack", 2), ("path", 2),
+])  # fmt: skip
+@settings(max_examples=3, deadline=None)
+@given(
+    angle=st.one_of(st.floats(0, 2 * np.pi), st.sampled_from(np.radians([30, 45, 60, 90, 120, 240, 270]).tolist())),
+    mirrored=st.booleans(), shift=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)), swapped=st.booleans(),
+    of_path=st.booleans(),
+)  # fmt: skip
+def test_turned_mirrored_shifted_and_in_another_order(shape, layers, angle, mirrored, shift, swapped, of_path):
+    expected = as_it_is(shape, layers)
+    # the path itself is turned, or its place on the board
+    coil = coil_of(shape, layers, angle if of_path else 0.0, mirrored=mirrored)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    there = turn @ (31e-3, -4e-3 if mirrored else 4e-3) + shift
+    rotation = 0.0 if of_path else angle
+    found = numbers((coil, coil), (shift, there), (rotation, rotation), (1, 0) if swapped else (0, 1), layers)
+    for one, other in zip(found, expected, strict=True):
+        # of what couples coils: of the coils' own, as the far expansions of M, 1e-3 of L here, err by 3e-9 of L
+        own = np.abs(other).min(axis=-1, keepdims=True) if other.ndim == 1 else np.einsum("...ii->...i", other).min()
+        np.testing.assert_allclose(one, other, rtol=0, atol=ROUNDING * np.min(own))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", np.radians([120.0, 270.0, 33.0]).tolist())
+def test_turned_board_between_a_plate_and_a_sheet(angle):
+    """Coils, neighbours, metal below and the tank: f, Q, k and L of the whole circuit."""
+    coil, stackup = coil_of("circle", 2), many_layers(2)
+    lid = Plate("lid", -5e-3, 1e-3, Material("aluminium", 3.5e7))
+    sheets = load_design("gast2020").sheets
+
+    def solved(turned):
+        c, s = np.cos(turned), np.sin(turned)
+        places = [(0.0, 0.0), (13e-3 * c, 13e-3 * s)]
+        placed = [Placement(f"c{k}", coil, stackup.names, *place, turned) for k, place in enumerate(places)]
+        design = Design(
+            CoilArray(stackup, tuple(placed)), sheets=sheets, plates=(lid,),
+            circuit=Circuit(capacitance=330e-12),
+        )  # fmt: skip
+        scan, coupling = scan_design(design, elastomer=False), couple_design(design)
+        return [scan[name].values for name in ("frequency", "quality_factor", "effective_inductance")] + [
+            coupling.coupling.values, scan.winding_capacitance.values
+        ]  # fmt: skip
+
+    for one, other in zip(solved(angle), solved(0.0), strict=True):
+        np.testing.assert_allclose(one, other, rtol=ROUNDING)
