@@ -213,7 +213,8 @@ class Coil:
             Vertices of a line in m, and the widths of its pieces in m.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
-        radius = float(np.ptp(self.outline, axis=0).max()) / 2 if radii else 0.0
+        from_middle = self.outline - self.outline.mean(axis=0)  # not the bounds, which change as a coil is turned
+        radius = float(np.hypot(*from_middle.T).max()) if radii else 0.0
         step = math.sqrt(8 * chord * radius / max(radii, default=1.0))
         for k, (line, widths) in enumerate(zip(self.lines, self.widths, strict=True)):
             points, pieces = coarser_line(line, self.arcs_of(k), step, small=0.6 * self.trace_width)

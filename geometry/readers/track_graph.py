@@ -24,6 +24,7 @@ JOINED = 1e-6
 """Ends closer than this many m are one place, whatever lies there."""
 
 # Of the squared length of a path: an area that it runs around below this is none.
+_BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6
 
 
@@ -286,13 +287,15 @@ class TracedCoil:
     def poles(self) -> tuple[Pole, ...]:
         """Places that the path winds about, with the turns about each, the most first.
 
-        A path whose turns lie nowhere beside each other, a single loop, has its centre for a pole, and 0 turns where it
-        runs around nothing.
+        A single loop has its centre for a pole, like a meander, whose bends are no turns, and 0 turns where it runs
+        around nothing.
         """
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
         if found is not None:
             poles = [replace(pole, turns=turns_about(self.path, (pole.x, pole.y))) for pole in found.poles]
-            return tuple(sorted(poles, key=lambda pole: -round(abs(pole.turns), 6)))
+            poles.sort(key=lambda pole: -round(abs(pole.turns), 6))
+            if abs(poles[0].turns) > _BEND:
+                return tuple(poles)
         centre = self.centre
         return (Pole(*centre, 0.0 if _runs_around_nothing(self.path) else turns_about(self.path, centre)),)
 
