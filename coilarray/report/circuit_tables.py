@@ -23,15 +23,10 @@ def winding_table(scan: xr.Dataset) -> Table:
         scan.attrs["ac_resistance_frequency_Hz"],
         {"units": "Hz", "long_name": "frequency of the AC resistance"},
     )
-    names = ["coil", "ac_resistance_frequency", "ac_resistance", "resistance_model"]
-    capacitive = (
-        "winding_capacitance",
-        "self_resonance",
-        "bare_winding_capacitance",
-        "elastomer_delta",
-        "dent_delta_bound",
-    )
-    names += [name for name in capacitive if name in scan]
+    names = (
+        "coil", "ac_resistance_frequency", "ac_resistance", "resistance_model", "winding_capacitance",
+        "self_resonance", "bare_winding_capacitance", "elastomer_delta", "dent_delta_bound",
+    )  # fmt: skip
     shown = dict.fromkeys(("elastomer_delta", "dent_delta_bound"), PER_MILLION)
     scan = scan.assign(ac_resistance_frequency=frequency)
     return dataset_table("windings", "Windings", scan, [name for name in names if name in scan], shown)

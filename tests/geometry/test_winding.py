@@ -93,12 +93,11 @@ def test_every_turn_of_a_round_winding_is_cut_once():
     sides=st.sampled_from([3, 4, 6, 8]),
 )  # fmt: skip
 def test_turned_and_mirrored_paths_are_cut_alike(angle, mirrored, shift, sides):
-    coil = spiral_coil(Spiral(sides, 10.0, 6, 0.3, 0.2), 1, VIA)
+    coil = spiral_coil(Spiral(sides, 10e-3, 6, 0.3e-3, 0.2e-3), 1, VIA)
+    line = 1e3 * coil.lines[0]
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     flip = np.array([1.0, -1.0 if mirrored else 1.0])
-    as_it_is, moved = (
-        find_turns(path_of(line, width=0.3)) for line in (coil.lines[0], coil.lines[0] * flip @ turn + shift)
-    )
+    as_it_is, moved = (find_turns(path_of(points, width=0.3)) for points in (line, line * flip @ turn + shift))
     for one, other in zip(moved.cuts(6), as_it_is.cuts(6), strict=True):
         np.testing.assert_array_equal(one.piece, other.piece)
         np.testing.assert_allclose(one.across, other.across, rtol=1e-9)  # places up to 50 are rounded to 7e-15
