@@ -10,6 +10,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.cli.replacing import remember, require_own
+from coilarray.compute.files import remove_left
 from coilarray.design.export_formats import SUFFIXES, Format
 from coilarray.errors import OutputError
 
@@ -85,7 +86,8 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"cannot write {target}: the folder {folder} is not writable.")
-        require_own("export", target.rglob("*") if target.is_dir() else [target], force=force)
+        remove_left(folder)
+        require_own("export", [target, *target.rglob("*")], force=force)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}.") from None
 

@@ -16,6 +16,7 @@ INTERRUPTED = 130
 
 _MESSAGE = b"coilarray: interrupted\n"
 _PATIENCE = 2.0  # s for a computation to return to Python
+_HEARD = Event()
 
 
 @contextmanager
@@ -28,18 +29,18 @@ def ending_on_interrupt() -> Iterator[None]:
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
-    heard = Event()
+    _HEARD.clear()
     read_end, write_end = socket.socketpair()
     write_end.setblocking(False)  # as set_wakeup_fd demands
 
     def raise_interrupt(number: int, frame: object) -> NoReturn:
-        heard.set()
+        _HEARD.set()
         raise KeyboardInterrupt
 
     def watch() -> None:
         with read_end:
             while came := read_end.recv(1):
-                if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
+                if came[0] == signal.SIGINT and not _HEARD.wait(_PATIENCE):
                     with suppress(OSError):
                         os.write(2, _MESSAGE)
                     os._exit(INTERRUPTED)
@@ -53,6 +54,11 @@ def ending_on_interrupt() -> Iterator[None]:
         signal.set_wakeup_fd(before)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         write_end.close()
+
+
+def was_interrupted() -> bool:
+    """Whether Ctrl-C came in the block of `ending_on_interrupt`: libraries may turn its exception into another one."""
+    return _HEARD.is_set()
 
 
 def end_interrupted() -> NoReturn:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import functools
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -46,15 +47,18 @@ from coilarray.cli import (
     tolerance,
     view,
 )
-from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt
+from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
 from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
 from coilarray.compute.extras import leave_out_dask
-from coilarray.compute.memory import collect_seldom
+from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
+_LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
+_SMALL = {"check", "docs"}
+_LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
 # It reads these when NumPy is first imported, which no module here does before a command runs.
@@ -156,18 +160,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")
     collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
+    if arguments[0] in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < _LEAST_MEMORY:
+        return _refuse(
+            f"coilarray {arguments[0]} needs {_LEAST_MEMORY / 1e9:g} GB of address space; "
+            f"{own_limit() / 1e9:.2f} GB are left (ulimit -v)."
+        )
     try:
         with _telling_unusual_values():
             code = program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
         _flush()
-    except CoilarrayError as error:
-        return _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    except Exception as error:
+        code = INTERRUPTED if was_interrupted() else _answer_to(error, arguments[0])
+    if code == INTERRUPTED:  # also typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)
-        return INTERRUPTED
-    except OSError as error:
+    return code if isinstance(code, int) else 0
+
+
+def _answer_to(error: Exception, command: str) -> int:
+    """Say an expected error in one line and return the exit code; any other error is raised again."""
+    if isinstance(error, CoilarrayError):
+        return _refuse(str(error))
+    if _is_lack_of_memory(error):
+        return _refuse(f"there is not enough memory for coilarray {command}.")
+    if isinstance(error, OSError):
         if error.errno not in (*_NO_ROOM, errno.EPIPE):
-            raise
+            raise error
         try:
             _flush()
         except OSError:
@@ -175,22 +194,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.errno == errno.EPIPE:  # who read the output has ended
             return _UNREAD
         return _refuse(f"cannot write {error.filename or 'the output'}: {error.strerror}.")
-    except UnicodeEncodeError as error:  # a name of a file in what is written, which is UTF-8
+    if isinstance(error, UnicodeEncodeError):  # a name of a file in what is written, which is UTF-8
         if error.reason != "surrogates not allowed":
-            raise
+            raise error
         name = next(word for word in error.object.split() if error.object[error.start] in word)
         return _refuse(f"the name {name} is not UTF-8, and cannot be written into a file.")
-    except Exception as error:
-        # typer brings its own copy of click in some versions; both kinds of usage error have this method
-        format_message = getattr(error, "format_message", None)
-        if format_message is None:
-            return _refuse_damaged(error.cause if isinstance(error, _EndOfFile) else error)
-        help_for = f" {arguments[0]}" if arguments[0] in COMMANDS else ""
-        words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
-        return _refuse(f"{words} (try: coilarray{help_for} --help)")
-    if code == INTERRUPTED:  # typer's own answer to an interrupt, without a word
-        typer.echo("coilarray: interrupted", err=True)
-    return code if isinstance(code, int) else 0
+    # typer brings its own copy of click in some versions; both kinds of usage error have this method
+    format_message = getattr(error, "format_message", None)
+    if format_message is None:
+        return _refuse_damaged(error.cause if isinstance(error, _EndOfFile) else error)
+    help_for = f" {command}" if command in COMMANDS else ""
+    words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
+    return _refuse(f"{words} (try: coilarray{help_for} --help)")
+
+
+def _is_lack_of_memory(error: BaseException) -> bool:
+    """Whether an error, or one that it came from, says that memory is lacking; a library says so when it is loaded."""
+    causes: list[BaseException] = []
+    one: BaseException | None = error
+    while one is not None and one not in causes:
+        causes.append(one)
+        one = one.__cause__ or one.__context__
+    return any(
+        isinstance(one, MemoryError)
+        or (isinstance(one, OSError) and one.errno == errno.ENOMEM)
+        or (isinstance(one, (ImportError, OSError, RuntimeError)) and _LACKS_MEMORY.search(str(one)) is not None)
+        for one in causes
+    )
 
 
 @contextmanager

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
+import re
+import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from coilarray.errors import CoilarrayError, OutputError
+
+MOST_BYTES = 1_000_000_000
+"""Of a file that is read into memory."""
+
+_LEFT = re.compile(r"\..*-coilarray-(\d+)-[a-z0-9_]{8}(\..*)?", re.DOTALL)
+_TOLD: list[Callable[[Path, Path], None]] = []
 
 # there is no way to read the mask without setting it; once, before any thread runs
 _UMASK = os.umask(0o022)
@@ -21,15 +32,58 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     OutputError if the file cannot be written; `path` is then as it was before.
     """
     with writing(path):
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        remove_left(path.parent)
+        handle, name = tempfile.mkstemp(prefix=hidden_prefix(path.stem), suffix=path.suffix, dir=path.parent)
         temporary = Path(name)
         try:
             os.close(handle)
             write(temporary)
             temporary.chmod(0o666 & ~_UMASK)  # mkstemp's 0600 is for secrets
+            announce(temporary, path)
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+def hidden_prefix(name: str) -> str:
+    """Return how a temporary file or folder beside the file of a name begins; `remove_left` knows it by that."""
+    return f".{name[:50]}-coilarray-{os.getpid()}-"
+
+
+def remove_left(folder: Path) -> None:
+    """Delete the temporary files and folders of programs that were killed on this computer."""
+    with suppress(OSError):  # what cannot be looked at or deleted stays
+        for entry in list(os.scandir(folder)):
+            found = _LEFT.fullmatch(entry.name)
+            if found is not None and not _is_alive(int(found[1])):
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path, ignore_errors=True)
+                else:
+                    os.unlink(entry.path)
+
+
+def _is_alive(process: int) -> bool:
+    """Whether there is a process of this number; on Windows, where asking would end it, there always is."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def announce_to(tell: Callable[[Path, Path], None]) -> None:
+    """Call `tell` from now on with every temporary file that is whole and the name that it gets next, and no other."""
+    _TOLD[:] = [tell]
+
+
+def announce(temporary: Path, path: Path) -> None:
+    """Say that a temporary file is about to get its name."""
+    for tell in _TOLD:
+        tell(temporary, path)
 
 
 @contextmanager
@@ -73,11 +127,38 @@ def require_suffix(path: Path, *suffixes: str) -> None:
 def read_text(path: Path, error: type[CoilarrayError]) -> str:
     """Read a UTF-8 text file, with or without a byte order mark; `error`, one line, where that fails."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return text_of_file(path)
     except UnicodeDecodeError:
         raise error(f"cannot read {path}: it is not UTF-8 text.") from None
     except (OSError, ValueError) as reason:  # ValueError: a name with a zero byte
         raise error(f"cannot read {path}: {getattr(reason, 'strerror', reason)}.") from None
+
+
+def text_of_file(path: Path, most: int = MOST_BYTES) -> str:
+    """Read a text as `bytes_of_file`, without a byte order mark; UnicodeDecodeError if it is not UTF-8."""
+    return io.TextIOWrapper(io.BytesIO(bytes_of_file(path, most)), encoding="utf-8-sig").read()
+
+
+def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Read a file or a pipe; OSError if that fails, also for a device and for more than so many bytes.
+
+    A pipe into which no program writes is empty.
+    """
+    with open(path, "rb", opener=_open_at_once) as file:
+        found = os.fstat(file.fileno())
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode)):
+            raise OSError(errno.EINVAL, "it is neither a file nor a pipe", str(path))
+        if hasattr(os, "set_blocking"):
+            os.set_blocking(file.fileno(), True)
+        data = b"" if found.st_size > most else file.read(most + 1)
+    if max(found.st_size, len(data)) > most:
+        raise OSError(errno.EFBIG, f"it must be at most {most} bytes long", str(path))
+    return data
+
+
+def _open_at_once(name: str, flags: int) -> int:
+    """Open a file without waiting for a program at the other end of a pipe."""
+    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def make_folder(path: Path) -> None:

@@ -76,7 +76,7 @@ def available_memory() -> float:
     The least of the free memory of the machine, of every control group that this process is in (as containers and
     batch systems set them), and of its own limit (``ulimit -v``).
     """
-    return min(_free_on_machine(), _left_in_groups(), _left_of_own_limit())
+    return min(_free_on_machine(), _left_in_groups(), own_limit())
 
 
 def _free_on_machine() -> float:
@@ -116,7 +116,8 @@ def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
     return float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0))
 
 
-def _left_of_own_limit() -> float:
+def own_limit() -> float:
+    """Bytes of address space that this process may still take (``ulimit -v``); infinite without a limit."""
     try:
         import resource
     except ImportError:  # Windows

@@ -14,10 +14,14 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from coilarray.compute.files import text_of_file
 from coilarray.errors import CoilarrayError, shown
 
 _LONGEST_NAME = 200  # characters shown of a file name
 _LONGEST_KEY = 120
+_MOST_BYTES = 10_000_000
+_DEEPEST = 100  # tables and lists in each other
+_MOST_BITS = 1024  # of an integer; a larger one is no float either
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -55,7 +59,7 @@ class TomlFiles:
         if given in self.names() and not path.is_file():
             return self.read(given)
         try:
-            return path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+            return text_of_file(path, _MOST_BYTES)
         except FileNotFoundError:
             bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
             raise self.error(f"there is no {self.kind} file {cut}{bundled}{self._meant(path)}") from None
@@ -77,11 +81,16 @@ class TomlFiles:
     def parse(self, text: str, origin: str) -> dict[str, Any]:
         """Return the tables of a file; `origin` names it in messages."""
         try:
-            return tomllib.loads(text)
+            tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise self.error(f"{origin[:_LONGEST_NAME]}: not valid TOML: {error}.") from None
+        except ValueError:  # Python's own limit, of 4300 digits
+            raise self.error(f"{origin[:_LONGEST_NAME]}: not valid TOML: a number of thousands of digits.") from None
         except RecursionError:
             raise self.error(f"{origin[:_LONGEST_NAME]}: not valid TOML: nested too deeply.") from None
+        if wrong := _unusable(tables):
+            raise self.error(f"{origin[:_LONGEST_NAME]}: {wrong}")
+        return tables
 
     def check(self, model: type[_Model], document: Mapping[str, Any], origin: str) -> _Model:
         """Check the tables of a file, and return them as a model."""
@@ -91,6 +100,24 @@ class TomlFiles:
             message = first_error(error, document)
             whole = f"the {self.kind}" if message.startswith(" ") else ""  # a mistake of no single key
             raise self.error(f"{origin[:_LONGEST_NAME]}: {whole}{message}") from None
+
+
+def _unusable(tables: dict[str, Any]) -> str:
+    """Say what no reader of a document can take: tables in tables without end, and integers of thousands of digits."""
+    level: list[tuple[str, Any]] = [("", tables)]
+    for _ in range(_DEEPEST):
+        below: list[tuple[str, Any]] = []
+        for key, value in level:
+            if isinstance(value, int) and abs(value).bit_length() > _MOST_BITS:
+                return f"{key[:_LONGEST_KEY]} must be a number of at most {_MOST_BITS} bits."
+            if isinstance(value, dict):
+                below += ((f"{key}.{name}" if key else name, one) for name, one in value.items())
+            elif isinstance(value, list):
+                below += ((f"{key}.{number}", one) for number, one in enumerate(value))
+        if not below:
+            return ""
+        level = below
+    return f"{level[0][0][:_LONGEST_KEY]} is nested too deeply."
 
 
 def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:

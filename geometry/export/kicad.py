@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from coilarray.compute.files import make_folder
+from coilarray.compute.files import announce, hidden_prefix, make_folder, remove_left
 from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.export.kicad_text import (
@@ -293,13 +293,16 @@ def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], 
     Raises OutputError; a folder that did not exist is then not there, and one that did is as it was.
     """
     try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as temporary:
+        remove_left(path.parent)
+        with tempfile.TemporaryDirectory(prefix=hidden_prefix(path.name), dir=path.parent) as temporary:
             staged = Path(temporary) / "project"
             for file, text in texts.items():
                 (staged / file).parent.mkdir(parents=True, exist_ok=True)
                 (staged / file).write_text(text, encoding="utf-8", newline="\n")
             if check is not None:
                 check(staged / next(iter(texts)))
+            for file in texts:
+                announce(staged / file, path / file)
             if path.exists():
                 _replace_files(path, staged, texts, Path(temporary) / "before")
             else:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Literal
 
 import shapely
-from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
@@ -150,14 +149,13 @@ def _stackup(
 
 def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> None:
     """Raise where a clear shape takes away from a track or pad that was drawn before it."""
-    if not any(isinstance(item, Clear) for item in objects):
+    clear = [(k, item) for k, item in enumerate(objects) if isinstance(item, Clear)]
+    if not clear:
         return
-    before: list[BaseGeometry] = []
-    for item in objects:
-        if not isinstance(item, Clear):
-            if not isinstance(item, Region):
-                before.append(item.shape)
-        elif before and shapely.intersects(before, item.shape).any():
+    drawn = [(k, item.shape) for k, item in enumerate(objects) if isinstance(item, Stroke | Flash)]
+    tree = shapely.STRtree([shape for _, shape in drawn])
+    for k, item in clear:
+        if any(drawn[index][0] < k for index in tree.query(item.shape, predicate="intersects").tolist()):
             raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
 
 

@@ -7,6 +7,7 @@ import lzma
 import os
 import re
 import struct
+import sys
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -17,6 +18,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 from coilarray.compute.extras import import_extra
+from coilarray.compute.files import bytes_of_file
 from coilarray.compute.memory import require_memory
 from coilarray.errors import BoardError, GeometryError, shown
 from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
@@ -69,6 +71,9 @@ def find_files(path: Path) -> list[DataFile]:
 
 def gerbonara(module: str) -> ModuleType:
     """Import one of gerbonara's modules; MissingDependencyError with one line where it is not there or broken."""
+    loaded = sys.modules.get(f"gerbonara.{module}")  # asked for at every object
+    if loaded is not None and sys.modules.get("gerbonara") is not None:
+        return loaded
     return import_extra(f"gerbonara.{module}", "Gerber files", package="gerbonara", extra="fab")
 
 
@@ -78,7 +83,7 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
         if path.is_dir():
             for file in sorted(_files_in(path)):
                 if file.is_file() and not _hidden(file.relative_to(path)):
-                    yield str(file), file.read_bytes()
+                    yield str(file), bytes_of_file(file)
             return
         with zipfile.ZipFile(path) as archive:
             require_memory(sum(entry.file_size for entry in archive.infolist()), str(path))

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from coilarray.compute.files import text_of_file
 from coilarray.errors import BoardError
 
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+', re.DOTALL)
@@ -79,7 +80,7 @@ def read_sexpr(path: Path) -> Node:
     BoardError for a file that cannot be read, is not text, ends too early, or holds anything beside one list.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = text_of_file(path)
     except UnicodeDecodeError:
         raise BoardError(f"{path}: the file is not UTF-8 text.") from None
     except OSError as error:

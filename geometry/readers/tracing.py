@@ -21,6 +21,7 @@ from coilarray.geometry.readers.track_graph import (
     TracedCoil,
     TrackGraph,
     follow,
+    found_in_parts,
     natural_order,
     place,
     track_graph,
@@ -272,7 +273,7 @@ class Obstacles:
         segments = list(_segments(coil))
         lines = [segment.line for segment in segments]
         within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
-        for k, index in self._tree.query(lines, predicate="dwithin", distance=within).T.tolist():
+        for k, index in found_in_parts(self._tree, lines, within):
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
                 at = place_in_mm(*lines[k].coords[0])

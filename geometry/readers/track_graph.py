@@ -12,6 +12,7 @@ from itertools import groupby, pairwise
 import numpy as np
 import numpy.typing as npt
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError
@@ -26,6 +27,9 @@ JOINED = 1e-6
 # Of the squared length of a path: an area that it runs around below this is none.
 _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6
+_MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
+_SAMPLE = 1000  # ends by which they are counted
+_AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,9 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     marks += [(stand.layer, stand.at) for stand in stands]
     cuts: dict[int, list[Point]] = {k: [] for k in long}
     lines = shapely.STRtree([shapely.LineString((tracks[k].start, tracks[k].end)) for k in long])
-    for mark, index in lines.query(_points(marks), predicate="dwithin", distance=JOINED).T.tolist():
+    points = _points(marks)
+    _require_followable(tracks, lines, points)
+    for mark, index in lines.query(points, predicate="dwithin", distance=JOINED).T.tolist():
         track, (layer, at) = tracks[long[index]], marks[mark]
         if track.layer == layer and min(math.dist(at, track.start), math.dist(at, track.end)) > JOINED:
             cuts[long[index]].append(at)
@@ -135,6 +141,17 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
         places = [track.start, *sorted(cuts[k], key=partial(math.dist, track.start)), track.end]
         pieces += [_Piece(track.layer, a, b, track.width, k) for a, b in pairwise(places) if math.dist(a, b) > JOINED]
     return pieces
+
+
+def _require_followable(tracks: Sequence[Track], lines: shapely.STRtree, points: npt.NDArray[np.object_]) -> None:
+    """Refuse tracks whose bounds overlap so often that looking where they meet would take longer than minutes."""
+    sample = points[:: max(len(points) // _SAMPLE, 1)]
+    pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
+    if pairs > _MOST_PAIRS:
+        raise BoardError(
+            f"{tracks[0].where}: {len(tracks)} tracks lie across each other too often to be followed: their bounds "
+            f"meet about {pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
+        )
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
@@ -148,9 +165,19 @@ def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]
     loose = [k for k in range(len(ends)) if not company[k]]
     bridges = []
     free = []
+    widest_stand = max((stand.size for stand in stands), default=0.0)
+    near: dict[int, list[_Stand]] = {}
+    tree = shapely.STRtree(_points([(stand.layer, stand.at) for stand in stands]))
+    found = tree.query(_points([(ends[k][0].layer, ends[k][1]) for k in loose]), "dwithin", distance=widest_stand / 2)
+    for number, index in found.T.tolist():
+        near.setdefault(loose[number], []).append(stands[index])
     for k in loose:
         piece, at = ends[k]
-        around = [stand for stand in stands if stand.layer == piece.layer and math.dist(stand.at, at) <= stand.size / 2]
+        around = [
+            stand
+            for stand in near.get(k, ())
+            if stand.layer == piece.layer and math.dist(stand.at, at) <= stand.size / 2
+        ]
         if around:
             nearest = min(around, key=lambda stand: math.dist(stand.at, ends[k][1]))
             bridges.append(_Piece(piece.layer, at, nearest.at, piece.width, piece.track))
@@ -172,6 +199,19 @@ def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[t
     points = _points(places)
     pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
     return [(i, j) for i, j in pairs if i < j and places[i][0] == places[j][0]]
+
+
+def found_in_parts(
+    tree: shapely.STRtree, shapes: Sequence[BaseGeometry], within: Sequence[float]
+) -> Iterator[tuple[int, int]]:
+    """Give the pairs of a shape and an entry of the tree so close to each other in m, few shapes at a time.
+
+    Who stops at the first one needs no memory for all.
+    """
+    for begin in range(0, len(shapes), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        for i, j in tree.query(shapes[part], predicate="dwithin", distance=within[part]).T.tolist():
+            yield begin + i, j
 
 
 def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
@@ -384,9 +424,11 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 
 def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
     """Raise where tracks meet on a layer elsewhere than at their ends."""
+    if len(piece) < 2:
+        return
     ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
     lines = [shapely.LineString([(node.x, node.y) for node in pair]) for pair in ends]
-    for i, j in shapely.STRtree(lines).query(lines, predicate="intersects").T.tolist():
+    for i, j in found_in_parts(shapely.STRtree(lines), lines, [0.0] * len(lines)):
         one, other = graph.edges[piece[i]], graph.edges[piece[j]]
         if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
             at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])

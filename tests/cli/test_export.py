@@ -16,9 +16,12 @@ from support.boards import LEADS, VIA, many_layers
 from support.command_line import mistakes, runner, successes
 
 from coilarray import Design, export, load_design
+from coilarray.cli.main import main
+from coilarray.compute import files
 from coilarray.design.bundled import read
 from coilarray.design.export_formats import SUFFIXES
 from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
+from coilarray.geometry.export import kicad
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 _, refused = runner("export")
@@ -192,3 +195,35 @@ def test_a_folder_without_permission(capsys, monkeypatch):
         line = refused(capsys, "starter", "--to", to)
         assert f"cannot write {name}: the folder . is not writable." in line
     assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize("killed", ["before", "after"])
+@pytest.mark.parametrize(("to", "out"), [("kicad", "board"), ("svg", "board.svg")])
+def test_a_command_that_was_killed_as_files_got_their_names_writes_them_again(
+    capsys, small, monkeypatch, to, out, killed
+):
+    class KilledError(BaseException):
+        pass
+
+    def kill(*names):
+        if killed == "after" or "board" in str(names[-1]):
+            raise KilledError
+
+    def told_and_killed(*names):
+        told(*names)
+        kill(*names)
+
+    command = ("export", small, "--to", to, "--out", out)
+    good(capsys, *command[1:])
+    told = files.announce
+    with monkeypatch.context() as patch:
+        if killed == "after":
+            patch.setattr(importlib.import_module("coilarray.cli.export"), "remember", kill)
+        else:
+            patch.setattr(files if to == "svg" else kicad, "announce", told_and_killed)
+        with pytest.raises(KilledError):
+            main(list(map(str, command)))
+    good(capsys, *command[1:])
+    path = next(path for path in Path().rglob("*") if path.suffix in (".svg", ".kicad_pcb"))
+    path.write_text(path.read_text(encoding="utf-8") + " ", encoding="utf-8")
+    assert "--force replaces it" in refused(capsys, *command[1:])

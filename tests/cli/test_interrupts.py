@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -112,3 +113,56 @@ def test_threads_are_waited_for_but_not_after_an_interrupt():
     with pytest.raises(ValueError, match="no"):
         leave_by(ValueError("no"))
     assert len(done) == 3  # which the last one waited for
+
+
+@pytest.mark.parametrize("error", [ValueError("of a library"), KeyboardInterrupt()])
+def test_an_error_that_a_library_makes_of_an_interrupt_is_one(monkeypatch, capsys, error):
+    from coilarray.cli import interrupts, main
+
+    def interrupted_program(*arguments, **options):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise error
+
+    monkeypatch.setattr(main, "program", lambda name: interrupted_program)
+    with interrupts.ending_on_interrupt():
+        assert main.main(["check"]) == 130
+    assert capsys.readouterr().err == "coilarray: interrupted\n"
+    interrupts._HEARD.clear()
+
+
+def test_an_interrupt_while_a_process_starts_comes_after_that():
+    from coilarray.compute.workers.processes import starting
+
+    done = []
+
+    def start():
+        with starting():
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.01)
+            done.append("started")
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert done == ["started"]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(MemoryError(), 2), (ImportError("x.so: failed to map segment from shared object"), 2), (OSError(12, "no"), 2)],
+)
+def test_lack_of_memory_is_one_line(monkeypatch, capsys, error, code):
+    from coilarray.cli import main
+
+    def program(*arguments, **options):
+        raise error
+
+    monkeypatch.setattr(main, "program", lambda name: program)
+    assert main.main(["matrix"]) == code
+    assert capsys.readouterr().err == "coilarray: error: there is not enough memory for coilarray matrix.\n"
+    monkeypatch.setattr(main, "own_limit", lambda: 3e8)
+    assert main.main(["matrix"]) == 2
+    line = "coilarray: error: coilarray matrix needs 0.6 GB of address space; 0.30 GB are left (ulimit -v).\n"
+    assert capsys.readouterr().err == line

@@ -27,7 +27,7 @@ def system(tmp_path, monkeypatch):
     monkeypatch.delenv(memory.LIMIT_VARIABLE, raising=False)
     monkeypatch.setattr(memory, "_PROC", tmp_path / "proc")
     monkeypatch.setattr(memory, "_CGROUPS", tmp_path / "cgroup")
-    monkeypatch.setattr(memory, "_left_of_own_limit", lambda: float("inf"))  # a shell may have set one
+    monkeypatch.setattr(memory, "own_limit", lambda: float("inf"))  # a shell may have set one
 
     def write(**files):
         for name, text in files.items():
@@ -74,10 +74,10 @@ def test_control_groups_of_version_1(system):
 @pytest.mark.skipif(sys.platform != "linux", reason="the size of a process is from /proc")
 def test_the_limit_of_the_process():
     code = (
-        "import resource\nfrom coilarray.compute.memory import available_memory, _fields, _left_of_own_limit, _PROC\n"
+        "import resource\nfrom coilarray.compute.memory import available_memory, _fields, own_limit, _PROC\n"
         "used = _fields(_PROC / 'self' / 'status')['VmSize'] * 1024\n"
         "resource.setrlimit(resource.RLIMIT_AS, (used + 300_000_000,) * 2)\n"
-        "print(_left_of_own_limit(), available_memory())"
+        "print(own_limit(), available_memory())"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     own, available = map(float, done.stdout.split())

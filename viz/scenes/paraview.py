@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from coilarray.compute.files import make_folder, writing
+from coilarray.compute.files import hidden_prefix, make_folder, remove_left, writing
 from coilarray.viz.datasets.vtk_file import VTK_SUFFIXES, vtk_text
 from coilarray.viz.scenes.scene import Part, Scene
 
@@ -76,8 +76,9 @@ def _placed(write: Callable[[Path], None], folder: Path, names: Sequence[str]) -
     """Let `write` fill a temporary folder, then move what it made into `folder`, in the order of `names`."""
     with (
         writing(f"into {folder}"),
-        tempfile.TemporaryDirectory(prefix=".vtk-", dir=folder, ignore_cleanup_errors=True) as temporary,
+        tempfile.TemporaryDirectory(prefix=hidden_prefix("vtk"), dir=folder, ignore_cleanup_errors=True) as temporary,
     ):
+        remove_left(folder)
         write(Path(temporary))
         for name in names:
             target = folder / name

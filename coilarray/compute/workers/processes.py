@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_all_start_methods, get_context, parent_process, resource_tracker
 from multiprocessing.context import BaseContext
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from typing import Any
 
 from coilarray.compute.extras import leave_out_dask
@@ -39,9 +39,9 @@ class _Worker:
         if self._process is None:
             with starting():  # an interrupt is for this process, which then ends the others
                 future = self._executor.submit(_perform, payload)
-            inside: Any = self._executor
-            (self._process,) = inside._processes.values()
-            inside._result_queue._writer.close()  # else reading half a result of a lost process would never end
+                inside: Any = self._executor
+                (self._process,) = inside._processes.values()
+                inside._result_queue._writer.close()  # else reading half a result of a lost process would never end
         else:
             future = self._executor.submit(_perform, payload)
         self.pending.add(future)
@@ -140,20 +140,37 @@ def starting() -> Iterator[None]:
     safe = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
-        if not hasattr(signal, "pthread_sigmask"):
+        with _no_interrupt():
             yield
-            return
-        resource_tracker.ensure_running()  # else it is started with the first process, and unblocks for that one
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     finally:
         if safe is None:
             del os.environ["PYTHONSAFEPATH"]
         else:
             os.environ["PYTHONSAFEPATH"] = safe
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Put off Ctrl-C while the block runs; a process that is started in it never gets one."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # else it is started with the first process, and unblocks for that one
+    came: list[int] = []
+    # another thread may take the signal in spite of the mask; what Python does about it only the main thread does
+    handler = signal.getsignal(signal.SIGINT)
+    here = current_thread() is main_thread() and callable(handler)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    if here:
+        signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        if here:
+            signal.signal(signal.SIGINT, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _begin(environment: dict[str, str]) -> None:
