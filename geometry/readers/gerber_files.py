@@ -18,7 +18,6 @@ from types import ModuleType
 from typing import Any, Literal
 
 from coilarray.compute.extras import import_extra
-from coilarray.compute.files import bytes_of_file
 from coilarray.compute.memory import require_memory
 from coilarray.errors import BoardError, GeometryError, shown
 from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
@@ -83,7 +82,8 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
         if path.is_dir():
             for file in sorted(_files_in(path)):
                 if file.is_file() and not _hidden(file.relative_to(path)):
-                    yield str(file), bytes_of_file(file)
+                    require_memory(file.stat().st_size, str(file))
+                    yield str(file), file.read_bytes()
             return
         with zipfile.ZipFile(path) as archive:
             require_memory(sum(entry.file_size for entry in archive.infolist()), str(path))
