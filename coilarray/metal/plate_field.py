@@ -32,7 +32,6 @@ from coilarray.geometry import Plate, Sheet
 
 _DECAYS = 12.0  # of the fields at the highest wavenumber, which is left out: 6e-6
 _MOST_WAVENUMBERS = 1500
-_TOGETHER = 1e-9  # distance of the ends of a closed path at most, over its size
 _PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 µm
 
 
@@ -165,8 +164,9 @@ def plate_field(
     Notes
     -----
     Before the first plate or sheet the waves that come back are added to the field of the coils, which is exact. From
-    there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. Coils whose
-    ends lie apart are closed by a straight line between them.
+    there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. The field of the
+    coils is that of their conductors, as in free space, while the waves close coils whose ends lie apart by a straight
+    line: at the first face B jumps by the field of that line.
     """
     paths = as_conductors(source)
     segments = coil_segments(paths)
@@ -189,11 +189,8 @@ def plate_field(
     waves = _waves(segments, currents, plates, sheets, lowest, k, frequency)
     found = np.zeros((len(x), len(y), len(z), 3), dtype=np.complex128)
     if before.any():
-        corners = [path.vertices for path in paths]
-        apart = [float(np.linalg.norm(one[-1] - one[0])) > _TOGETHER * float(np.ptp(one)) for one in corners]
-        closed = [np.vstack((one, one[:1])) if open_ else one for one, open_ in zip(corners, apart, strict=True)]
         places, amount = grid_points(x, y, z[before]), np.asarray(currents, dtype=np.complex128)
-        parts = [magnetic_field(closed, places, part) for part in (amount.real, amount.imag)]
+        parts = [magnetic_field(paths, places, part) for part in (amount.real, amount.imag)]
         found[:, :, before] = parts[0] + 1j * parts[1]
     for above, side in ((True, waves.up), (False, waves.down)):
         heights = np.flatnonzero(z > 0 if above else z < 0)
