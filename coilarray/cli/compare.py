@@ -83,6 +83,7 @@ def compare(
     from coilarray.compute.files import make_folder
     from coilarray.localize.comparison import compare_responses
     from coilarray.report.comparison import comparison_notes, comparison_tables
+    from coilarray.response.coordinates import in_ellipse_window
 
     if out is not None and _is_page(out):
         shared.check_file("--out", out, (_PAGE,))
@@ -92,6 +93,8 @@ def compare(
         require_own("compare", _own(out), force=force)
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
     first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
+    if simulated == "published":  # which is known there alone
+        first = in_ellipse_window(first)
     second, others = _response(simulated, first, largest_shift, None, allow_violations)
     outlines = outlines or others
     if reference:

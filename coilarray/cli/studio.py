@@ -110,7 +110,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
         scan = scan_design(design)
     except (GeometryError, NetworkError):  # as in the report
         scan = None
-    bounds = None if response is None else position_bounds(response)
+    bounds = None if response is None else position_bounds(response, design.array)
     table = summary_table(coupling, scan, margins, response, bounds=bounds).brief()
     lines = [*unusual_values(design_document(design)), *verdicts(scan, ())]  # the page says which rules are broken
     return Summary(table.headers, table.cells(), lines, converter=scan is not None)

@@ -25,7 +25,7 @@ from coilarray.design.plates import check_plates
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.switch_parts import PartName
-from coilarray.design.tables import Document
+from coilarray.design.tables import Document, bounds_in_metres
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
 from coilarray.geometry import (
@@ -126,6 +126,9 @@ class Indentation:
     sample_bounds : tuple of float or None
         Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
         None if it covers everything. With a `sample_radius` they only say where it can be pressed.
+    ellipse_bounds : tuple of float or None
+        Window (x_min, y_min, x_max, y_max) in m, relative to `origin_point`, to whose positions the ellipse model is
+        fitted; None for all of the map.
     strain : {"finite", "linear"}
         Mechanics of the sheets: large deformations, or linear elasticity, which is quicker, and whose faces move up and
         down only.
@@ -155,6 +158,7 @@ class Indentation:
     origin_point: tuple[float, float] = (0.0, 0.0)
     sample_radius: float | None = None
     sample_bounds: tuple[float, float, float, float] | None = None
+    ellipse_bounds: tuple[float, float, float, float] | None = None
     strain: Strain = "finite"
     unevenness: Unevenness = EVEN
     step: float | None = None
@@ -193,6 +197,16 @@ class Indentation:
             return np.full(2, -np.inf), np.full(2, np.inf)
         rim = self.indenter.radius_at(depth)
         return np.array(self.sample_bounds[:2]) + rim, np.array(self.sample_bounds[2:]) - rim
+
+    def in_ellipse_window(self) -> Indentation:
+        """Return the indentation with the positions alone to which the ellipse model is fitted."""
+        if self.ellipse_bounds is None:
+            return self
+        x_min, y_min, x_max, y_max = self.ellipse_bounds
+        x, y = (tuple(v for v in row if low <= v <= high) for row, low, high in (
+            (self.x, x_min, x_max), (self.y, y_min, y_max)
+        ))  # fmt: skip
+        return replace(self, x=x, y=y, ellipse_bounds=None)
 
     @property
     def ball(self) -> Ball | None:
@@ -352,6 +366,7 @@ class Design:
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
             pressed += () if setup.material is None else (setup.material,)
+            pressed += () if setup.ellipse_bounds is None else ("ellipses", np.array(setup.ellipse_bounds))
         metal: tuple[object, ...] = (("plates", self.plates),) if self.plates else ()
         if (target := self.target) is not None:
             over = map(np.array, (target.x, target.y, target.origin_point))
@@ -610,7 +625,8 @@ def _indentation(parsed: Document) -> Indentation | None:
         depths=tuple(depth * 1e-3 for depth in table.depths_mm),
         base=table.support(),
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
-        sample_bounds=table.sample_bounds(),
+        sample_bounds=bounds_in_metres(table.sample_x_mm, table.sample_y_mm),
+        ellipse_bounds=bounds_in_metres(table.ellipse_x_mm, table.ellipse_y_mm),
         strain=table.strain,
         unevenness=table.unevenness(),
         **table.places(),

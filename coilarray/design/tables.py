@@ -579,6 +579,10 @@ class IndentationTable(PlacesTable):
     """Range of a rectangular sample with free sides along x, from the same origin as the positions."""
     sample_y_mm: Range | None = None
     """The same along y."""
+    ellipse_x_mm: Range | None = None
+    """Range of the positions along x to which ellipses are fitted, from the same origin; all of the map by default."""
+    ellipse_y_mm: Range | None = None
+    """The same along y."""
 
     @model_validator(mode="after")
     def _consistent(self) -> IndentationTable:
@@ -591,11 +595,14 @@ class IndentationTable(PlacesTable):
             raise ValueError(
                 'needs base = "seat", sample_x_mm and sample_y_mm and no sample_radius_mm for an uneven or lifting seat'
             )
-        if (self.sample_x_mm is None) != (self.sample_y_mm is None):
-            raise ValueError("needs both sample_x_mm and sample_y_mm, or neither")
-        for key, bounds in (("sample_x_mm", self.sample_x_mm), ("sample_y_mm", self.sample_y_mm)):
-            if bounds is not None and not bounds[0] < bounds[1]:
-                raise ValueError(f"needs {key} from low to high, with a width; got [{bounds[0]:g}, {bounds[1]:g}]")
+        for what in ("sample", "ellipse"):
+            x, y = (f"{what}_{axis}_mm" for axis in "xy")
+            if (getattr(self, x) is None) != (getattr(self, y) is None):
+                raise ValueError(f"needs both {x} and {y}, or neither")
+            for key in (x, y):
+                bounds = getattr(self, key)
+                if bounds is not None and not bounds[0] < bounds[1]:
+                    raise ValueError(f"needs {key} from low to high, with a width; got [{bounds[0]:g}, {bounds[1]:g}]")
         return self
 
     def support(self) -> Base:
@@ -613,12 +620,13 @@ class IndentationTable(PlacesTable):
             self.seat_weight_Pa,
         )
 
-    def sample_bounds(self) -> tuple[float, float, float, float] | None:
-        """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None if it covers everything."""
-        if self.sample_x_mm is None or self.sample_y_mm is None:
-            return None
-        (x_min, x_max), (y_min, y_max) = self.sample_x_mm, self.sample_y_mm
-        return x_min * _MM, y_min * _MM, x_max * _MM, y_max * _MM
+
+def bounds_in_metres(x_mm: Range | None, y_mm: Range | None) -> tuple[float, float, float, float] | None:
+    """Return the edges (x_min, y_min, x_max, y_max) in m of ranges in mm, or None without them."""
+    if x_mm is None or y_mm is None:
+        return None
+    # divided, not multiplied: positions at the edges are divided too, and are within
+    return x_mm[0] / 1e3, y_mm[0] / 1e3, x_mm[1] / 1e3, y_mm[1] / 1e3
 
 
 class FieldTable(Table):

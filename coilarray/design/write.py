@@ -424,6 +424,9 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
     if setup.sample_bounds is not None:
         x_min, y_min, x_max, y_max = map(_place, setup.sample_bounds)
         table |= {"sample_x_mm": [x_min, x_max], "sample_y_mm": [y_min, y_max]}
+    if setup.ellipse_bounds is not None:
+        x_min, y_min, x_max, y_max = map(_place, setup.ellipse_bounds)
+        table |= {"ellipse_x_mm": [x_min, x_max], "ellipse_y_mm": [y_min, y_max]}
     return table
 
 

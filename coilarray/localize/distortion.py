@@ -236,7 +236,7 @@ class _Maps:
 
         No wider than the sample is.
         """
-        setup = indentation_of(self._design)
+        setup = indentation_of(self._design).in_ellipse_window()
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
         depths, given = setup.depths[:1], self._imperfections
         if any(widen):

@@ -47,6 +47,7 @@ from scipy.ndimage import label
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.display_units import PER_MILLION
 from coilarray.errors import LocalizeError, require_positive
+from coilarray.response.coordinates import in_ellipse_window
 from coilarray.response.schema import RESPONSE
 
 PARAMETERS = ("x0", "A", "B")
@@ -200,7 +201,8 @@ def fit_ellipses(
     Parameters
     ----------
     response : xarray.Dataset
-        Measured or simulated: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils' axis.
+        Measured or simulated: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils' axis; of a
+        map with a window for ellipses (`coilarray.Indentation`) what lies there.
     depth : int or float
         An integer is the index of a depth, any other number a depth in m that the response has.
     states : sequence of str, optional
@@ -239,6 +241,7 @@ def fit_ellipses(
     -----
     Sect. 5 of Gast & Zimmermann (2020). The docstring of the module says what the paper leaves open.
     """
+    response = in_ellipse_window(response)
     delta = _delta(response, depth)
     first = step if lowest is None else lowest
     for name, value in (("threshold", threshold), ("step", step), ("lowest", first)):

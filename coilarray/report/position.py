@@ -12,7 +12,7 @@ from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.report.tables import Column, Table, Value
-from coilarray.response.coordinates import axis_label, origin_of
+from coilarray.response.coordinates import axis_label, in_ellipse_window, origin_of
 
 Place = tuple[float, float]
 """Real x and y in m, as the map counts them."""
@@ -71,6 +71,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     LocalizeError for a map with fewer than two coils whose curves close, or at none of whose places the model has a
     position.
     """
+    response = in_ellipse_window(response)
     if response.sizes["state"] < 2:
         raise LocalizeError(f"a position needs two coils; the map has only {response.state.values[0]}.")
     fits = fit_ellipses(response, -1)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
 
 from coilarray.circuit.readability import readable_of, reading_lines
 from coilarray.compute.arrays import FloatArray
@@ -20,6 +21,8 @@ from coilarray.studies.create.tank import broken_limits
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from coilarray.geometry import CoilArray
 
 _ALIKE = 1e-9  # of a number: what rounding makes different
 _PPM = "ppm"  # a pure number, shown in parts per million
@@ -60,7 +63,7 @@ def summary_table(
     target : xarray.Dataset, optional
         Result of `coilarray.target_map`.
     bounds : xarray.Dataset, optional
-        The response's `position_bounds`: of x the least, the most and the median of the map.
+        The response's `position_bounds`: of x the least, the most and the median over the coils.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     spread = any(most != "" for _, _, most, *_ in found)
@@ -112,39 +115,64 @@ def _rows(
             where += f", which is exactly at its limit of {MM.text(worst.limit, '.4')}"
         yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)
     if response is not None:
-        peaks = response.delta.where(readable_of(response)).isel(depth=-1).max(("x", "y"))
-        yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, _PPM)
+        yield _peak_row(response.delta.where(readable_of(response)).isel(depth=-1))
 
 
-def position_bounds(response: xr.Dataset) -> xr.Dataset | None:
-    """Return the Cramér–Rao bounds of a position over the deepest map; None for a map from which x is nowhere found."""
+def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
+    """Return the row of the largest δ; without the states that may have a larger one beyond the map, if some do not."""
+    peaks, names = delta.max(("x", "y")), delta.state.values.tolist()
+    at = delta.fillna(-np.inf).argmax(("x", "y"))
+    ends = [(at[axis] == 0) | (at[axis] == delta.sizes[axis] - 1) for axis in ("x", "y") if delta.sizes[axis] > 1]
+    beyond = np.any([end.values for end in ends], axis=0) if ends else np.zeros(len(names), dtype=bool)
+    beyond &= np.isfinite(peaks.values)
+    if beyond.all():
+        beyond[:] = False
+    within = np.flatnonzero(~beyond)
+    *row, where = _row("largest δ, deepest", [names[n] for n in within], peaks.values[within], _PPM)
+    outside = [name for name, out in zip(names, beyond.tolist(), strict=True) if out]
+    left_out = f"without {', '.join(outside)}, which peak beyond the map" if outside else ""
+    return *row, "; ".join(filter(None, (str(where), left_out)))
+
+
+def position_bounds(response: xr.Dataset, array: CoilArray) -> xr.Dataset | None:
+    """Return the Cramér–Rao bounds of a position over the deepest map; None for a map from which x is nowhere found.
+
+    The coordinate ``over_coils`` (y, x) says which places are over a coil of the array.
+    """
     try:
         bounds = identifiability(forward_model(response), float(response.depth[-1]))
     except LocalizeError:
         return None
+    x, y = np.meshgrid(bounds.x, bounds.y)
+    outlines = [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
+    over = shapely.intersects_xy(shapely.union_all(outlines), x, y)
+    bounds = bounds.assign_coords(over_coils=(("y", "x"), over))
     return bounds if np.isfinite(bounds.sigma_x).any() else None
 
 
 def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if bounds is None:
         return
-    sigma = bounds.sigma_x
+    sigma = bounds.sigma_x.where(bounds.over_coils)
+    if not np.isfinite(sigma).any():
+        return
     best, worst, median = (float(value) for value in (sigma.min(), sigma.max(), sigma.median()))
     width = float(np.ptp(bounds.x.values))
     everywhere = worst < width
     scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
     together = f", all drift together by {PER_MILLION.text(drift, '.2')}" if drift else ""
     yield (
-        f"σ of a located x, deepest, where each reading of δ scatters by {PER_MILLION.text(scatter, '.2')}{together}",
+        "σ of a located x over the coils, deepest, where each reading of δ scatters by "
+        f"{PER_MILLION.text(scatter, '.2')}{together}",
         best,
         worst if everywhere else "",
         "m",
         f"at {_place(sigma, best)}; {'at' if everywhere else 'x cannot be determined at'} {_place(sigma, worst)}",
     )
     if median < width:
-        yield ("the same, median of the map", median, "", "m", "")
+        yield ("the same, median over the coils", median, "", "m", "")
     else:
-        yield ("the same, median of the map", "", "", "m", "x cannot be determined in half of the map")
+        yield ("the same, median over the coils", "", "", "m", "x cannot be determined over half of the coils")
 
 
 def _place(sigma: xr.DataArray, value: float) -> str:

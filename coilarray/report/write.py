@@ -212,7 +212,7 @@ def write_report(
             # beside the paper in its own system, and where the axis of the coils is not the board's
             counted = response if compare or origin_of(response)[1] else shown
             positions, position_problem = _or_reason(lambda: map_positions(counted))
-        bounds = None if shown is None else position_bounds(shown)
+        bounds = None if shown is None else position_bounds(shown, design.array)
         if bounds is not None and min(bounds.sizes.values()) > 1:
             draw(figures.bounds_picture, design, bounds)
         if positions is not None:

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
     from coilarray.design.model import Indentation
     from coilarray.geometry import Target
 
+ELLIPSE_WINDOW = "ellipse_window"
+"""Attribute of a map: the window (x_min, y_min, x_max, y_max) in m to which ellipses are fitted."""
+
 _BOARD = "board"
+_NEAR = 1e-9  # m
 _PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
 
 
@@ -112,7 +116,24 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
         for name in (axis, f"coil_{axis}")
         if name in response.coords
     }
-    return response.assign_coords(moved).assign_attrs(origin=_BOARD, origin_x=0.0, origin_y=0.0)
+    window = response.attrs.get(ELLIPSE_WINDOW)
+    about = (
+        {}
+        if window is None
+        else {ELLIPSE_WINDOW: [float(edge) + at for edge, at in zip(window, 2 * origin, strict=True)]}
+    )
+    return response.assign_coords(moved).assign_attrs(about, origin=_BOARD, origin_x=0.0, origin_y=0.0)
+
+
+def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
+    """Return the part of a map to which ellipses are fitted: all of it, unless the map has a window for that."""
+    window = response.attrs.get(ELLIPSE_WINDOW)
+    if window is None:
+        return response
+    x_min, y_min, x_max, y_max = (float(edge) for edge in window)
+    x, y = response.x, response.y
+    within = {"x": (x > x_min - _NEAR) & (x < x_max + _NEAR), "y": (y > y_min - _NEAR) & (y < y_max + _NEAR)}
+    return response.isel({axis: there.values for axis, there in within.items()})
 
 
 def is_of_target(response: xr.Dataset) -> bool:

@@ -20,7 +20,7 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress, part_of, ranges
-from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.design.model import Design, DesignFile, Indentation, design_of
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.face_shift import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
@@ -30,7 +30,7 @@ from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
 from coilarray.metal.backing import backings_of
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
-from coilarray.response.coordinates import map_coordinates, origin_attributes
+from coilarray.response.coordinates import ELLIPSE_WINDOW, map_coordinates, origin_attributes
 from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
 from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
@@ -503,9 +503,16 @@ def response_dataset(
             "base": str(setup.base),
             "strain": setup.strain,
             **origin_attributes(setup),
+            **_ellipse_window(setup, axes),
             **(attributes or {}),
         },
     )  # fmt: skip
+
+
+def _ellipse_window(setup: Indentation, axes: MapAxes) -> dict[str, list[float]]:
+    """Return the attribute of a map at the design's own positions, of which some are for ellipses."""
+    own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
+    return {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}
 
 
 def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool, metal: bool) -> float:

@@ -130,7 +130,7 @@ def design_campaign(
     dwell: float = DWELL,
     speed: float = SPEED,
 ) -> Campaign:
-    """Make the campaign of a design's [indentation]: for gast2020 the grid of the paper.
+    """Make the campaign of a design's [indentation], in its window for ellipses: for gast2020 the grid of the paper.
 
     Positions and depths in m and the sequence, as of `Campaign`, may be given instead. HardwareError for a design
     without an indentation, or invalid values.
@@ -144,6 +144,7 @@ def design_campaign(
     setup = design.indentation
     if setup is None:
         raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; a campaign needs them.")
+    setup = setup.in_ellipse_window()
     return Campaign(
         x=setup.x if x is None else tuple(x),
         y=setup.y if y is None else tuple(y),

@@ -365,7 +365,7 @@ def on_terminal(*arguments, keys=()):
         return False
 
     try:
-        until(ended, pause=0.0)
+        until(ended, pause=0.0, within=5 * PATIENCE)  # a program is started for it
         code = process.wait(timeout=PATIENCE)
     finally:
         process.kill()  # which is nothing to one that has ended

@@ -83,7 +83,7 @@ def test_every_value_of_a_published_board_is_given_by_its_paper_or_assumed(name)
     from_the_papers |= {
         "gast2020": {
             "indenter.shape", "indenter.radius_mm",
-            "indentation.depths_mm", "indentation.x_mm", "indentation.y_mm", "indentation.step_mm",
+            "indentation.depths_mm", "indentation.ellipse_x_mm", "indentation.ellipse_y_mm", "indentation.step_mm",
         },
         "gast_fem": {"elastomer.0.poissons_ratio", "elastomer.1.poissons_ratio"},
     }[name]  # fmt: skip
@@ -245,6 +245,7 @@ BAD = {
     "too many positions": (changed("step_mm = 2.0", "step_mm = 0.02"), "indentation may have 100000 positions; x_mm, y_mm and step_mm give 842001"),
     "origin": (changed('origin = "coil2"', 'origin = "coil9"'), "indentation.origin names no coil; there are coil1, coil2, coil3; got 'coil9'"),
     "half an outline": (changed("# sample_x_mm", "sample_x_mm"), "indentation needs both sample_x_mm and sample_y_mm, or neither"),
+    "half a window": (changed("# ellipse_x_mm", "ellipse_x_mm"), "indentation needs both ellipse_x_mm and ellipse_y_mm, or neither"),
     "outline without width": (
         changed("# sample_x_mm", "sample_x_mm").replace("# sample_y_mm = [-20, 20]", "sample_y_mm = [20, 20]"),
         r"indentation needs sample_y_mm from low to high, with a width; got \[20, 20\]",
@@ -319,10 +320,17 @@ def test_gast2020_is_pressed_as_in_its_table_1_and_gast_fem_on_a_line():
     # the paper says nothing of the seat; 4.3 kPa/mm was found by hand, with the dent of linear elasticity
     assert indentation.base.stiffness == pytest.approx(4.3e6, rel=0.5)
     assert indentation.base.shear == 0
-    assert (len(indentation.x), len(indentation.y)) == (27, 7)
-    np.testing.assert_allclose(indentation.x, np.linspace(-26e-3, 26e-3, 27), atol=1e-15)
-    np.testing.assert_allclose(indentation.y, np.linspace(-6e-3, 6e-3, 7), atol=1e-15)
+    window = indentation.in_ellipse_window()
+    assert (len(window.x), len(window.y)) == (27, 7)
+    np.testing.assert_allclose(window.x, np.linspace(-26e-3, 26e-3, 27), atol=1e-15)
+    np.testing.assert_allclose(window.y, np.linspace(-6e-3, 6e-3, 7), atol=1e-15)
     assert {0.0, -0.026} <= set(indentation.x)  # positions are labels
+    # the map covers all six coils, the paper's window three
+    low, high = np.reshape(design.array.outline_bounds, (2, 2)) - indentation.origin_point
+    for k, positions in enumerate((indentation.x, indentation.y)):
+        assert positions[0] <= low[k]
+        assert positions[-1] >= high[k]
+        np.testing.assert_allclose(np.diff(positions), 2e-3, atol=1e-15)
     # the paper's fitted centres of coils 1 to 3 are -13.4, 0 and 13.3 mm; the pitch is 13.28 mm
     centres = design.array.centres[:3, 0] - indentation.origin_point[0]
     np.testing.assert_allclose(centres, [-13.28e-3, 0.0, 13.28e-3], atol=1e-12)

@@ -41,14 +41,16 @@ def gast2020_in_python():
         "magnetic", 2e-3, file["elastomer.1.relative_permeability"], file["elastomer.1.youngs_modulus_kPa"] * 1e3
     )
     seat = ca.Seat(file["indentation.seat_stiffness_kPa_per_mm"] * 1e6)
-    x, y = (tuple(k * 2e-3 for k in range(-n, n + 1)) for n in (13, 3))
+    x, y = (tuple(k * 2e-3 for k in range(first, last + 1)) for first, last in ((-13, 33), (-7, 7)))
     switches = ca.Switches(on_resistance=file["circuit.short_resistance_ohm"] / 2)
     return ca.Design(
         ca.lattice_array(
             replace(FOUR_LAYERS, dielectric_thickness=dielectrics), ca.spiral_coil(hexagon, 2, BOARD_VIA, LEADS), row
         ),
         (ca.Sheet("base", 6e-3, 1.0, 55e3), magnetic),
-        ca.Indentation(ca.Hemisphere(2.5e-3), (1e-3,), x, y, seat, origin="coil2"),
+        ca.Indentation(
+            ca.Hemisphere(2.5e-3), (1e-3,), x, y, seat, origin="coil2", ellipse_bounds=(-26e-3, -6e-3, 26e-3, 6e-3)
+        ),
         ca.Circuit(switches, elastomer_permittivity=file["circuit.elastomer_permittivity"]),
         ca.FabRules(min_gap=file["fab.min_gap_mm"] * 1e-3),
     )
@@ -83,6 +85,7 @@ def awkward():
         ca.Indentation(
             ca.Cone(1.0, 2e-3), (0.1e-3, 0.3e-3), (-1e-3, 0.0, 5e-3), (0.7e-3,), ca.Seat(1e7 / 3, 2e5),
             origin_point=(1e-3 / 7, 2e-3), sample_radius=30e-3, sample_bounds=(-40e-3, -20e-3, 40e-3, 20e-3),
+            ellipse_bounds=(-7e-3, -6e-3, 7e-3, 6e-3),
             strain="linear",
         ),
         ca.Circuit(

@@ -29,6 +29,7 @@ from coilarray.localize.ellipse_model import (
     locate_x,
 )
 from coilarray.localize.published import published_model
+from coilarray.response.coordinates import in_ellipse_window
 
 pytestmark = pytest.mark.slow
 
@@ -93,7 +94,7 @@ def wide():
 @pytest.fixture(scope="module")
 def board():
     """The simulated sensor response matrix of the paper's board, in the paper's window, neighbours grounded."""
-    return response_map(load_design("gast2020"), ideal=True)
+    return in_ellipse_window(response_map(load_design("gast2020"), ideal=True))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,14 @@ import xarray as xr
 
 from coilarray import load_design
 from coilarray.response.answering import middle_state
-from coilarray.response.coordinates import axis_label, on_board, origin_attributes, origin_of
+from coilarray.response.coordinates import (
+    ELLIPSE_WINDOW,
+    axis_label,
+    in_ellipse_window,
+    on_board,
+    origin_attributes,
+    origin_of,
+)
 
 AXIS = [-1e-3, 0.0, 2e-3]
 
@@ -43,3 +50,13 @@ def test_of_equally_near_states_the_first_is_the_middle_one():
     for higher, middle in ((1.001, "left"), (2.0, "right")):
         delta = (("depth", "y", "x", "state"), [[[[1e-4, 0.0], [0.0, higher * 1e-4]]]])
         assert middle_state(xr.Dataset({"delta": delta}, places)) == middle
+
+
+def test_the_window_of_the_ellipses_goes_along_to_the_board_and_cuts_the_same_places():
+    window = {ELLIPSE_WINDOW: [-1e-3, 0.0, 0.0, 2e-3]}
+    given = a_map(**origin_attributes(load_design("gast2020").indentation), **window)
+    cut = in_ellipse_window(given)
+    assert (cut.x.values.tolist(), cut.y.values.tolist()) == ([-1e-3, 0.0], [0.0, 2e-3])
+    np.testing.assert_array_equal(in_ellipse_window(on_board(given)).delta, cut.delta)
+    plain = a_map()
+    assert in_ellipse_window(plain) is plain

@@ -170,7 +170,7 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
 
     The levels of a polynomial with five coefficients are together no more than five independent numbers.
     """
-    setup, levels = indentation_of(design), np.array(sorted(table.levels))
+    setup, levels = indentation_of(design).in_ellipse_window(), np.array(sorted(table.levels))
     share = min(1.0, (DEGREE + 1) / len(levels))
     window = (min(setup.x), max(setup.x)), (min(setup.y), max(setup.y))
     rows: list[tuple[float, float, float, str, str, float]] = []

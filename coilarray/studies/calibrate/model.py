@@ -38,12 +38,12 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     plan = tuple(state for state in whole.plan if state.name in wanted)
     design = replace(whole, circuit=replace(whole.circuit, scan=plan))
     ideal = item["circuit"] == "ideal"
-    ellipses = request["kind"] == "ellipses"
+    ellipses, setup = request["kind"] == "ellipses", indentation_of(design).in_ellipse_window()
     response = response_map(
         design,
-        depths=indentation_of(design).depths[:1] if ellipses else request["depth"],
-        x=None if ellipses else request["x"],
-        y=None if ellipses else request["y"],
+        depths=setup.depths[:1] if ellipses else request["depth"],
+        x=setup.x if ellipses else request["x"],
+        y=setup.y if ellipses else request["y"],
         imperfections=imperfections_of(item["imperfections"]),
         network=None if ideal else _network(design, item["start"]),
         ideal=ideal,

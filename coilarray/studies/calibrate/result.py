@@ -246,7 +246,8 @@ def result_dataset(
     kind = str(measured.request["kind"])
     about: dict[str, Any] = {"title": plan.title, "kind": kind, "noise_is": how}
     if kind == "ellipses":
-        about["window_x_m"] = [min(indentation_of(design).x), max(indentation_of(design).x)]
+        window = indentation_of(design).in_ellipse_window().x
+        about["window_x_m"] = [min(window), max(window)]
     return xr.Dataset(data, coords, {**provenance(design), **about})
 
 

@@ -64,7 +64,7 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
     Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
 )  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    setup, given = evaluation.indentation, options.get("coil")
+    setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
     response = evaluation.response(np.array(setup.depths[:1]), np.array(setup.x), np.array(setup.y))
