@@ -23,6 +23,7 @@ _ALONGSIDE = 0.9  # cosine of the largest angle between neighbouring turns
 _PARALLEL = 0.985  # of one turn in ten at 30° from the others, or all spread over 20°
 _STEEPEST = 0.35  # cosine to a ray's normal below which a trace runs along the ray: a stub
 _WITHIN = (3 - math.sqrt(5)) / 2  # golden section: a place on a side, or along a path, where symmetry puts nothing
+_GRAIN = 1e-9  # of the size of a path
 _NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
 _POLE = 1 / 3  # of the most turns; a pole has more
 _BLOCK = 64
@@ -267,7 +268,9 @@ def _lead(path: FlatPath, pitch: float) -> float | None:
 def _poles(points: FloatArray) -> tuple[Pole, ...]:
     """Find the places that a path of points (n, 2) in m, closed by a straight line, winds about most."""
     ring = np.vstack((points, points[:1]))
-    edges = shapely.union_all(shapely.linestrings(np.stack((ring[:-1], ring[1:]), axis=1)))
+    # on a fine grid: edges of layers above each other are the same but for rounding, which must part no faces
+    grain = _GRAIN * float(np.ptp(points, axis=0).max())
+    edges = shapely.union_all(shapely.linestrings(np.stack((ring[:-1], ring[1:]), axis=1)), grid_size=grain)
     faces = shapely.get_parts(shapely.polygonize([edges]))
     area = shapely.area(faces)
     real = area > _NO_AREA * area.sum()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.boards import LEADS, VIA, many_layers, round_spiral
 
-from coilarray import Circuit, couple_design, load_design, scan_design
+from coilarray import Circuit, Switches, couple_design, load_design, scan_design
 from coilarray.design.model import Design
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import coil_capacitance
@@ -87,7 +87,7 @@ def test_turned_mirrored_shifted_and_in_another_order(shape, layers, angle, mirr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("angle", np.radians([120.0, 270.0, 33.0]).tolist())
+@pytest.mark.parametrize("angle", np.radians([120.0, 33.0]).tolist())
 def test_turned_board_between_a_plate_and_a_sheet(angle):
     """Coils, neighbours, metal below and the tank: f, Q, k and L of the whole circuit."""
     coil, stackup = coil_of("circle", 2), many_layers(2)
@@ -96,11 +96,11 @@ def test_turned_board_between_a_plate_and_a_sheet(angle):
 
     def solved(turned):
         c, s = np.cos(turned), np.sin(turned)
-        places = [(0.0, 0.0), (13e-3 * c, 13e-3 * s)]
+        places = [(0.0, 0.0), (17e-3 * c, 17e-3 * s)]
         placed = [Placement(f"c{k}", coil, stackup.names, *place, turned) for k, place in enumerate(places)]
         design = Design(
             CoilArray(stackup, tuple(placed)), sheets=sheets, plates=(lid,),
-            circuit=Circuit(capacitance=330e-12),
+            circuit=Circuit(Switches(tank_capacitance=330e-12)),
         )  # fmt: skip
         scan, coupling = scan_design(design, elastomer=False), couple_design(design)
         return [scan[name].values for name in ("frequency", "quality_factor", "effective_inductance")] + [
