@@ -30,7 +30,7 @@ _LONGEST = 86_400.0  # s
 def studio(
     design: DesignArgument = None,
     host: Annotated[
-        str | None, typer.Option(help="Host to listen on; browsers then need the token in the address.")
+        str | None, typer.Option(help="Host to listen on, for browsers of other computers; by default this one alone.")
     ] = None,
     port: Annotated[int, typer.Option(help="TCP port of the page; 0 for a free one.")] = 8070,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
@@ -53,7 +53,8 @@ def studio(
 
     It has sliders for the design; the board in three dimensions, couplings and margins; the field, with switches for
     every coil; an indenter to drag over the board; optimisations; and the live board or its emulator. The page is
-    served to this computer alone unless --host is given, and loads nothing from other hosts. Ctrl-C ends it.
+    served to this computer alone unless --host is given, always under the address that is printed, whose token keeps
+    other accounts out, and loads nothing from other hosts. Ctrl-C ends it.
 
     Example: coilarray studio gast2020
 
@@ -61,9 +62,9 @@ def studio(
     """
     where = _folder(design, folder)
     live = LiveOptions(BoardOptions(board, wiring, temperature=temperature))
-    from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, new_token
+    from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio
 
-    address = Address(LOOPBACK if host is None else host, port, "" if host is None else new_token())
+    address = Address(LOOPBACK if host is None else host, port, alone=host is None)
     check_studio()
     from coilarray.design.model import load_design_file
     from coilarray.viz.studio.services import Services

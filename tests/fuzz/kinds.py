@@ -613,7 +613,7 @@ def _request_files(folder: Path) -> list[Path]:
 
 
 def _requested(path: Path) -> Any:
-    """What the studio on this computer and one with a token say to a request: host, origin, path and token with it."""
+    """What the studio of this computer and one for others say to a request: host, origin, path and token with it."""
     parser = HttpRequestParser(None, None, 2**16)
     try:
         messages, _, _ = parser.feed_data(path.read_bytes())
@@ -622,8 +622,8 @@ def _requested(path: Path) -> Any:
     except (HttpProcessingError, ValueError) as error:  # answered by the web server itself, or cut off
         raise CoilarrayError(f"no request: {type(error).__name__}.") from None
     said = []
-    for token in ("", _TOKEN):
-        studio = server._Studio(None, None, None, server.Address("127.0.0.1", 8080, token), 0.0)
+    for alone in (True, False):
+        studio = server._Studio(None, None, None, server.Address("127.0.0.1", 8080, alone, _TOKEN), 0.0)
         studio._cookie = "coilarray_studio_8080"
         said.append(studio._refusal(request))
     try:
@@ -632,7 +632,7 @@ def _requested(path: Path) -> Any:
         file = None
     asked = {name: request.headers.get(name) for name in ("Host", "Origin", "Sec-Fetch-Site", "Sec-Fetch-Dest")}
     given = _TOKEN in (request.query.get("token"), request.cookies.get("coilarray_studio_8080"))
-    return {"alone": said[0], "with token": said[1], **asked, "path": request.path, "given": given, "file": file}
+    return {"alone": said[0], "shared": said[1], **asked, "path": request.path, "given": given, "file": file}
 
 
 def _let_in(answer: Any) -> str:
@@ -642,10 +642,11 @@ def _let_in(answer: Any) -> str:
     elsewhere = origin is not None and origin not in (f"http://{host}", f"https://{host}")
     opened = answer["path"] == "/" and answer["Sec-Fetch-Dest"] == "document"
     elsewhere |= site not in (None, "none", "same-origin") and not opened
-    if not answer["alone"] and (elsewhere or name not in ("127.0.0.1", "localhost", "[::1]")):
+    strange = elsewhere or not answer["given"]
+    if not answer["alone"] and (strange or name not in ("127.0.0.1", "localhost", "[::1]")):
         return "the studio of this computer lets a stranger in"
-    if not answer["with token"] and (elsewhere or not answer["given"]):
-        return "the studio with a token lets a stranger in"
+    if not answer["shared"] and strange:
+        return "the studio for others lets a stranger in"
     file = answer["file"]
     return "a file outside is served" if file and Path(__file__).parent not in Path(file).resolve().parents else ""
 

@@ -78,6 +78,7 @@ class Served:
                 break
         assert found, "".join(self.lines)
         self.url = found[1]
+        self.root, _, self.query = self.url.partition("?")  # the address, and the token as a query
 
     def children(self):
         """Processes that it has started and that are still there."""
@@ -388,7 +389,7 @@ def main():
     """Serve a studio with the stand-ins."""
     from coilarray.compute.extras import leave_out_dask
     from coilarray.viz.studio import new_panel, numbers_panel, server, view
-    from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
+    from coilarray.viz.studio.server import LOOPBACK, Address, bind, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
     from coilarray.viz.studio.work import work_on
@@ -414,7 +415,7 @@ def main():
     new_panel.make_design = browser.quick_new
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator", summary_of_circuit)
-    address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")
+    address = Address(given.host or LOOPBACK, given.port, alone=given.host is None)
     work = work_on(load_design_file(given.design), given.design)
     with bind(address) as listening:
         serve(

@@ -749,8 +749,8 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     report.close()
     written = folder / "starter-report" / "report.html"
     written.write_text("<script>document.title = 'planted'</script>", encoding="utf-8")
-    assert page.request.get(studio.url + page.get_attribute("#report-link", "href")).status == 404
-    assert page.request.get(f"{studio.url}files/starter-report/report.html").status == 404
+    assert page.request.get(studio.root + page.get_attribute("#report-link", "href")).status == 404
+    assert page.request.get(f"{studio.root}files/starter-report/report.html").status == 404
 
 
 def test_a_client_that_leaves_in_the_middle_of_a_run_takes_its_run_along(page, chromium, studio, folder):
@@ -785,19 +785,20 @@ def test_a_page_of_another_origin_and_a_planted_one_reach_nothing(chromium, stud
     planted = folder / "planted.html"
     planted.write_text("<title>planted</title><script>document.title = 'ran'</script>", encoding="utf-8")
     (folder / "<img src=x onerror=alert(1)>.toml").write_text("schema = 1", encoding="utf-8")
-    link = f"<a href='{studio.url}files/planted.html'>a link</a>"
-    attack = f"<!doctype html><body>{link}<script>{ATTACK % studio.url}</script>"
+    link = f"<a href='{studio.root}files/planted.html'>a link</a>"
+    attack = f"<!doctype html><body>{link}<script>{ATTACK % studio.root}</script>"
     context = browser.profile(chromium)
     page, statuses, dialogs = context.new_page(), {}, []
     page.on("dialog", lambda dialog: dialogs.append(dialog.message))
-    page.on("response", lambda one: statuses.update({one.url.removeprefix(studio.url): one.status}))
+    page.on("response", lambda one: statuses.update({one.url.removeprefix(studio.root): one.status}))
     with answering(0, attack.encode()) as port:
         page.goto(f"http://127.0.0.1:{port}/")
         page.wait_for_function("['script', 'img', 'post', 'socket'].every(one => failed.includes(one))")
         page.click("text=a link")
         page.wait_for_selector("text=a request from another page")
         assert [path for path, status in statuses.items() if status < 400] == [f"http://127.0.0.1:{port}/"]
-    assert page.goto(f"{studio.url}files/planted.html").status == 404
+    assert page.goto(f"{studio.root}files/planted.html").status == 403  # without the token
+    assert page.goto(f"{studio.root}files/planted.html?{studio.query}").status == 404
     page.goto(studio.url)
     browser.at_rest(page)
     page.click("#open")
@@ -842,8 +843,9 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     page.click("#scene button:has-text('copper L1')")
 
 
-def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
-    arguments = ("starter", "--linger", "0.5", "--host", "127.0.0.1")
+@pytest.mark.parametrize("host", [(), ("--host", "127.0.0.1")], ids=["alone", "host"])
+def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path, host):
+    arguments = ("starter", "--linger", "0.5", *host)
     said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
     with browser.served(*arguments, program=True, cwd=tmp_path, **said) as started:
         context = browser.profile(chromium)

@@ -15,7 +15,7 @@ import signal
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,13 +75,19 @@ document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.st
 }</script>"""
 
 
+def new_token() -> str:
+    """Return a random token."""
+    return secrets.token_urlsafe(24)
+
+
 @dataclass(frozen=True)
 class Address:
     """Address of the studio."""
 
     host: str  # name or IP address on which it listens
     port: int  # 0 takes a free one
-    token: str = ""  # that every browser must send; empty for none, which is right for this computer alone
+    alone: bool = False  # whether browsers must name this computer, as those that run on it do
+    token: str = field(default_factory=new_token)  # that every browser must send: this computer has other accounts too
 
 
 def check_studio() -> None:
@@ -90,11 +96,6 @@ def check_studio() -> None:
     needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
     for module, package in {**needed, "aiohttp": "aiohttp"}.items():
         import_extra(module, "pages of the studio", package=package, extra="studio")
-
-
-def new_token() -> str:
-    """Return a random token."""
-    return secrets.token_urlsafe(24)
 
 
 def bind(address: Address) -> socket.socket:
@@ -223,8 +224,7 @@ class _Studio:
         if not response.prepared:
             for name, value in _headers(request).items():
                 response.headers.setdefault(name, value)  # a report has a policy of its own
-            if self._address.token:
-                response.set_cookie(self._cookie, self._address.token, httponly=True, samesite="Strict", path="/")
+            response.set_cookie(self._cookie, self._address.token, httponly=True, samesite="Strict", path="/")
         return response
 
     def _refusal(self, request: web.Request) -> str:
@@ -237,10 +237,8 @@ class _Studio:
         opens = request.path == "/" and request.headers.get("Sec-Fetch-Dest") == "document"
         if site not in ("same-origin", "none") and not opens:
             return _ANOTHER_PAGE
-        if not self._address.token:
-            if re.sub(r":\d+$", "", host) not in _OWN_HOSTS:
-                return "it is served to this computer alone."
-            return ""
+        if self._address.alone and re.sub(r":\d+$", "", host) not in _OWN_HOSTS:
+            return "it is served to this computer alone."
         given = request.query.get("token") or request.cookies.get(self._cookie, "")
         if not hmac.compare_digest(given.encode(), self._address.token.encode()):
             return "the address lacks its token; open the one that coilarray studio printed."
@@ -357,8 +355,7 @@ class _Studio:
         if host in ("0.0.0.0", "::", ""):
             host = socket.gethostname()
         shown = f"[{host}]" if ":" in host else host
-        token = f"?token={self._address.token}" if self._address.token else ""
-        return f"http://{shown}:{self._port}/{token}"
+        return f"http://{shown}:{self._port}/?token={self._address.token}"
 
     async def _close(self, key: str) -> None:
         """End the session of a closed page; its design is kept for a reload."""
