@@ -164,9 +164,9 @@ def plate_field(
     Notes
     -----
     Before the first plate or sheet the waves that come back are added to the field of the coils, which is exact. From
-    there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. The field of the
-    coils is that of their conductors, as in free space, while the waves close coils whose ends lie apart by a straight
-    line: at the first face B jumps by the field of that line.
+    there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. The coils are
+    those of free space, while their waves close coils whose ends lie apart by a straight line: at the first face B
+    jumps by the field of that line.
     """
     paths = as_conductors(source)
     segments = coil_segments(paths)
