@@ -99,7 +99,7 @@ def coil_capacitance(
     >>> from coilarray import load_design
     >>> C = coil_capacitance(load_design("gast2020").array)
     >>> f"{float(C.coil_capacitance[0]) * 1e12:.1f} pF"
-    '19.2 pF'
+    '19.1 pF'
     """
     above = _slabs(sheets, relative_permittivity)
     half_space = 1.0 if sheets else relative_permittivity
