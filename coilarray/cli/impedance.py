@@ -88,7 +88,8 @@ def impedance(
         lines.append(circuit_tables.close_line(close))
     if scan.attrs["left_out"]:
         lines.append(f"not in these numbers: {scan.attrs['left_out']}")
-    shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))
+    tables = [states, windings, *([drives] if drives.rows else [])]
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=(out, plot))
 
 
 def _require_range(low: float, high: float) -> None:

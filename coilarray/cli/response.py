@@ -132,7 +132,9 @@ def response(
         "response": table.records(),
         drive.name: drive.records(),
     }
-    shared.print_result(data, as_json=as_json, tables=[table, drive], lines=lines, files=[plot])
+    shared.print_result(
+        data, as_json=as_json, tables=[table, *([drive] if drive.rows else [])], lines=lines, files=[plot]
+    )
 
 
 def _reach(text: str) -> Reach:

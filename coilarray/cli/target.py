@@ -91,7 +91,8 @@ def target(
         )  # fmt: skip
         shown = on_board(result)
         shared.write_numbers(out, result, values_table(shown).csv)
-    tables = base_table(shown), target_table(shown), range_table(shown), path_drive_table(shown)
+    drive = path_drive_table(shown)
+    tables = base_table(shown), target_table(shown), range_table(shown), *([drive] if drive.rows else [])
     shared.draw(plot, lambda: viz.target_figure(shown))
     shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     data = {
