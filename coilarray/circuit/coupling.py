@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from importlib import metadata
 
 import numpy as np
@@ -14,7 +13,7 @@ import xarray as xr
 
 from coilarray.circuit.active_coil import Termination, checked_network, checked_terminations
 from coilarray.circuit.network import Network, Resonance, SampledMatrix
-from coilarray.circuit.plates import PlateEffect, plate_effect, plate_model_errors
+from coilarray.circuit.plates import PlateEffect, plate_effect, plate_errors_by_name
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
@@ -31,7 +30,7 @@ from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix, ind
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray
-from coilarray.metal.surface_impedance import ModelError
+from coilarray.metal.finite_plates import worst_attributes
 
 LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
 """What an ideal network leaves out."""
@@ -372,7 +371,7 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
         - with plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): what they add at the
           frequency of the attribute ``working_frequency_Hz``, for which inductance and coupling then hold;
         - with plates that have an outline the attributes ``plate_error_inductance`` and ``plate_error_resistance``,
-          relative estimates of the model's error, and ``plate_skin_depths``, the thickness in skin depths;
+          relative errors of ΔL and ΔR by mesh and model, and ``plate_skin_depths``, the thickness in skin depths;
         - the attributes of `provenance`.
 
     Raises
@@ -417,14 +416,14 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
 
 
 def plate_errors(design: Design) -> dict[str, float]:
-    """Return the attributes that say how the model of a plate with an outline errs, none if there is no such plate.
+    """Return the attributes that state the errors of plates with an outline, none if there is no such plate.
 
     ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates at the working frequency, where
     the plate with the largest is ``plate_skin_depths`` thick.
     """
     plates = design_plates(design)
-    errors = {} if plates is None else plate_model_errors(design, plates.working)
-    return reduce(ModelError.or_worse, errors.values()).attributes if errors else {}
+    errors = {} if plates is None else plate_errors_by_name(design, plates.working)
+    return worst_attributes(list(errors.values()))
 
 
 def design_inductance(

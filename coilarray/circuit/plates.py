@@ -13,13 +13,13 @@ from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.geometry import FinitePlate, Plate
-from coilarray.metal.finite_plates import moving_plate_error, outlined_inductance
+from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.over_frequency import FrequencyBand
-from coilarray.metal.surface_impedance import ModelError
 
 _KEPT = 4
 _SAMPLES: Recent[ComplexArray] = Recent(_KEPT)
+_ERRORS: Recent[dict[str, PlateError]] = Recent(_KEPT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +53,20 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
     return PlateEffect(band, _SAMPLES.get(key, lambda: _plate_inductance(design, band.nodes, accuracy)))
 
 
-def plate_model_errors(design: Design, frequency: float) -> dict[str, ModelError]:
-    """Estimate the errors of the model of every plate with an outline at a frequency in Hz, by its name.
+def plate_errors_by_name(design: Design, frequency: float) -> dict[str, PlateError]:
+    """Return the errors of every plate with an outline, alone, at a frequency in Hz, by its name; kept in memory.
 
     GeometryError for plates that are not computed.
     """
-    return {
-        one.name: moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets)
-        for one in design.plates
-        if isinstance(one, FinitePlate)
-    }
+    outlined = [one for one in design.plates if isinstance(one, FinitePlate)]
+
+    def compute() -> dict[str, PlateError]:
+        return {
+            one.name: moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets)
+            for one in outlined
+        }
+
+    return _ERRORS.get((digest_of(design.array, design.sheets, design.plates), frequency), compute) if outlined else {}
 
 
 def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accuracy) -> ComplexArray:

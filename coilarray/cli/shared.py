@@ -179,7 +179,6 @@ TableFile = Annotated[
 
 SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0
 _MOST_LENGTHS = 1000
-_WORTH_SAYING = 0.01  # of ΔL and ΔR: error of a plate's model
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
 _APART = 2  # blanks between columns
 _NARROWEST = 10  # characters of a heading before it goes on in the next line
@@ -348,20 +347,21 @@ def noise_source(given: float | None, response: xr.Dataset) -> str:
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
-    """Return lines on the errors of a plate with an outline: of its mesh, and those over 1 %."""
-    lines = []
-    if "plate_error_mesh" in attributes:
-        lines.append(
-            f"the mesh of the target causes an error of about {attributes['plate_error_mesh']:.2%} of ΔL (estimated)"
-        )
-    errors = [attributes.get(f"plate_error_{what}", 0.0) for what in ("inductance", "resistance")]
-    if max(errors) > _WORTH_SAYING:
-        lines.append(
-            f"a plate with an outline is {attributes['plate_skin_depths']:.2g} skin depths thick: as its currents are "
-            f"taken to flow on faces and rim, the error is up to {errors[0]:.1%} of ΔL and {errors[1]:.1%} of ΔR "
-            "(estimated)"
-        )
-    return lines
+    """Return the line on the errors of ΔL and ΔR by plates with an outline, none without such plates."""
+    if "plate_error_inductance" not in attributes:
+        return []
+    errors = [attributes[f"plate_error_{what}"] for what in ("inductance", "resistance")]
+    thick = attributes["plate_skin_depths"]
+    return [
+        f"the change by a plate with an outline errs by up to {_share_text(errors[0])} of ΔL and "
+        f"{_share_text(errors[1])} of ΔR (estimated: its mesh, and currents on faces and rim of a plate that is "
+        f"{thick:.2g} skin depths thick)"
+    ]
+
+
+def _share_text(share: float) -> str:
+    """Percent with two figures."""
+    return f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
 
 
 def print_json(data: Any) -> None:

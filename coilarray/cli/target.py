@@ -39,8 +39,7 @@ def target(
         typer.Option(
             min=0.5,
             max=4.0,
-            help="Fineness of the mesh of a plate with an outline: at 1 the error of ΔL is about 0.2 %; it is "
-            "estimated and printed.",
+            help="Fineness of the mesh of a plate with an outline, whose error is estimated and printed.",
         ),
     ] = 1.0,
     accuracy: shared.Accuracy = "full",

@@ -127,24 +127,33 @@ class PlatesInAir:
 
     def linked(self, plate: PosedPlate) -> ComplexArray:
         """Fluxes of the coils (f, u, places, paths) in Wb/A."""
+        return self.linked_with((plate,))[0]
+
+    def linked_with(self, meshes: Sequence[PosedPlate]) -> list[ComplexArray]:
+        """Fluxes of the coils in one plate with several meshes, each (f, u, places, paths) in Wb/A."""
+        plate, bodies = meshes[-1], [one.body for one in meshes]
         images = self.images_of_coils(plate)
-        count = sum(parity.unknowns.shape[1] for parity in plate.body.parities)
+        counts = [sum(parity.unknowns.shape[1] for parity in body.parities) for body in bodies]
         frequencies = len(self.air.frequencies)
-        shape = (frequencies, count, len(plate.where), len(self.paths))
-        require_memory(32.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
+        shapes = [(frequencies, count, len(plate.where), len(self.paths)) for count in counts]
+        require_memory(32.0 * sum(map(math.prod, shapes)), f"a plate at {len(plate.where)} places", "compute fewer")
         if not images:  # behind a plate that nothing passes
-            return np.zeros(shape, dtype=np.complex128)
+            return [np.zeros(shape, dtype=np.complex128) for shape in shapes]
         weights, number = distinct_sums(images)
         used = weights.any(axis=1)
-        fluxes = linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights[used])
-        b = np.zeros((len(weights), *shape[1:]))
-        b[used] = np.concatenate(fluxes, axis=1)
         real, imaginary = np.split(number, 2)
         alike = not (np.ptp(real) or np.ptp(imaginary))  # at all frequencies, as behind sheets
-        found = np.empty((1 if alike else frequencies, *shape[1:]), dtype=np.complex128)
-        for k, total in enumerate(found):
-            total.real, total.imag = b[real[k]], b[imaginary[k]]
-        return np.broadcast_to(found, shape)
+        every = []
+        for shape, fluxes in zip(
+            shapes, linked_fluxes(bodies, self.paths, plate.plate, plate.where, images, weights[used]), strict=True
+        ):
+            b = np.zeros((len(weights), *shape[1:]))
+            b[used] = np.concatenate(fluxes, axis=1)
+            found = np.empty((1 if alike else frequencies, *shape[1:]), dtype=np.complex128)
+            for k, total in enumerate(found):
+                total.real, total.imag = b[real[k]], b[imaginary[k]]
+            every.append(np.broadcast_to(found, shape))
+        return every
 
     def images_of_coils(self, plate: PosedPlate) -> list[Image]:
         """Images of the coils that a plate sees, with themselves where nothing lies between."""
@@ -189,26 +198,27 @@ def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
 
 
 def linked_fluxes(
-    body: EddyBody,
+    bodies: Sequence[EddyBody],
     paths: Sequence[Conductor],
     plate: FinitePlate,
     where: FloatArray,
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
-) -> tuple[FloatArray, FloatArray]:
+) -> list[tuple[FloatArray, FloatArray]]:
     """Fluxes b of the even and the odd unknowns, each (sums, u, positions, paths), in Wb/A, by images of paths.
 
-    The sums of the images have `weights` (sums, images).
+    Those of several meshes with the same points; the sums of the images have `weights` (sums, images).
     """
-    count = sum(parity.unknowns.shape[1] for parity in body.parities)
+    count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)
     require_memory(8.0 * values, f"a plate at {len(where)} places", "compute fewer")
-    parts = [
-        [np.moveaxis(b.reshape(len(b), len(weights), -1, len(paths)), 1, 0) for b in body.linked(fields)]
-        for fields in fields_on(body, paths, plate, where, images, weights)
-    ]
-    even, odd = zip(*parts, strict=True)
-    return np.concatenate(even, axis=2), np.concatenate(odd, axis=2)
+    parts: list[list[list[FloatArray]]] = [[] for _ in bodies]
+    for fields in fields_on(bodies[-1], paths, plate, where, images, weights):
+        for body, of_body in zip(bodies, parts, strict=True):
+            linked = (b.reshape(len(b), len(weights), -1, len(paths)) for b in body.linked(fields))
+            of_body.append([np.moveaxis(b, 1, 0) for b in linked])
+    joined = [[np.concatenate(each, axis=2) for each in zip(*of_body, strict=True)] for of_body in parts]
+    return [(even, odd) for even, odd in joined]
 
 
 def fields_on(

@@ -61,9 +61,29 @@ class Parity:
 
 @dataclass(frozen=True, eq=False)
 class EddyBody:
-    """The matrices of a body, made once for all fields, places and frequencies."""
+    """The matrices of a body, made once for all fields, places and frequencies.
+
+    Fields are integrated over the triangles of the `finer` body, if there is one, whose nodes lie between this one's.
+    """
 
     mesh: HalfBody
+    finer: EddyBody | None = None
+
+    @property
+    def finest(self) -> EddyBody:
+        """Body over whose triangles fields are integrated."""
+        return self if self.finer is None else self.finer.finest
+
+    @cached_property
+    def onto_finest(self) -> sp.csr_array:
+        """Linear functions of this body at the nodes of the finest one, of shape (nodes there, nodes)."""
+        n = len(self.mesh.nodes)
+        if self.finer is None or self.finer.mesh.parents is None:
+            return sp.eye_array(n, format="csr")
+        parents = self.finer.mesh.parents
+        rows = np.repeat(np.arange(len(parents)), 2)
+        halves = sp.coo_array((np.full(parents.size, 0.5), (rows, parents.ravel())), shape=(len(parents), n))
+        return sp.csr_array(self.finer.onto_finest @ sp.csr_array(halves))
 
     @cached_property
     def currents(self) -> tuple[sp.csr_array, ...]:
@@ -140,6 +160,10 @@ class EddyBody:
 
         In Wb and T·m, each of shape (nodes, fields), for fields B (fields, points, 3) in T at `points`.
         """
+        if self.finer is not None:
+            down = self.onto_finest.T.tocsr()
+            one, other = (down @ part for part in self.finest.linked_to(B, sign))
+            return np.asarray(one), np.asarray(other)
         n, nodes = self.fluxes[0].shape[1], len(self.mesh.nodes)
         field = B[:, :n] + sign * MIRROR * B[:, n : 2 * n]
         through = sum(N @ field[..., axis].T for axis, N in enumerate(self.fluxes))
@@ -177,8 +201,9 @@ class EddyBody:
 
         Nodes and middles of the edges, the mirror images of both, and those of the holes.
         """
-        caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in self.mesh.caps]
-        half = np.concatenate((self.mesh.nodes, self.mesh.nodes[self._edges[0]].mean(axis=1)))
+        mesh, edges = self.finest.mesh, self.finest._edges[0]
+        caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in mesh.caps]
+        half = np.concatenate((mesh.nodes, mesh.nodes[edges].mean(axis=1)))
         return np.concatenate((half, half * MIRROR, *caps))
 
     @property
@@ -188,15 +213,18 @@ class EddyBody:
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
         """Fluxes b for fields B (fields, points, 3) in T at `points`; those of even and odd currents, (u, fields)."""
-        n = self.fluxes[0].shape[1]
-        starts = np.cumsum([2 * n, *(len(weights) for _, weights in self.mesh.caps)])
+        fluxes, caps = self.finest.fluxes, self.finest.mesh.caps
+        n = fluxes[0].shape[1]
+        starts = np.cumsum([2 * n, *(len(weights) for _, weights in caps)])
         through = [
             2 * B[:, start : start + len(weights), 2] @ weights
-            for start, (_, weights) in zip(starts, self.mesh.caps, strict=False)
+            for start, (_, weights) in zip(starts, caps, strict=False)
         ]
-        upper = sum(N @ B[:, :n, axis].T for axis, N in enumerate(self.fluxes))
+        down = self.onto_finest.T.tocsr()
+        upper = down @ np.sum([N @ B[:, :n, axis].T for axis, N in enumerate(fluxes)], axis=0)
         # B is an axial vector
-        lower = sum((-MIRROR[axis] * N) @ B[:, n : 2 * n, axis].T for axis, N in enumerate(self.fluxes))
+        mirrored = [-MIRROR[axis] * (N @ B[:, n : 2 * n, axis].T) for axis, N in enumerate(fluxes)]
+        lower = down @ np.sum(mirrored, axis=0)
         made = []
         for parity in self.parities:
             b = parity.unknowns.T @ (upper + parity.sign * lower)

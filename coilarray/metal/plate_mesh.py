@@ -1,7 +1,9 @@
 """Triangles on the upper half of a plate: its upper face, and its rim down to the middle of its thickness.
 
-A plate is its own mirror image at its mid-plane, so this half is enough. Currents crowd at the rim: strips along it
-that grow inwards, then a lattice, joined by Delaunay's triangulation.
+A plate is its own mirror image at its mid-plane, so this half is enough. Currents follow the local width and crowd at
+the rim: strips from every place of the rim inwards, whose widths grow as the squares of their numbers towards the
+middle of the largest circle that touches the rim there, then a lattice, joined by Delaunay's triangulation. Both meshes
+of a plate are one: every triangle of the coarse one is four of the fine one, so that their results can be extrapolated.
 """
 
 from __future__ import annotations
@@ -10,25 +12,39 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy.spatial import Delaunay
+from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.plate import Outline
 
-_ALONG = 90  # pieces of all rims together, where the plate is not narrow
-_WIDEST, _FINEST = 1.4, 0.06  # largest and smallest piece of the rim, of the inscribed radius
-_FIRST, _GROWTH, _STRIPS = 0.02, 2.0, 0.35  # first strip, ratio of neighbours and width of all, of the inscribed radius
-_LATTICE = 0.08  # step of the lattice inside, of the inscribed radius, where the rim's pieces are not longer
-_CORNER = 0.25  # of half the thickness: height of the strip of the rim below its edge
-_LARGEST_CORNER = 0.5  # the same of any coarser mesh
-_SAGITTA = 0.02  # of a piece of the rim: deviation from the outline that is let pass
-_OF_DISTANCE = 0.5  # of the distance from the copper: largest side of a triangle
+# lengths of the coarse one of both meshes of fineness 1
+_ALONG = 28  # pieces of all rims together, where the plate is not narrow
+_WIDEST, _FINEST = 1.7, 0.17  # largest and smallest piece of the rim, of the radius of the circle that touches it
+_OF_HEIGHT = 0.6  # of the height of the copper: piece of the rim of a narrow plate, along which its field varies
+_TURN = 0.7  # radians of a curve in a piece of the rim
+_AT_CORNERS = 0.4  # piece beside a convex corner, of half the width of the plate there
+_AT_REENTRANT = 0.15  # the same of a reentrant one, from which currents turn sharply
+_GRADING = 0.4  # growth of the pieces with the distance
+_STRIPS, _DEPTH = 4, 0.8  # strips from the rim inwards, and what they fill of the radius of the circle
+_LATTICE = 0.6  # step of the lattice inside, of the radius of the circles nearby
+_THIN = 0.03  # of the inscribed radius: half thickness below which the rim is one strip
+_UPPER = 0.25  # of half the thickness: upper strip of the rim
+_OF_DISTANCE = 0.8  # of the distance from the copper: largest side of a triangle
+_NEAR_COILS = 0.35  # of the windings' width or distance: smallest side wanted by that
+_MOST_BELOW = 430  # squares of the smallest side on what copper covers of a plate
+_SAMPLES = 300  # of all rims, where the widths are measured
+_CORNER = 0.35  # radians: sharper turns of an outline are corners
+_TRIED = (1.0, 1.3, 1.7, 2.2)  # of the fineness, where triangles of the coarser ones would overlap
+_COARSEST = 0.5  # fineness by which pieces of curves and narrow places are never longer
+_SAGITTA = 2e-4  # of the inscribed radius: deviation from the outline that is let pass
 _MOST_NODES = 6000
 
 
@@ -39,6 +55,7 @@ class HalfBody:
     `nodes` (n, 3) in m about the centre; `triangles` (k, 3), anticlockwise seen from outside; `rim` (k,) marks those of
     the rim. `ring` has the nodes at z = 0 of the outer rim, `hole_rings` those of each hole. `caps` has, for each hole,
     points (m, 2) in m and their share of its area in m². `inscribed` is the radius in m of the largest circle in it.
+    Each node of the finer one of two meshes lies in the middle between its `parents` (n, 2), nodes of the coarser one.
     """
 
     nodes: FloatArray
@@ -48,6 +65,7 @@ class HalfBody:
     hole_rings: tuple[IntArray, ...]
     caps: tuple[tuple[FloatArray, FloatArray], ...]
     inscribed: float
+    parents: IntArray | None = None
 
     @property
     def corners(self) -> FloatArray:
@@ -59,18 +77,20 @@ class HalfBody:
 class Footprint:
     """Where copper is, seen from a plate that moves: its outlines `area` in the plate's plane in m.
 
-    `height` in m is the least distance from it across the plane, and `radius` in m half the width of the smallest coil.
+    `height` in m is the least distance from it across the plane, and `spread` in m the least width of any winding, from
+    its innermost to its outermost turn.
     """
 
-    area: shapely.Geometry
+    area: BaseGeometry
     height: float
-    radius: float
+    spread: float
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Distances in m of points (n, 2) of the plate from the copper."""
         return np.asarray(np.hypot(shapely.distance(self.area, shapely.points(points)), self.height))
 
 
+Number = TypeVar("Number", np.float64, np.int64)
 Sizes: TypeAlias = Callable[[FloatArray], FloatArray]
 """Gives the wanted side of a triangle in m at points (n, 2) in m, shape (n,)."""
 
@@ -81,68 +101,213 @@ def inscribed_radius(outline: Outline) -> float:
 
 
 def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None) -> HalfBody:
-    """Mesh the upper half of a plate with an outline about its centre.
+    """Mesh the upper half of a plate with an outline about its centre: the finer one of `plate_meshes`."""
+    return plate_meshes(outline, thickness, fineness, above)[1]
 
-    `fineness` 2 has half the lengths of 1; the mesh is finer where the plate is near the copper `above` or below it.
+
+def plate_meshes(
+    outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None
+) -> tuple[HalfBody, HalfBody]:
+    """Mesh the upper half of a plate with an outline about its centre twice, the second time with half the lengths.
+
+    `fineness` 2 has half the lengths of 1; the meshes are finer where the plate is near the copper `above` or below it.
     GeometryError for a fineness that is not positive and finite, and for an outline too large or narrow.
     """
     require_positive("fineness of a mesh", fineness, "")
-    plane, inscribed = _plane(outline), inscribed_radius(outline)
-    along = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
-    step = max(along, _LATTICE * inscribed / fineness)
-    finest = step if above is None else min(step, _LATTICE * max(above.radius, above.height) / fineness)
+    plane = _plane(outline)
+    for number, finer in enumerate(_TRIED, 1):
+        coarse = _laid_out(plane, thickness, finer * fineness, above)
+        fine = coarse.refined()
+        if fine.meshed and coarse.meshed:
+            break
+        if number == len(_TRIED):
+            raise GeometryError(f"the outline of a plate, {plane.area * 1e6:.4g} mm², could not be meshed.")
+    count = sum(map(len, fine.levels)) + len(fine.inner)
+    if count > _MOST_NODES:
+        raise GeometryError(
+            f"a plate must not be so large or so narrow: {plane.area * 1e6:.4g} mm² with a rim of "
+            f"{plane.length * 1e3:.4g} mm, an inscribed radius of {coarse.inscribed * 1e3:.3g} mm and the coils so "
+            f"near need {count} nodes; at most {_MOST_NODES}."
+        )
+    return coarse.body(), fine.body()
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Places of a mesh's nodes on the face of a plate, and its triangles.
+
+    Nodes of the rims lie at `places` (n,) in m along each of the `rims`; from each a row of nodes goes inwards by
+    `depths` of its way (n, 2) in m. `core` has the triangles of the rows' ends and the `inner` points (m, 2) in m.
+    `heights` are those of the rim's nodes, of half the thickness.
+    """
+
+    rims: tuple[_Rim, ...]
+    places: tuple[FloatArray, ...]
+    ways: tuple[FloatArray, ...]
+    depths: FloatArray
+    inner: FloatArray
+    core: IntArray
+    heights: FloatArray
+    thickness: float
+    inscribed: float
+    step: float
+    parents: IntArray | None = None
+
+    @cached_property
+    def loops(self) -> list[FloatArray]:
+        """Nodes (n, 2) in m of each rim, between which lies the same area as within it."""
+        return [rim.chords(place) for rim, place in zip(self.rims, self.places, strict=True)]
+
+    @property
+    def levels(self) -> list[FloatArray]:
+        """Nodes (n, 2) in m of all rings at every depth."""
+        start, way = np.concatenate(self.loops), np.concatenate(self.ways)
+        return [start + depth * way for depth in self.depths.tolist()]
+
+    @property
+    def order(self) -> list[IntArray]:
+        """Numbers of each ring's nodes at one depth."""
+        starts = np.cumsum([0, *map(len, self.places)]).tolist()
+        return [np.arange(first, stop) for first, stop in itertools.pairwise(starts)]
+
+    def refined(self) -> _Layout:
+        """Divide every triangle in four; new nodes of the rims follow the outline."""
+        places, ways, deepest = [], [], self.depths[-1]
+        for rim, place, loop, way in zip(self.rims, self.places, self.loops, self.ways, strict=True):
+            after = np.append(place[1:], place[0] + rim.length)
+            places.append(_interleaved(place, (place + after) / 2))
+            ends = loop + deepest * way
+            ends = _interleaved(ends, (ends + np.roll(ends, -1, axis=0)) / 2)
+            ways.append((ends - rim.chords(places[-1])) / max(deepest, 1e-9))
+        on_rings = sum(map(len, self.places))
+        number = np.arange(on_rings + len(self.inner))  # of the old nodes among the new ones
+        number[:on_rings] *= 2
+        number[on_rings:] += on_rings
+        sides = np.sort(np.stack((self.core, np.roll(self.core, -1, axis=1)), axis=-1), axis=-1)
+        edges, which = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
+        middles = np.full(len(edges), -1)
+        along = {tuple(sorted(pair)): 2 * pair[0] + 1 for loop in self.order for pair in
+                 zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)}  # fmt: skip
+        for k, edge in enumerate(map(tuple, edges.tolist())):
+            middles[k] = along.get(edge, -1)
+        new = middles < 0
+        middles[new] = 2 * on_rings + len(self.inner) + np.arange(new.sum())
+        points = np.concatenate((self.levels[-1], self.inner))
+        inner = np.concatenate((self.inner, points[edges[new]].mean(axis=1)))
+        a, b, c = number[self.core].T
+        ab, bc, ca = middles[which.reshape(-1, 3)].T
+        core = np.concatenate(
+            [np.column_stack(three) for three in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+        return _Layout(
+            self.rims, tuple(places), tuple(ways), _with_middles(self.depths), inner, core,
+            _with_middles(self.heights), self.thickness, self.inscribed, self.step / 2, self._parents(edges[new]),
+        )  # fmt: skip
+
+    def _parents(self, edges: IntArray) -> IntArray:
+        """Two nodes of the body between which each node lies after refinement, `edges` those of new inner nodes."""
+        width, levels = sum(map(len, self.places)), len(self.depths)
+        column = np.concatenate([_interleaved(loop, loop) for loop in self.order])
+        after = np.concatenate([_interleaved(loop, np.roll(loop, -1)) for loop in self.order])
+        rows = []
+        for level in range(2 * levels - 1):
+            here, inwards = level // 2 * width, (level + 1) // 2 * width
+            rows.append(np.column_stack((column + inwards, after + here)))
+        inner = np.arange(len(self.inner)) + levels * width
+        rows += [np.column_stack((inner, inner)), edges + (levels - 1) * width]
+        starts = [0, *((levels + k) * width + len(self.inner) for k in range(len(self.heights) - 1))]
+        for level in range(1, 2 * len(self.heights) - 1):
+            rows.append(np.column_stack((column + starts[level // 2], after + starts[(level + 1) // 2])))
+        return np.concatenate(rows)
+
+    @cached_property
+    def face(self) -> tuple[FloatArray, IntArray]:
+        """Nodes (n, 2) in m and triangles (k, 3) of the face."""
+        levels = self.levels
+        width = len(levels[0])
+        bands = [
+            _band(loop + (level + 1) * width, loop + level * width)
+            for level in range(len(levels) - 1)
+            for loop in self.order
+        ]
+        triangles = np.concatenate((*bands, self.core + (len(levels) - 1) * width))
+        return np.concatenate((*levels, self.inner)), triangles
+
+    @property
+    def meshed(self) -> bool:
+        """Whether the triangles cover the face once."""
+        areas, expected = _areas(*self.face), sum(_loop_area(loop) for loop in self.loops)
+        return bool((areas > 0).all()) and abs(areas.sum() - expected) < 1e-6 * expected
+
+    def body(self) -> HalfBody:
+        """Return the upper half of the body."""
+        (plane, on_face), order = self.face, self.order
+        width = sum(map(len, order))
+        nodes = [np.column_stack((plane, np.full(len(plane), self.thickness / 2)))]
+        triangles, upper, count = [on_face], order, len(plane)
+        for height in self.heights[1:].tolist():
+            lower = [loop + count for loop in order]
+            nodes.append(np.column_stack((plane[:width], np.full(width, height * self.thickness / 2))))
+            triangles += [_band(above, below) for above, below in zip(upper, lower, strict=True)]
+            upper, count = lower, count + width
+        together = np.concatenate(triangles)
+        return HalfBody(
+            np.concatenate(nodes),
+            together,
+            np.arange(len(together)) >= len(on_face),
+            upper[0],
+            tuple(upper[1:]),
+            tuple(_cap(loop[::-1], self.step) for loop in self.loops[1:]),
+            self.inscribed,
+            self.parents,
+        )
+
+
+def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: Footprint | None) -> _Layout:
+    """Lay out the coarse one of two meshes."""
+    inscribed = float(shapely.maximum_inscribed_circle(plane).length)
+    outer, *holes = (ring.simplify(_SAGITTA * inscribed).coords for ring in (plane.exterior, *plane.interiors))
+    plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
+    step = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
+    finest = step
+    if above is not None:
+        least = math.sqrt(min(plane.area, above.area.area) / _MOST_BELOW)
+        finest = min(step, max(_NEAR_COILS * max(above.spread, above.height), least) / fineness)
 
     def wanted(points: FloatArray) -> FloatArray:
         if above is None or finest == step:
             return np.full(len(points), step)
         return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, step)
 
-    loops = [_divided(ring, along, wanted) for ring in (plane.exterior, *plane.interiors)]
-    insets = _insets(loops, inscribed, along, fineness)
-    rings = [[_inset(loop, inset) for loop in loops] for inset in insets]  # level by level, from the rim inwards
-    starts = np.cumsum([0, *(len(loop) for loop in loops)])
-    order = [np.arange(first, stop) for first, stop in itertools.pairwise(starts.tolist())]
-    triangles = [
-        _band(loop + (level + 1) * starts[-1], loop + level * starts[-1])
-        for level in range(len(rings) - 1)
-        for loop in order
-    ]
-    rim_points = np.concatenate([points for level in rings for points in level])
-    inner_points, inner_triangles = _lattice(rings[-1], step, finest, wanted)
-    triangles.append(inner_triangles + (len(rings) - 1) * starts[-1])
-    plane_points = np.concatenate((rim_points, inner_points))
-    area = _area(plane_points, np.concatenate(triangles))
-    expected = sum(_loop_area(loop) for loop in loops)
-    if len(plane_points) > _MOST_NODES:
-        raise GeometryError(
-            f"a plate must not be so large or so narrow: {plane.area * 1e6:.4g} mm² with a rim of "
-            f"{plane.length * 1e3:.4g} mm, an inscribed radius of {inscribed * 1e3:.3g} mm and the coils so near need "
-            f"{len(plane_points)} nodes; at most {_MOST_NODES}."
-        )
-    if abs(area - expected) > 1e-6 * expected:
-        raise GeometryError(
-            f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm²."
-        )
-    nodes = [np.column_stack((plane_points, np.full(len(plane_points), thickness / 2)))]
-    corner = min(_CORNER / fineness, _LARGEST_CORNER)
-    heights = [1.0, corner, 0.0] if thickness > _FIRST * inscribed / fineness else [1.0, 0.0]
-    heights = [thickness / 2 * (1 - height) if 0 < height < 1 else thickness / 2 * height for height in heights]
-    upper, count = order, len(plane_points)
-    on_face = sum(len(some) for some in triangles)
-    for height in heights[1:]:
-        lower = [loop + count for loop in order]
-        nodes.append(np.column_stack((np.concatenate(loops), np.full(starts[-1], height))))
-        triangles += [_band(above, below) for above, below in zip(upper, lower, strict=True)]
-        upper, count = lower, count + int(starts[-1])
-    together = np.concatenate(triangles)
-    return HalfBody(
-        np.concatenate(nodes),
-        together,
-        np.arange(len(together)) >= on_face,
-        upper[0],
-        tuple(upper[1:]),
-        tuple(_cap(loop[::-1], step) for loop in loops[1:]),
-        inscribed,
+    rims = [_Rim.of(ring) for ring in (plane.exterior, *plane.interiors)]
+    places, sizes = _divided(rims, wanted, max(fineness, _COARSEST), 0.0 if above is None else above.height)
+    nodes = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
+    points, normals = (np.concatenate(part) for part in zip(*nodes, strict=True))
+    samples = np.concatenate([rim.at(rim.samples(plane.length / _SAMPLES))[0] for rim in rims])
+    spacing = np.concatenate(sizes)
+    radii = _graded(points, np.minimum(_touching(points, normals, samples, 0.9 * spacing), inscribed), 1.0)
+    strips = max(round(_STRIPS * fineness), 2)
+    depths = _DEPTH * (np.arange(strips + 1) / strips) ** 2
+    for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than wanted
+        radii = np.minimum(radii, wanted(points + share * radii[:, None] * normals) / (depths[-1] - depths[-2]))
+    radii = _graded(points, radii, 1.0)
+    ends = np.cumsum([len(place) for place in places])[:-1]
+    ways = np.split(radii[:, None] * normals, ends)
+    loops = [rim.chords(place) for rim, place in zip(rims, places, strict=True)]
+    while len(depths) > 1 and not _has_room(loops, ways, depths[-1]):
+        depths = depths[:-1]
+    last = [loop + depths[-1] * way for loop, way in zip(loops, ways, strict=True)]
+    edge = np.concatenate(last)
+    local = np.maximum(_LATTICE / fineness * radii, np.concatenate([_spacing(loop) for loop in last]))
+
+    def inside(places: FloatArray) -> FloatArray:
+        return np.minimum(wanted(places), _cone(places, edge, local, _GRADING))
+
+    smallest = max(min(float(inside(edge).min()), finest), float(np.ptp(edge, axis=0).max()) / 400)
+    inner, core = _lattice(last, step, min(smallest, step), inside)
+    heights = [1.0, 0.0] if thickness / 2 <= _THIN * inscribed / fineness else [1.0, 1 - _UPPER, 0.0]
+    return _Layout(
+        tuple(rims), tuple(places), tuple(ways), depths, inner, core, np.array(heights), thickness, inscribed, step
     )
 
 
@@ -150,50 +315,206 @@ def _plane(outline: Outline) -> shapely.Polygon:
     return shapely.orient_polygons(shapely.Polygon(outline.exterior, outline.holes))
 
 
-def _divided(ring: shapely.LinearRing, along: float, wanted: Sizes) -> FloatArray:
-    """Corners of a ring and places between them, at most `along` apart; corners of a fine curve are thinned."""
-    corners = np.array(ring.simplify(_SAGITTA * along).coords)
-    sides = np.diff(corners, axis=0)
-    pieces = []
-    for start, side in zip(corners, sides, strict=False):
-        length = math.hypot(*side)
-        middles = start + side * (
-            (np.arange(max(1, math.ceil(length / along))) + 0.5)[:, None] * min(along / length, 1)
-        )
-        count = math.ceil(length / min(along, float(wanted(middles).min())) - 1e-9)
-        pieces.append(start + side * (np.arange(count) / count)[:, None])
-    return np.concatenate(pieces)
+@dataclass(frozen=True, eq=False)
+class _Rim:
+    """A ring by its corners (n, 2) in m, with the places (n + 1,) in m of these along it.
+
+    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side, `middle` (n, 2) those of
+    the corners, `turns` (n,) the angles there in rad, to the left positive.
+    """
+
+    corners: FloatArray
+    ends: FloatArray
+    before: FloatArray
+    after: FloatArray
+    middle: FloatArray
+    turns: FloatArray
+
+    @classmethod
+    def of(cls, ring: shapely.LinearRing) -> _Rim:
+        corners = np.array(ring.coords)[:-1]
+        sides = np.roll(corners, -1, axis=0) - corners
+        lengths = np.hypot(*sides.T)
+        normal = np.column_stack((-sides[:, 1], sides[:, 0])) / lengths[:, None]
+        last = np.roll(normal, 1, axis=0)
+        turns = np.arctan2(last[:, 0] * normal[:, 1] - last[:, 1] * normal[:, 0], (last * normal).sum(axis=1))
+        middle = last + normal
+        middle /= np.maximum(np.hypot(*middle.T), 1e-9)[:, None]
+        sharp = (np.abs(turns) > _CORNER)[:, None]
+        before = np.where(sharp, normal, middle)
+        after = np.where(np.roll(sharp, -1, axis=0), normal, np.roll(middle, -1, axis=0))
+        return cls(corners, np.append(0.0, np.cumsum(lengths)), before, after, middle, turns)
+
+    @property
+    def length(self) -> float:
+        return float(self.ends[-1])
+
+    @property
+    def sharp(self) -> IntArray:
+        """Numbers of the corners where it turns sharply."""
+        return np.flatnonzero(np.abs(self.turns) > _CORNER)
+
+    def at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points (n, 2) in m and unit normals to the left at places (n,) in m."""
+        places = places % self.length
+        side = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.corners) - 1)
+        share = ((places - self.ends[side]) / np.diff(self.ends)[side])[:, None]
+        points = (1 - share) * self.corners[side] + share * np.roll(self.corners, -1, axis=0)[side]
+        normals = (1 - share) * self.before[side] + share * self.after[side]
+        normals = np.where(share < 1e-9, self.middle[side], normals)
+        return points, normals / np.hypot(*normals.T)[:, None]
+
+    def chords(self, places: FloatArray) -> FloatArray:
+        """Corners (n, 2) in m of a polygon of about the same area, at places (n,) in m: outside a curve."""
+        points, normals = self.at(places)
+        side = np.searchsorted(self.ends, places % self.length, side="right") - 1
+        start = self.corners[side]
+        swept = np.append(0.0, np.cumsum(_cross(self.corners, np.roll(self.corners, -1, axis=0))))  # twice the area
+        twice = swept[side] + _cross(start, points) + (places // self.length) * swept[-1]
+        after = np.roll(points, -1, axis=0)
+        between = np.diff(np.append(twice, twice[0] + swept[-1])) - _cross(points, after)
+        length = np.hypot(*(after - points).T)
+        out = (between + np.roll(between, 1)) / 2 / (length + np.roll(length, 1))
+        here, sharp = (np.round(at / self.length, 12) for at in (places % self.length, self.ends[self.sharp]))
+        turned = np.isin(here, sharp)
+        return np.asarray(points - np.where(turned, 0.0, out)[:, None] * normals)
+
+    def samples(self, step: float) -> FloatArray:
+        """Places in m at most a `step` apart, the corners among them, and some between two sharp ones."""
+        sharp = self.ends[self.sharp]
+        between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
+        steps = np.minimum(step, (between / 6)[np.searchsorted(sharp, self.ends[:-1], side="right") - 1])
+        counts = np.ceil(np.diff(self.ends) / steps - 1e-9).astype(int)
+        return np.concatenate([
+            start + length * np.arange(count) / count
+            for start, length, count in zip(self.ends[:-1], np.diff(self.ends), counts, strict=True)
+        ])  # fmt: skip
 
 
-def _inset(loop: FloatArray, inset: float) -> FloatArray:
-    """Move the sides of a loop to their left by `inset` in m."""
-    sides = np.roll(loop, -1, axis=0) - loop
-    sides /= np.hypot(*sides.T)[:, None]
-    normal = np.column_stack((-sides[:, 1], sides[:, 0]))
-    before = np.roll(normal, 1, axis=0)
-    return np.asarray(loop + inset * (normal + before) / (1 + (normal * before).sum(axis=1))[:, None])
+def _divided(
+    rims: Sequence[_Rim], wanted: Sizes, fineness: float, height: float
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Places in m of the nodes on all rims, by the local width, corners and the wanted sizes; and the sizes there."""
+    whole = sum(rim.length for rim in rims)
+    places = [rim.samples(whole / _SAMPLES) for rim in rims]
+    found = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
+    points, normals = (np.concatenate(part) for part in zip(*found, strict=True))
+    radii = _graded(points, _touching(points, normals, points, np.zeros(len(points))), 1.0)
+    across = _across(points, normals, [len(place) for place in places]) / 2
+    sizes = np.minimum(np.maximum(_WIDEST * radii, _OF_HEIGHT * height) / fineness, wanted(points))
+    first = 0
+    for rim, place in zip(rims, places, strict=True):
+        for corner in rim.sharp.tolist():
+            number = first + int(np.argmin(np.abs(place - rim.ends[corner])))
+            least = (_AT_REENTRANT if rim.turns[corner] < 0 else _AT_CORNERS) / fineness * across[number]
+            sizes = np.minimum(sizes, least + _GRADING * np.hypot(*(points - points[number]).T))
+        first += len(place)
+    for_sections = [_section_lengths(rim, place) for rim, place in zip(rims, places, strict=True)]
+    sizes = _graded(points, np.minimum(sizes, np.concatenate(for_sections)), _GRADING)
+    made, of_nodes, first = [], [], 0
+    for rim, place in zip(rims, places, strict=True):
+        own = slice(first, first + len(place))
+        starts = rim.ends[rim.sharp] if len(rim.sharp) else np.zeros(1)
+        cuts = np.append(starts, starts[0] + rim.length)
+        turning = rim.ends[:-1], np.where(np.abs(rim.turns) > _CORNER, 0.0, np.abs(rim.turns))
+        nodes = [
+            _section(rim, start, stop, place, sizes[own], turning, 1 if len(starts) > 2 else 8 // len(starts), fineness)
+            for start, stop in itertools.pairwise(cuts.tolist())
+        ]
+        together = np.concatenate(nodes)
+        made.append(together)
+        of_nodes.append(np.interp(together, place, sizes[own], period=rim.length))
+        first += len(place)
+    return made, of_nodes
 
 
-def _insets(loops: Sequence[FloatArray], inscribed: float, along: float, fineness: float) -> list[float]:
-    """Places in m of the strips' edges from the rim: as many strips as have room in every corner."""
-    width, places = _FIRST * inscribed / fineness, [0.0]
-    while width < 0.8 * along and places[-1] + width < _STRIPS * inscribed:
-        places.append(places[-1] + width)
-        width *= _GROWTH
-    while len(places) > 1 and not _has_room(loops, places[-1]):
-        places.pop()
-    return places
+def _section_lengths(rim: _Rim, places: FloatArray) -> FloatArray:
+    """Length in m between the sharp corners around each of the places."""
+    sharp = rim.ends[rim.sharp]
+    if not len(sharp):
+        return np.full(len(places), rim.length)
+    lengths = np.diff(np.append(sharp, sharp[0] + rim.length))
+    return np.asarray(lengths[np.searchsorted(sharp, places, side="right") - 1])
 
 
-def _has_room(loops: Sequence[FloatArray], inset: float) -> bool:
+def _section(
+    rim: _Rim,
+    start: float,
+    stop: float,
+    places: FloatArray,
+    sizes: FloatArray,
+    turning: tuple[FloatArray, FloatArray],
+    fewest: int,
+    fineness: float,
+) -> FloatArray:
+    """Divide a rim from one place in m to another one by the sizes (n,) in m at `places`, and by its turns."""
+    fine = np.linspace(start, stop, 1 + max(64, 4 * math.ceil((stop - start) / float(sizes.min()))))
+    middles = (fine[1:] + fine[:-1]) / 2
+    pieces = np.diff(fine) / np.interp(middles, places, sizes, period=rim.length)
+    at, angles = turning
+    at = start + (at - start) % rim.length
+    within = (at < stop - 1e-12) & (at > start + 1e-12) & (angles > 0)
+    if within.any():  # spread over the sides around each corner
+        order = np.argsort(at[within])
+        total = np.append(0.0, np.cumsum(angles[within][order]))
+        ends = np.concatenate(([start], at[within][order], [stop]))
+        turned = np.interp(fine, (ends[1:] + ends[:-1]) / 2, total)
+        pieces = np.maximum(pieces, np.diff(turned) * fineness / _TURN)
+    sums = np.append(0.0, np.cumsum(pieces))
+    count = max(math.ceil(sums[-1] - 1e-6), fewest)
+    return np.asarray(np.interp(np.arange(count) * sums[-1] / count, sums, fine))
+
+
+def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apart: FloatArray) -> FloatArray:
+    """Radii in m of the largest circles on the left that touch a rim at points (n, 2), by samples of all rims.
+
+    Samples nearer than `apart` (n,) in m do not count.
+    """
+    away = samples[None] - points[:, None]
+    squares, height = (away**2).sum(axis=2), np.einsum("nsi,ni->ns", away, normals)
+    counted = (height > 1e-9 * np.sqrt(squares)) & (squares > apart[:, None] ** 2)
+    return np.asarray(np.where(counted, squares / np.where(counted, 2 * height, 1.0), np.inf).min(axis=1))
+
+
+def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> FloatArray:
+    """Distances in m from points (n, 2) of all rims, `counts` on each, to the next rim along the normals."""
+    after, first = [], 0
+    for count in counts:
+        after.append(first + np.roll(np.arange(count), -1))
+        first += count
+    side = points[np.concatenate(after)] - points
+    away = points[None] - points[:, None]
+    turn = normals[:, None, 0] * side[None, :, 1] - normals[:, None, 1] * side[None, :, 0]
+    turn = np.where(np.abs(turn) > 1e-12 * np.hypot(*side.T), turn, np.inf)
+    along = (away[..., 0] * side[None, :, 1] - away[..., 1] * side[None, :, 0]) / turn
+    share = (away[..., 0] * normals[:, None, 1] - away[..., 1] * normals[:, None, 0]) / turn
+    hit = (along > 1e-6 * np.hypot(*np.ptp(points, axis=0))) & (share >= -1e-9) & (share <= 1 + 1e-9)
+    return np.asarray(np.where(hit, along, np.inf).min(axis=1))
+
+
+def _graded(points: FloatArray, values: FloatArray, growth: float) -> FloatArray:
+    """Lower values (n,) in m at points (n, 2) until they grow by at most `growth` times the distance."""
+    return _cone(points, points, values, growth)
+
+
+def _cone(points: FloatArray, among: FloatArray, values: FloatArray, growth: float) -> FloatArray:
+    return np.asarray((values + growth * np.hypot(*np.moveaxis(points[:, None] - among, 2, 0))).min(axis=1))
+
+
+def _spacing(loop: FloatArray) -> FloatArray:
+    """Mean of the distances in m of every node of a loop from its neighbours."""
+    length = np.hypot(*(np.roll(loop, -1, axis=0) - loop).T)
+    return np.asarray((length + np.roll(length, 1)) / 2)
+
+
+def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: float) -> bool:
     """Whether the loops, moved inwards, stay simple, apart, and inside each other as they were."""
-    outer, *holes = [_inset(loop, inset) for loop in loops]
-    sides = [np.roll(loop, -1, axis=0) - loop for loop in loops]
-    moved = [np.roll(loop, -1, axis=0) - loop for loop in (outer, *holes)]
-    forward = all(
-        ((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved, strict=True)
+    outer, *holes = moved = [loop + depth * way for loop, way in zip(loops, ways, strict=True)]
+    flat = all(
+        (_areas(np.concatenate((loop, inner)), _band(np.arange(len(loop)) + len(loop), np.arange(len(loop)))) > 0).all()
+        for loop, inner in zip(loops, moved, strict=True)
     )
-    return forward and bool(shapely.Polygon(outer, holes).is_valid)
+    return flat and bool(shapely.Polygon(outer, holes).is_valid)
 
 
 def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
@@ -218,12 +539,68 @@ def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Si
     points, sizes = points[kept], sizes[kept]
     points = points[shapely.distance(plane.boundary, shapely.points(points)) > 0.6 * sizes]
     together = np.concatenate((*loops, points))
-    triangles = Delaunay(together).simplices.astype(np.int64)
-    a, b, c = np.moveaxis(together[triangles], 1, 0)
-    double = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    starts = np.cumsum([0, *map(len, loops)]).tolist()
+    sides = [(k, k + 1) for first, stop in itertools.pairwise(starts) for k in range(first, stop - 1)]
+    sides += [(stop - 1, first) for first, stop in itertools.pairwise(starts)]
+    triangles = _with_sides(together, Delaunay(together).simplices.astype(np.int64), sides)
+    double = _areas(together, triangles)
     triangles[double < 0] = triangles[double < 0, ::-1]
-    inside = shapely.contains_xy(plane, (a + b + c) / 3) & (np.abs(double) > 1e-9 * size**2)
+    inside = shapely.contains_xy(plane, together[triangles].mean(axis=1)) & (np.abs(double) > 1e-9 * size**2)
     return points, triangles[inside]
+
+
+def _with_sides(points: FloatArray, triangles: IntArray, sides: Sequence[tuple[int, int]]) -> IntArray:
+    """Exchange diagonals of a triangulation until it has all `sides` among its own, S. W. Sloan's way (1993)."""
+    found = [tuple(three) for three in triangles.tolist()]
+    beside: dict[tuple[int, int], set[int]] = {}
+    for k, three in enumerate(found):
+        for pair in itertools.combinations(sorted(three), 2):
+            beside.setdefault(pair, set()).add(k)
+
+    def turn(a: int, b: int, c: int) -> float:
+        (ax, ay), (bx, by), (cx, cy) = places[a], places[b], places[c]
+        return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+    def crosses(a: int, b: int, p: int, q: int) -> bool:
+        return turn(a, b, p) * turn(a, b, q) < 0 and turn(p, q, a) * turn(p, q, b) < 0
+
+    places = points.tolist()
+    for a, b in sides:
+        if (min(a, b), max(a, b)) in beside:
+            continue
+        waiting = [pair for pair in beside if not {a, b} & {*pair} and crosses(a, b, *pair)]
+        for _ in range(100 * len(waiting)):
+            if not waiting:
+                break
+            p, q = waiting.pop(0)
+            one, other = beside[p, q]
+            (r,), (s,) = {*found[one]} - {p, q}, {*found[other]} - {p, q}
+            if not crosses(p, q, r, s):  # the two do not make a convex quadrangle yet
+                waiting.append((p, q))
+                continue
+            for k in (one, other):
+                for pair in itertools.combinations(sorted(found[k]), 2):
+                    beside[pair].discard(k)
+            del beside[p, q]
+            found[one], found[other] = (p, r, s), (q, r, s)
+            for k in (one, other):
+                for pair in itertools.combinations(sorted(found[k]), 2):
+                    beside.setdefault(pair, set()).add(k)
+            if {r, s} != {a, b} and not {a, b} & {r, s} and crosses(a, b, r, s):
+                waiting.append((min(r, s), max(r, s)))
+    return np.array(found)
+
+
+def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+
+
+def _interleaved(one: npt.NDArray[Number], other: npt.NDArray[Number]) -> npt.NDArray[Number]:
+    return np.stack((one, other), axis=1).reshape(2 * len(one), *one.shape[1:])
+
+
+def _with_middles(values: FloatArray) -> FloatArray:
+    return np.append(_interleaved(values[:-1], (values[1:] + values[:-1]) / 2), values[-1])
 
 
 def _band(upper: IntArray, lower: IntArray) -> IntArray:
@@ -233,16 +610,17 @@ def _band(upper: IntArray, lower: IntArray) -> IntArray:
 
 
 def _cap(loop: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
-    """Points of a rule over a hole's area, with their weights in m²."""
+    """Points of a rule of the second degree over a hole's area, with their weights in m²."""
     points, triangles = _lattice([loop], step, step, lambda places: np.full(len(places), step))
-    a, b, c = np.moveaxis(np.concatenate((loop, points))[triangles], 1, 0)
-    area = ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
-    return (a + b + c) / 3, area
+    together = np.concatenate((loop, points))
+    places = np.einsum("pc,kcd->pkd", np.full((3, 3), 1 / 6) + np.eye(3) / 2, together[triangles])
+    return places.reshape(-1, 2), np.tile(_areas(together, triangles) / 3, 3)
 
 
-def _area(points: FloatArray, triangles: IntArray) -> float:
+def _areas(points: FloatArray, triangles: IntArray) -> FloatArray:
+    """Areas in m², positive where the corners are seen anticlockwise."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
-    return float(((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])).sum() / 2)
+    return np.asarray(((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2)
 
 
 def _loop_area(loop: FloatArray) -> float:

@@ -8,9 +8,10 @@ A (γ tanh(γt/2) − κ tanh(κt/2))/µ0; an odd one has coth for tanh. The rat
     λ_even = µ0/(γ tanh(γt/2) − κ tanh(κt/2)),   λ_odd = µ0/(γ coth(γt/2) − κ coth(κt/2)),
 
 and Z = jωλ. For patterns that are wide against t or the skin depth (κ → 0) it depends no more on κ: for t ≪ δ the
-sheet's 2/σt on each face and 6/σt, for t ≫ δ both (1 + j)/σδ. One κ stands for all of them: that of the widest patterns
-of the plate, 2 by its inscribed radius (a disc's first pattern has 2.4). At the rim, in the corner of a
-strip of metal, p_n = (2n + 1)π/t,
+sheet's 2/σt on each face and 6/σt, for t ≫ δ both (1 + j)/σδ. One κ stands for all of them: that of the coils' field, 2
+by their radius and distance together. Where the skin depth is large the field in the metal is the coils', whatever the
+pattern of the currents; where it is small κ hardly counts. At the rim, in the corner of a strip of metal,
+p_n = (2n + 1)π/t,
 
     F = Σ 8 k²/((2n + 1)²π² (p_n² + k²)^{3/2}),   λ_along = µ0/(k² F),   λ_across = µ0 F/(1 − tanh(kt/2)/(kt/2)),
 
@@ -33,10 +34,14 @@ from coilarray.geometry.material import Material
 _TERMS = 4096  # of F, whose rest falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: least |F|, beyond which the rim's current along it is none to double precision
 _WEAK = 1e-6  # |k²| by κ² + 4/t², below which differences are taken by the derivative
-_AT_EDGES = 0.3  # of the skin depth by the thickness: measured in ΔL − jΔR/ω of magnetic discs by finite elements
+# of the skin depth by the thickness: ΔL − jΔR/ω of magnetic discs errs by 0.3 to 0.55 by their edges against finite
+# elements; a plate is refused by the first, and the second is stated
+_AT_EDGES = 0.3, 0.7
 # discs of copper within a loop, by finite elements: ΔL errs by 0.2 to 0.35 of the skin depth over the radius, ΔR by
-# −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4 and 13 % at 2, and less in thinner ones
-_AT_RIM = 0.35, 0.13
+# −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4 and 13 % at 2, and less in thinner ones, whose currents
+# flow through the whole thickness and are taken at faces and rim. Of ΔL the first is of half the thickness, or of the
+# skin depth where that is less
+_AT_RIM = 0.5, 0.13
 _THIN = 2.0  # skin depths
 _DEEP = 20.0  # of the real part of γt/2, where tanh is 1
 
@@ -51,14 +56,14 @@ class SurfaceImpedance:
     across: complex
 
 
-def surface_impedance(material: Material, thickness: float, frequency: float, radius: float) -> SurfaceImpedance:
+def surface_impedance(material: Material, thickness: float, frequency: float, kappa: float) -> SurfaceImpedance:
     """Compute the impedances of a plate that is not magnetic.
 
-    Thickness and inscribed radius in m, frequency in Hz, positive.
+    Thickness in m and frequency in Hz, positive, κ in 1/m.
     """
     if math.isinf(material.conductivity):
         return SurfaceImpedance(0, 0, 0, 0)
-    even, odd = _faces(material, thickness, frequency, 2 / radius)
+    even, odd = _faces(material, thickness, frequency, kappa)
     k = (1 + 1j) / material.skin_depth(frequency)
     x = k * thickness / 2
     # 1 − tanh(x)/x without cancellation
@@ -82,14 +87,11 @@ class ModelError:
     resistance: float = 0.0
     depths: float = 0.0
 
-    @property
-    def attributes(self) -> dict[str, float]:
-        """Attributes of a dataset that say so."""
-        return {
-            "plate_error_inductance": self.inductance,
-            "plate_error_resistance": self.resistance,
-            "plate_skin_depths": self.depths,
-        }
+    def times(self, share: float) -> ModelError:
+        """Return a share of the errors."""
+        return replace(
+            self, whole=share * self.whole, inductance=share * self.inductance, resistance=share * self.resistance
+        )
 
     def or_worse(self, other: ModelError) -> ModelError:
         """Return the larger one of each, and the thickness of the plate whose ΔR errs more."""
@@ -101,12 +103,12 @@ class ModelError:
         )
 
 
-def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> ModelError:
-    """Errors of the reflection of an infinite plate, by the λ of a radius, at κ in 1/m.
+def model_error(material: Material, thickness: float, frequency: float, taken: float, kappa: float) -> ModelError:
+    """Errors of the reflection of an infinite plate, by the λ at the κ `taken`, at the wavenumber `kappa`, in 1/m.
 
     With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both. Of a magnetic plate
     R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and its errors are those of |R|,
-    besides what its edges err.
+    besides what its edges err, of the whole |ΔL − jΔR/ω|.
     """
     if math.isinf(material.conductivity):
         return ModelError()
@@ -115,27 +117,38 @@ def model_error(material: Material, thickness: float, frequency: float, radius: 
         way = kappa * material.relative_permeability * material.skin_depth(frequency) * (1 - 1j) / 2
         layer = Layer(thickness, material.relative_permeability, material.conductivity)
         wave = complex(layer_waves([layer], np.array([kappa]), 2 * np.pi * frequency).reflection[0])
-        error = abs((way - 1) / (way + 1) - wave) / abs(wave) + _AT_EDGES / depths
-        return ModelError(error, error, error, depths)
+        wide = abs((way - 1) / (way + 1) - wave) / abs(wave)
+        whole, stated = (wide + edges / depths for edges in _AT_EDGES)
+        return ModelError(whole, stated, stated, depths)
     e = math.exp(-kappa * thickness)
-    taken, exact = (
+    found, exact = (
         sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))
-        for values in (_faces(material, thickness, frequency, at) for at in (2 / radius, kappa))
+        for values in (_faces(material, thickness, frequency, at) for at in (taken, kappa))
     )
-    real, imaginary = abs(taken.real / exact.real - 1), abs(taken.imag / exact.imag - 1)
-    return ModelError(abs(taken / exact - 1), real, imaginary, depths)
+    real, imaginary = abs(found.real / exact.real - 1), abs(found.imag / exact.imag - 1)
+    return ModelError(abs(found / exact - 1), real, imaginary, depths)
 
 
-def with_rim(error: ModelError, skin: float, nearest: float, margin: float) -> ModelError:
+def own_share(material: Material, thickness: float, frequency: float, kappa: float) -> float:
+    """Share of its own field in the field that drives a current of κ in 1/m, 1 of a perfect conductor."""
+    if math.isinf(material.conductivity):
+        return 1.0
+    even, _ = _faces(material, thickness, frequency, kappa)
+    return 1 / abs(1 + 2 * kappa * even / (MU_0 * (1 + math.exp(-kappa * thickness))))
+
+
+def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: float, margin: float) -> ModelError:
     """Add what the sharp rim of a plate that is not magnetic errs, of which the model knows the mean current alone.
 
-    `skin` is the skin depth over the inscribed radius, `nearest` the distance d in m between the planes of plate and
-    coils, and `margin` how far, m, the plate goes on beyond the coils, 0 where its rim lies within them. The eddy
-    currents that a coil induces there fall as d²/(d² + m²), and the losses as their square.
+    `nearest` is the distance d in m between the planes of plate and coils, and `margin` how far, m, the plate goes on
+    beyond the coils, 0 where its rim lies within them. The eddy currents that a coil induces there fall as
+    d²/(d² + m²), and the losses as their square.
     """
-    share = (1 + (margin / nearest) ** 2) ** -2 * min((error.depths / _THIN) ** 2, 1.0)
+    share = (1 + (margin / nearest) ** 2) ** -2
     L, R = _AT_RIM
-    return replace(error, inductance=error.inductance + L * skin * share, resistance=error.resistance + R * share)
+    of_L = L * thickness / max(error.depths, 2.0) / inscribed
+    of_R = R * min((error.depths / _THIN) ** 2, 1.0)
+    return replace(error, inductance=error.inductance + of_L * share, resistance=error.resistance + of_R * share)
 
 
 def _faces(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:

@@ -15,7 +15,7 @@ from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.geometry.target import Body
 from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance
-from coilarray.metal.finite_plates import moving_plate, outlined_inductance
+from coilarray.metal.finite_plates import PlateError, moving_plate_with_error, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
 
 
@@ -69,6 +69,29 @@ def target_inductance(
     GeometryError
         A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
     """
+    return target_inductance_with_error(
+        source, target, places, distances, frequencies, sheets, plates,
+        accuracy=accuracy, fineness=fineness, progress=progress,
+    )[0]  # fmt: skip
+
+
+def target_inductance_with_error(
+    source: Source,
+    target: Target,
+    places: FloatArray,
+    distances: Sequence[float],
+    frequencies: FloatArray,
+    sheets: Sequence[Sheet] = (),
+    plates: Sequence[Plate | FinitePlate] = (),
+    *,
+    accuracy: Accuracy = "full",
+    fineness: float = 1.0,
+    progress: Progress | None = None,
+) -> tuple[ComplexArray, PlateError | None]:
+    """`target_inductance` with the error of a plate with an outline, None of other bodies.
+
+    The arrays of the error have the places of all distances in one row.
+    """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
     require_apart(body, plates)
@@ -80,17 +103,18 @@ def target_inductance(
         if len(endless) < len(plates):
             outlined = ([*plates], *([*plates, one] for one in moved))
             every = every + [outlined_inductance(source, c, frequencies, sheets, fineness=fineness) for c in outlined]
-        return np.repeat((every[1:] - every[0])[:, None], len(places), axis=1)
+        return np.repeat((every[1:] - every[0])[:, None], len(places), axis=1), None
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
+    error = None
     if isinstance(body, FinitePlate):
-        change = moving_plate(
+        change, error = moving_plate_with_error(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
         )  # fmt: skip
     else:
         change = ball_inductance(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
         )
-    return change.reshape(len(heights), len(places), *change.shape[1:])
+    return change.reshape(len(heights), len(places), *change.shape[1:]), error
 
 
 def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:

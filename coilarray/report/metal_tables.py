@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 import xarray as xr
 
-from coilarray.circuit.plates import plate_model_errors
+from coilarray.circuit.plates import plate_errors_by_name
 from coilarray.compute.display_units import MM, PERCENT, DisplayUnit
 from coilarray.design.model import Design
 from coilarray.geometry import FinitePlate
-from coilarray.metal.surface_impedance import ModelError
+from coilarray.metal.finite_plates import PlateError
 from coilarray.report.tables import Column, Table, Value, dataset_table
 
 _CONDUCTIVITY = DisplayUnit("MS/m", 1e-6, 4, significant=True)
@@ -25,9 +25,9 @@ _COMPARED = {
 def plate_table(design: Design, frequency: float) -> Table:
     """Return one row for each plate: its place, material, and its skin depth at a frequency in Hz.
 
-    Where there are plates with an outline, also how far ΔL and ΔR of these may be off by their model.
+    Where there are plates with an outline, also how far ΔL and ΔR of these may be off, by mesh and model.
     """
-    errors = plate_model_errors(design, frequency)
+    errors = plate_errors_by_name(design, frequency)
     columns: tuple[Column, ...] = (
         *map(Column, ("plate", "outline")),
         Column("z", "lowest point at z", "m", MM),
@@ -59,7 +59,7 @@ def plate_table(design: Design, frequency: float) -> Table:
     return Table("plates", "Plates", columns, tuple(rows))
 
 
-def _errors(errors: Mapping[str, ModelError], name: str) -> tuple[Value, ...]:
+def _errors(errors: Mapping[str, PlateError], name: str) -> tuple[Value, ...]:
     """Cells of the errors of a plate: empty for one without an outline, none where no plate has one."""
     if name in errors:
         return errors[name].inductance, errors[name].resistance

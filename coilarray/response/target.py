@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_circuit, provenance, widened
 from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
-from coilarray.circuit.plates import plate_model_errors
+from coilarray.circuit.plates import plate_errors_by_name
 from coilarray.circuit.readability import readability
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
@@ -27,10 +26,9 @@ from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
 from coilarray.geometry import FinitePlate, Plate, Target
-from coilarray.metal.finite_plates import moving_plate_error
+from coilarray.metal.finite_plates import PlateError, worst_attributes
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
-from coilarray.metal.surface_impedance import ModelError
-from coilarray.metal.target import require_apart, target_inductance
+from coilarray.metal.target import require_apart, target_inductance_with_error
 from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
@@ -38,8 +36,7 @@ from coilarray.response.target_range import ranges_of, require_noise
 _MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
 _MOST_NODES = 16  # of bands up to a factor of fifty
 _BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
-_COARSE = 0.5  # of the fineness of the mesh by which its error is estimated
-_OF_DIFFERENCE = 1 / 3  # of the difference between both meshes that is the finer one's error, of the second order
+_COARSE = 0.5  # of the fineness of the mesh by which the band of the resonances is guessed
 _LEFT_OUT = ("change of the losses in the copper by the target", "capacitance of the target")
 _QUANTITIES = (
     ("frequency", "Hz", "resonance frequency"),
@@ -112,7 +109,7 @@ def target_map(
     ideal : bool
         Leave AC resistance of the copper and all strays out of the circuit, unless `network` is given.
     fineness : float
-        Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; 2 takes eight times as long.
+        Fineness of the mesh of a plate with an outline: 2 has half the lengths of 1 and takes eight times as long.
     accuracy : {"full", "screen"}
         Accuracy of the target's changes and of the network, which is that of a given one, see
         `coilarray.inductance_matrix`.
@@ -148,12 +145,11 @@ def target_map(
 
         With plates that have an outline
 
-        - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates of the model's
-          error of ΔL and ΔR: the largest of the target at the least distance and of the fixed plates;
-          ``plate_skin_depths`` is the thickness of that plate in skin depths;
-        - of a target with an outline ``delta_error`` (distance, y, x, state) is the error of δ due to the mesh: a third
-          of the change by half the fineness, as for an error of second order. The attribute ``plate_error_mesh`` is the
-          same of ΔL, as a ratio of root mean squares.
+        - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are the relative errors of ΔL and ΔR
+          by mesh and model: the largest of the target and of the fixed plates; ``plate_skin_depths`` is the thickness
+          of that plate in skin depths;
+        - of a target with an outline ``delta_error`` (distance, y, x, state) is the error of δ due to those of ΔL and
+          ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.
 
     Raises
     ------
@@ -193,13 +189,13 @@ def target_map(
     middle = float(np.exp(np.log(resonances).mean()))
     nearest = replace(axes, depth=axes.depth[:1])
     at_middle = FrequencyBand(middle, middle)
-    first = _changes(design, nearest, at_middle.nodes, parts, None, _COARSE * fineness, "screen")
+    first = _changes(design, nearest, at_middle.nodes, parts, None, _COARSE * fineness, "screen")[0]
     _require_passive(network, first, nearest)
     guess = _cases(at_middle, first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
     for _ in range(2):  # the guess is of one frequency
         band = _around(np.append(moved, resonances))
-        changes = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
+        changes, *errors = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
         _require_passive(network, changes, axes)
         near, network = _cases(band, changes), widened(design, network, band.low, band.high, accuracy)
         solved = [_through_circuit(network, one, near, axes) for one in alone]
@@ -223,20 +219,24 @@ def target_map(
         result = result.assign(readability(design, ("distance", "y", "x", "state"), at, base))
     own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
     result = result.assign_attrs(noise=own).merge(ranges_of(result, sigma), combine_attrs="no_conflicts")
-    errors = list(plate_model_errors(design, float(mean.mean())).values())
+    stated = list(plate_errors_by_name(design, float(mean.mean())).values())
     if isinstance(target.body, FinitePlate):
-        height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
-        errors.append(moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets))
-        coarse = _cases(band, _changes(design, axes, band.nodes, parts, None, _COARSE * fineness))
-        other = [_through_circuit(network, one, coarse, axes)["effective_inductance"] for one in alone]
-        of_L = np.abs(by_state["effective_inductance"] - np.stack(other, axis=-1)) * _OF_DIFFERENCE
+        depths = target.body.thickness / target.body.material.skin_depth(float(band.nodes.max()))
+        in_a_row = [part.reshape(-1, *part.shape[2:]) for part in (changes, *errors)]
+        stated.append(PlateError(in_a_row[0], in_a_row[1], in_a_row[2], depths))
+        of_L = sum(
+            np.abs(by_state["effective_inductance"] - _moved(network, alone, _cases(band, changes + step), axes))
+            for step in (np.copysign(errors[0].real, changes.real), 1j * np.copysign(errors[0].imag, changes.imag))
+        )
         values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
-        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the mesh")
+        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the plate's mesh and model")
         result = result.assign(variables(row))
-        matrices, others = near.of_each(mean).real, coarse.of_each(mean).real
-        mesh = _OF_DIFFERENCE * float(np.linalg.norm(matrices - others) / np.linalg.norm(matrices))
-        result.attrs |= {"plate_error_mesh": mesh}
-    return result.assign_attrs(reduce(ModelError.or_worse, errors).attributes if errors else {})
+    return result.assign_attrs(worst_attributes(stated))
+
+
+def _moved(network: Network, alone: Sequence[Resonance], near: ChangeOverFrequency, axes: MapAxes) -> FloatArray:
+    """Effective inductance in H of all states, (cases, states)."""
+    return np.stack([_through_circuit(network, one, near, axes)["effective_inductance"] for one in alone], axis=-1)
 
 
 def _around(frequencies: FloatArray) -> FrequencyBand:
@@ -271,7 +271,10 @@ def _changes(
     fineness: float,
     accuracy: Accuracy = "full",
 ) -> ComplexArray:
-    """ΔL − jΔR/ω at all distances and places, (distances, places, frequencies, coils, coils) in H."""
+    """ΔL − jΔR/ω at all distances and places, (3, distances, places, frequencies, coils, coils) in H.
+
+    Of the three the second is its error, the third the part of the mesh in that; 0 of other bodies than plates.
+    """
     target = target_of(design)
     places = axes.places + target.origin_point
     paths = [conductor.vertices for conductor in design.array.conductors()]
@@ -295,17 +298,19 @@ def _changes(
             if progress is not None:
                 progress(100 * done + 100 * within // total, 100 * len(blocks))
 
-        change = target_inductance(
+        change, error = target_inductance_with_error(
             design.array, target, places, axes.depth[block].tolist(), frequencies, design.sheets, design.plates,
             accuracy=accuracy, fineness=fineness, progress=counted,
         )  # fmt: skip
-        for k, values in zip(block, change, strict=True):
+        both = [np.zeros_like(change)] * 2 if error is None else [error.absolute, error.mesh]
+        together = np.stack([change, *(part.reshape(change.shape) for part in both)])
+        for k, values in zip(block, np.moveaxis(together, 1, 0), strict=True):
             found[k] = values
             if parts is not None:
-                dims = ("place", "frequency", "coil", "other")
+                dims = ("value_or_error", "place", "frequency", "coil", "other")
                 part = xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
                 store.put_dataset(keys[k], part)
-    return np.stack([found[k] for k in range(len(keys))])
+    return np.stack([found[k] for k in range(len(keys))], axis=1)
 
 
 def _through_circuit(

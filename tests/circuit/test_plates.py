@@ -151,7 +151,7 @@ def test_a_plate_with_an_outline(bare: ca.Design, monkeypatch: pytest.MonkeyPatc
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))
     wide = ca.Plate("wide", 5e-3, 0.5e-3, ca.MATERIALS["copper"])
     disc = ca.FinitePlate("disc", ca.Disc(25e-3), (0, 0, 5.25e-3), 0.5e-3, wide.material)
-    assert 0 < plate_errors(replace(one, plates=(disc,)))["plate_error_inductance"] < 1e-2
+    assert 0 < plate_errors(replace(one, plates=(disc,)))["plate_error_inductance"] < 2e-2
     for others in ((), (SHIELD,)):
         endless, found = (
             plate_effect(replace(one, plates=(*others, plate)), 3e6, 3e6).at(np.array([3e6])).real

@@ -1,7 +1,7 @@
 """Eddy currents in finite plates, against closed forms, the infinite plate, finite elements and a turn of wire.
 
-A plate's moment in a uniform field, and ΔL of loops nearby. Meshes are those of `fineness` 1, whose error of ΔL is some
-0.2 %, unless a test measures the error itself or an identity that holds on every mesh. Several plates, and those
+A plate's moment in a uniform field, and ΔL of loops nearby. Tolerances are the stated errors, unless a test measures
+the error itself or an identity that holds on every mesh. Several plates, and those
 between infinite ones, are in `test_coupled_plates`.
 """
 
@@ -25,10 +25,10 @@ from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.material import MATERIALS, Material
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Rectangle, Ring
 from coilarray.metal import field_at_plate
-from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error
+from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error, moving_plate_with_error
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.half_body import EddyBody
-from coilarray.metal.plate_mesh import plate_mesh
+from coilarray.metal.plate_mesh import plate_mesh, plate_meshes
 from coilarray.metal.surface_impedance import SurfaceImpedance, surface_impedance
 
 ALUMINIUM = MATERIALS["aluminium"]
@@ -56,7 +56,7 @@ def test_disc_in_a_uniform_field():
     a, t, f = 10e-3, 1e-5, 1.0
     body = EddyBody(plate_mesh(Disc(a), t))
     assert moment(body, PERFECT) == pytest.approx(-8 / 3 * a**3 / MU_0, rel=5e-3)
-    weak = moment(body, surface_impedance(ALUMINIUM, t, f, a))
+    weak = moment(body, surface_impedance(ALUMINIUM, t, f, 2 / a))
     assert weak.imag == pytest.approx(-2 * np.pi * f * ALUMINIUM.conductivity * t * np.pi * a**4 / 8, rel=5e-3)
     assert abs(weak.real) < 1e-4 * abs(weak.imag)
 
@@ -66,18 +66,19 @@ def test_order_of_convergence():
     """Linear elements: the second order, here of the resistive disc whose moment is known."""
     a, t, f = 10e-3, 1e-4, 1.0
     exact = -2 * np.pi * f * ALUMINIUM.conductivity * t * np.pi * a**4 / 8
-    errors = []
-    for fineness in (0.35, 0.7):
-        body = EddyBody(plate_mesh(Disc(a), t, fineness))
-        errors.append(moment(body, surface_impedance(ALUMINIUM, t, f, 1e3 * a)).imag / exact - 1)
-    assert 1.6 < math.log2(errors[0] / errors[1]) < 2.6
+    coarse, fine = (
+        moment(EddyBody(mesh), surface_impedance(ALUMINIUM, t, f, 1.0)).imag / exact - 1
+        for mesh in plate_meshes(Disc(a), t)
+    )
+    assert 1.9 < math.log2(coarse / fine) < 2.1
+    assert abs(fine + (fine - coarse) / 3) < 2e-4  # what the next order leaves
 
 
 @pytest.mark.slow
 def test_sphere_in_a_uniform_field():
     """A shell with E = Z K: K = −½jωaB/(Z + ⅓jωµ0 a) sin θ, of the moment 4πa³K/3; both parities carry it."""
     a = 5e-3
-    sphere = sphere_body(a, 0.8)
+    sphere = sphere_body(a, 1.2)
     skin = MU_0 * 0.3e-3 * (0.5 - 0.5j)
     for impedance, share in ((PERFECT, 0.0), (SurfaceImpedance(skin, skin, skin, skin), skin)):
         exact = -2 * np.pi * a**3 / (3 * (share / a + MU_0 / 3))
@@ -90,10 +91,12 @@ def test_sphere_in_a_uniform_field():
 def test_a_wide_plate_is_one_without_end(sheets):
     loops, f = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))], [2e3, 2e5]
     plate = FinitePlate("wide", Disc(30e-3), (0.0, 0.0, 3.5e-3), 1e-3, ALUMINIUM)
-    finite = moving_plate(loops, plate, [plate.centre], f, sheets, fineness=0.6)[0]
+    finite, error = moving_plate_with_error(loops, plate, [plate.centre], f, sheets)
     without_end = plate_inductance(loops, [Plate("wide", 3e-3, 1e-3, ALUMINIUM)], f, sheets)
-    np.testing.assert_allclose(finite.real, without_end.real, rtol=3e-2)  # the rim, and a coarse mesh
-    np.testing.assert_allclose(finite.imag, without_end.imag, rtol=4e-2)
+    off, said = finite[0] - without_end, error.absolute[0]
+    assert (np.abs(off.real) < said.real + 1e-2 * np.abs(without_end.real)).all()  # 1 %: the rim, 25 mm away
+    assert (np.abs(off.imag) < said.imag + 1e-2 * np.abs(without_end.imag)).all()
+    assert error.mesh_inductance < 0.02
 
 
 @pytest.mark.slow
@@ -112,19 +115,18 @@ def test_axisymmetric_finite_elements(frequency):
     )
     plate = disc(thickness=2e-3)
     change = moving_plate([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])[0, 0]
-    np.testing.assert_allclose(change.diagonal().real, reference.real, rtol=5e-2 if frequency < 1e4 else 1e-2)
-    np.testing.assert_allclose(change.diagonal().imag, reference.imag, rtol=5e-2)
-    error = moving_plate_error([loop(*each) for each in loops], plate, [plate.centre], [frequency])
-    # by the impedance 6.3 % and 0.2 %, by the rim, 2 mm beyond the loops and 2 mm from them, 0.3 % and 0.5 %
-    assert error.inductance == pytest.approx(0.066 if frequency < 1e4 else 0.0072, rel=0.05)
-    mesh = 1e-2
-    assert (np.abs(change.diagonal().real / reference.real - 1) < error.inductance + mesh).all()
+    error = moving_plate_error([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])
+    said = error.absolute[0, 0].diagonal()
+    assert (np.abs(change.diagonal().real - reference.real) < said.real).all()
+    assert (np.abs(change.diagonal().imag - reference.imag) < said.imag).all()
+    assert error.inductance < 0.25
+    assert error.mesh_inductance < 0.01
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius", "thickness", "errors"),
-    [(7e-3, 35e-6, (1e-3, 0.01)), (6e-3, 0.5e-3, (1e-3, 0.03)), (4e-3, 1e-3, (3e-3, 0.12))],
+    [(7e-3, 35e-6, (1e-3, 0.01)), (6e-3, 0.5e-3, (2e-3, 0.03)), (4e-3, 1e-3, (4e-3, 0.12))],
     ids=["copper pour", "11 skin depths", "22 skin depths, within the loop"],
 )
 def test_axisymmetric_finite_elements_at_two_megahertz(radius, thickness, errors):
@@ -136,41 +138,68 @@ def test_axisymmetric_finite_elements_at_two_megahertz(radius, thickness, errors
     assert change.real == pytest.approx(reference.real, rel=errors[0])
     assert change.imag == pytest.approx(reference.imag, rel=errors[1])
     said = moving_plate_error([loop(a, sides=180)], plate, [plate.centre], [f])
-    assert abs(change.imag / reference.imag - 1) < said.resistance + 7e-3  # the mesh: 0.6 % of the pour, see below
+    assert abs(change.real / reference.real - 1) < said.inductance
+    assert abs(change.imag / reference.imag - 1) < said.resistance
     assert said.depths == pytest.approx(thickness / copper.skin_depth(f))
 
 
+def polyline(radius, start, stop):
+    angle = np.linspace(start, stop, 97)
+    return list(zip((radius * np.cos(angle)).tolist(), (radius * np.sin(angle)).tolist(), strict=True))
+
+
+def slotted(radius, inner, degrees=4.0):
+    """A ring that is cut along a slot."""
+    half = math.radians(degrees) / 2
+    return Polygon((*polyline(radius, half, 2 * np.pi - half), *polyline(inner, 2 * np.pi - half, half)))
+
+
+NARROW = {
+    # ΔR in nΩ at 1 kHz by Poisson's equation and Faraday's law in the plane, ΔL and ΔR/ω in nH by axisymmetric finite
+    # elements
+    "slotted ring 10/8 mm": (slotted(10e-3, 8e-3), (0.0, 0.0, 2e-3), 1e3, None, 0.2858 / (2e3 * np.pi)),
+    "slotted ring 10/3 mm": (slotted(10e-3, 3e-3), (0.0, 0.0, 2e-3), 1e3, None, 306.58 / (2e3 * np.pi)),
+    "strip 30 x 4 mm": (Rectangle(30e-3, 4e-3), (0.0, 8e-3, 2e-3), 1e3, -4.13e-6, 3.8878 / (2e3 * np.pi)),
+    "ring 10/8 mm, 100 kHz": (Ring(10e-3, 8e-3), (0.0, 0.0, 2e-3), 1e5, -4.7688, 1.9397e6 / (2e5 * np.pi)),
+    "ring 10/8 mm, 2 MHz": (Ring(10e-3, 8e-3), (0.0, 0.0, 2e-3), 2e6, -6.9444, 3.7783e6 / (4e6 * np.pi)),
+}
+
+
 @pytest.mark.slow
-def test_the_losses_in_a_pour_converge_to_finite_elements_by_the_second_order():
-    """0.59 and 0.29 % off at a fineness of 1 and √2, and 0.03 % where both are extrapolated: the mesh errs alone."""
-    a, gap, thickness, f, copper = 5e-3, 1e-3, 35e-6, 2e6, MATERIALS["copper"]
-    reference = disc_before_loop(a, gap, 7e-3, thickness, copper.conductivity, f).imag
-    pour = FinitePlate("pour", Disc(7e-3), (0.0, 0.0, gap + thickness / 2), thickness, copper)
-    coarse, fine = (
-        moving_plate([loop(a, sides=180)], pour, [pour.centre], [f], fineness=fineness)[0, 0, 0, 0].imag
-        for fineness in (1.0, math.sqrt(2))
-    )
-    assert (coarse - reference) / (fine - reference) == pytest.approx(2, abs=0.4)
-    assert 2 * fine - coarse == pytest.approx(reference, rel=1e-3)
+@pytest.mark.parametrize("name", NARROW)
+def test_narrow_plates_against_other_methods_within_the_stated_errors(name):
+    """Copper of 35 µm, 2 mm over a loop of 8 mm, by its local width; what is stated stays below 6 %."""
+    outline, place, f, L, R = NARROW[name]
+    plate = FinitePlate("narrow", outline, (0.0, 0.0, 0.0), 35e-6, MATERIALS["copper"])
+    change, error = moving_plate_with_error([loop(8e-3, sides=360)], plate, [place], [f], fineness=0.7)
+    assert abs(-1e9 * change.imag.item() - R) < 1e9 * error.absolute.imag.item()
+    assert error.resistance < 0.06
+    if L is not None:
+        assert abs(1e9 * change.real.item() - L) < 1e9 * error.absolute.real.item()
+        assert error.mesh_inductance < 0.1
 
 
+@pytest.mark.slow
 def test_what_the_rim_errs_is_said_where_currents_reach_it():
-    """13 % of ΔR within the coil or across it, through a hole too; nothing far beyond it, or in a perfect conductor."""
+    """13 % of ΔR within the coil or across it, through a hole too; nothing far beyond it, or in a perfect conductor.
+
+    Beside what the mesh errs, a coarse one here.
+    """
     coil, f = [loop(5e-3, sides=60)], [2e6]
 
     def said(outline, x=0.0, **changes):
         plate = FinitePlate("plate", outline, (x, 0.0, 2e-3), 1e-3, MATERIALS["copper"])
-        return moving_plate_error(coil, replace(plate, **changes), [(x, 0.0, 2e-3)], f)
+        error = moving_plate_error(coil, replace(plate, **changes), [(x, 0.0, 2e-3)], f, fineness=0.25)
+        return error.inductance - error.mesh_inductance, error.resistance - error.mesh_resistance
 
     for one in (said(Disc(4e-3)), said(Disc(20e-3), 17e-3), said(Ring(20e-3, 1e-3))):
-        assert 0.13 < one.resistance < 0.15
-        assert one.inductance < 0.01
-    wide = said(Disc(20e-3))
-    assert wide.resistance < 0.005
+        assert one[1] == pytest.approx(0.13, abs=0.02)
+        assert one[0] < 0.03
+    assert said(Disc(20e-3))[1] < 0.01
     # 1 mm beyond the coil, 1.5 mm from it
-    assert said(Disc(6e-3)).resistance == pytest.approx(0.13 / (1 + 1 / 1.5**2) ** 2, abs=5e-3)
-    assert said(Disc(4e-3), thickness=5e-6).resistance < 0.005
-    assert said(Disc(4e-3), material=Material("perfect", math.inf)).resistance == 0.0
+    assert said(Disc(6e-3))[1] == pytest.approx(0.13 / (1 + 1 / 1.5**2) ** 2, abs=1e-2)
+    assert said(Disc(4e-3), thickness=5e-6)[1] < 0.005
+    assert said(Disc(4e-3), material=Material("perfect", math.inf))[1] == 0.0
 
 
 @pytest.mark.slow

@@ -14,9 +14,13 @@ def sphere_body(radius, fineness):
     face = plate_mesh(Disc(1.0), 1.0, fineness)
     top = face.triangles[~face.rim]
     nodes = face.nodes[: top.max() + 1, :2]
+    edge = np.unique(face.triangles[face.rim])
+    edge = edge[edge < len(nodes)]
     distance = np.hypot(*nodes.T)
-    angle = np.pi / 2 * np.minimum(distance / distance[face.triangles[face.rim, 0].min() : len(face.ring)].mean(), 1.0)
+    angle = np.pi / 2 * np.minimum(distance / distance[edge].mean(), 1.0)
+    angle[edge] = np.pi / 2
     turned = nodes * (np.sin(angle) / np.maximum(distance, 1e-12))[:, None]
-    edge = np.flatnonzero(angle > np.pi / 2 * (1 - 1e-9))
-    points = radius * np.column_stack((turned, np.where(angle > np.pi / 2 * (1 - 1e-9), 0.0, np.cos(angle))))
+    height = np.cos(angle)
+    height[edge] = 0.0
+    points = radius * np.column_stack((turned, height))
     return EddyBody(replace(face, nodes=points, triangles=top, rim=np.zeros(len(top), bool), ring=edge))
