@@ -38,6 +38,7 @@ from coilarray.metal.surface_impedance import (
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""
 _OF_SPREAD = 0.5  # of the impedance's error at twice the wavenumber taken: that of all waves together
+_BY_LOSSES = 0.65  # over the distance of a single turn: mean wavenumber of its field by the losses in thick metal
 _OF_SECOND_ORDER = 3.0  # of the change between meshes of the lengths 2h and h: the error of h by the second order
 _OF_CORRECTION = 1.0  # of that error, by which h is corrected: what is left, which covers orders from 1.3 upwards
 _LEAST_SHARE = 0.5  # of the relative correction of both parts together: least of one, which may be small by chance
@@ -502,7 +503,7 @@ def _whole_model_error(
 ) -> ModelError:
     """Largest errors of the model with those of the rim; refuse a plate beyond the limit."""
     nearest = _distance(paths, plate, where, sheets)
-    error = _model_error(plate, frequencies, _field_scale(paths, plate, where))
+    error = _model_error(plate, frequencies, _field_scale(paths, plate, where), max(nearest, _least_spread(paths) / 2))
     if plate.material.relative_permeability != 1 or not error.depths:
         return error  # that of magnetic edges is in it
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
@@ -544,7 +545,7 @@ def _meshed(
 ) -> tuple[EddyBody, EddyBody]:
     """Return the plate's two meshes for all its places, or refuse it."""
     nearest = _distance(paths, plate, where, sheets)
-    _model_error(plate, frequencies, _field_scale(paths, plate, where))
+    _model_error(plate, frequencies, _field_scale(paths, plate, where), math.inf)
     area = shapely.union_all([translate(hull, -x, -y) for hull in _hulls(paths) for x, y in where[:, :2].tolist()])
     coarse, mesh = plate_meshes(
         plate.outline, plate.thickness, fineness, Footprint(area, nearest, _least_spread(paths))
@@ -600,8 +601,11 @@ def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArr
     return float(min(radii) + max(away, 0.0))
 
 
-def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float) -> ModelError:
-    """Largest errors of the model in a field that varies over a scale in m; refuse those beyond the limit."""
+def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shortest: float) -> ModelError:
+    """Largest errors of the model in a field that varies over a scale in m; refuse those beyond the limit.
+
+    Near a single turn the field also varies over a `shortest` length in m, by which ΔL and ΔR err and none is refused.
+    """
     inscribed = inscribed_radius(plate.outline)
     largest = ModelError()
     magnetic, material, thickness = plate.material.relative_permeability != 1, plate.material, plate.thickness
@@ -612,7 +616,12 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float) -> M
             # the waves of the field spread about the κ taken by about as much
             of_field = model_error(material, thickness, f, 2 / scale, 4 / scale).times(_OF_SPREAD)
             share = own_share(material, thickness, f, 2 / inscribed)
-            errors = [of_field, model_error(material, thickness, f, 2 / scale, 2 / inscribed).times(share)]
+            short = model_error(material, thickness, f, 2 / scale, max(_BY_LOSSES / shortest, 2 / scale))
+            errors = [
+                of_field,
+                replace(short, whole=0.0),
+                model_error(material, thickness, f, 2 / scale, 2 / inscribed).times(share),
+            ]
         largest = reduce(ModelError.or_worse, errors, largest)
         if largest.whole > LARGEST_ERROR:
             raise GeometryError(
