@@ -148,8 +148,9 @@ def test_parts_are_those_of_the_modules(design, scan):
     assert (scan.resistance_ratio > 1).all()
     assert (scan.winding_capacitance > scan.bare_winding_capacitance).all()
     assert ((scan.elastomer_delta > 0) & (scan.dent_delta_bound > 0)).all()
+    words_and_codes = {"resistance_model", "broken_limit", "drive_code", "path_drive_code"}
     for name, variable in scan.data_vars.items():
-        assert "units" in variable.attrs or name == "resistance_model"
+        assert "units" in variable.attrs or variable.dtype == bool or name in words_and_codes
 
 
 def test_states_of_several_coils():
