@@ -170,10 +170,11 @@ def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(capsys, tm
 
 async def watched(url, lines):
     """Open the page and its connection until there are lines in the log."""
+    place, token = url.split("?")
     async with aiohttp.ClientSession() as session:
-        async with session.post(f"{url}open/tab") as answer:
+        async with session.post(f"{place}open/tab?{token}") as answer:
             address = (await answer.json())["sessionURL"].replace("USE_HOST", url.split("/")[2])
-        async with session.ws_connect(address):
+        async with session.ws_connect(f"{address}{'&' if '?' in address else '?'}{token}"):
             start = time.monotonic()
             while not (lines.exists() and len(lines.read_text().splitlines()) > 2):
                 assert time.monotonic() - start < 10 * PATIENCE  # so long only where nothing comes

@@ -241,7 +241,7 @@ class _Studio:
             return "it is served to this computer alone."
         given = request.query.get("token") or request.cookies.get(self._cookie, "")
         if not hmac.compare_digest(given.encode(), self._address.token.encode()):
-            return "the address lacks its token; open the one that coilarray studio printed."
+            return "the address lacks its token; open the one that was printed."
         return ""
 
     # ------------------------------------------------------------------------ what is served
