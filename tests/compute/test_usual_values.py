@@ -19,7 +19,7 @@ from coilarray.errors import GeometryError, UnusualValueWarning
 # places, which may lie anywhere, and lists of them
 PLACES = {
     "x_mm", "y_mm", "z_mm", "at_mm", "corners_mm", "holes_mm", "lines_mm", "outline_mm", "origin_mm", "sample_x_mm",
-    "sample_y_mm", "x_positions_mm", "y_positions_mm",
+    "sample_y_mm", "x_positions_mm", "y_positions_mm", "ellipse_x_mm", "ellipse_y_mm",
 }  # fmt: skip
 
 

@@ -54,7 +54,8 @@ def test_rows_are_the_combinations_of_the_coordinates():
 def test_a_position_is_determined_to_less_than_the_width_of_the_map(worst, most):
     sigma = ("y", "x"), [[1e-5, 2e-5, worst]]
     axes = {"y": [0.0], "x": [-30e-3, 0.0, 30e-3]}
-    bounds = xr.Dataset({"sigma_x": sigma}, axes, {"noise": [1e-6], "common_noise": [0.0]})
+    over = {"over_coils": (("y", "x"), [[True, True, True]])}
+    bounds = xr.Dataset({"sigma_x": sigma}, axes | over, {"noise": [1e-6], "common_noise": [0.0]})
     row, _ = summary._position_rows(bounds)
     assert row[1:3] == (1e-5, most)
     assert row[-1].endswith("; at x 30, y 0 mm" if most else "; x cannot be determined at x 30, y 0 mm")

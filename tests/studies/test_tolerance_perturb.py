@@ -152,7 +152,7 @@ name = "gap"
 thickness_mm = 2.0
 [[elastomer]]
 name = "magnetic"
-thickness_mm = 1000.0
+thickness_mm = 200.0
 relative_permeability = 3.0
 """
     design, error = loops(sheets=sheets), 1e-4
