@@ -75,9 +75,12 @@ class ForwardModel(ResponseSpline):
     unread: BoolArray | None = None
 
     def unread_at(self, points: FloatArray) -> BoolArray | None:
-        """Whether the converter cannot read each state, shape (…, states), at points (…, 3) in m, or beside them.
+        """Tell which states the converter cannot read at points (…, 3) in m, or at a neighbour of theirs in the table.
 
-        None where it reads every state everywhere.
+        Returns
+        -------
+        ndarray of bool, shape (…, states), or None
+            True for what is not readable; None where it reads every state everywhere.
         """
         if self.unread is None:
             return None
