@@ -45,6 +45,7 @@ _LEAST_SHARE = 0.5  # of the relative correction of both parts together: least o
 _OF_INTEGRALS = 3e-4  # of the change: what the integrals over pairs of triangles err
 _WHERE = 0.1  # of the largest change at a frequency: places that count for the relative error
 _NOTHING = 1e-12  # of the change: least size of its real or imaginary part against which errors are taken
+_ALONE = 1.4  # of the fineness, where currents are taken from one mesh and not extrapolated
 _AT_ONCE = 2048  # fluxes solved for together
 _LOOPS_AT_ONCE = 64  # places of dipoles
 # loops of two by two about x, y and z
@@ -440,7 +441,7 @@ def _currents(
     where = np.array([magnetic.centre])
     _require_free(magnetic, where, endless)
     around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
-    _, body = _meshed(paths, magnetic, where, f, sheets, fineness)
+    _, body = _meshed(paths, magnetic, where, f, sheets, _ALONE * fineness)
     posed = PosedPlate(body, magnetic, where, ())
     return [[EddyCurrents(posed.corners, density)] for density in magnetic_currents(around, posed, alone=alone)]
 
@@ -494,7 +495,7 @@ def solve_outlined(
 ) -> OutlinedPlates:
     """Solve all plates with an outline, which must not be magnetic; the rest is as in `eddy_currents_over`."""
     paths = as_conductors(source)
-    _, (around, posed) = _all_posed(paths, plates, _checked_frequencies(frequencies), sheets, fineness)
+    _, (around, posed) = _all_posed(paths, plates, _checked_frequencies(frequencies), sheets, _ALONE * fineness)
     return OutlinedPlates(around, posed, around.solved(posed))
 
 

@@ -66,7 +66,7 @@ FOIL = Plate("foil", -2.5e-3, 0.02e-3, ALUMINIUM)
 
 @pytest.mark.parametrize(
     ("thickness", "beside", "fineness"),
-    [(METAL, (), 0.4), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.25)],
+    [(METAL, (), 0.6), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.25)],
     ids=["thick", "thin before another plate"],
 )
 def test_a_wide_disc_behind_a_foil_is_an_infinite_plate(coils, thickness, beside, fineness):
