@@ -1,7 +1,8 @@
-"""Independent solutions of plates with an outline, which tests/reference/ref_plates.csv has.
+"""Stated errors of plates with an outline cover the true ones, which independent solutions give.
 
 Who checks whom: finite elements about the axis (tests/support/axial_plates.py) against the infinite plate and the ball,
-which have closed forms; the stream function of thin plates (tests/support/thin_plates.py) against them.
+which have closed forms; the stream function of thin plates (tests/support/thin_plates.py) against them; the package
+against rows of tests/reference/ref_plates.csv, which these two wrote and `benchmarks/plate_errors.py` reads in full.
 """
 
 import numpy as np
@@ -10,11 +11,16 @@ from skfem import MeshQuad, MeshQuad2
 from support.axial_plates import AxialPlate, axial_change, change_on, lines
 from support.coil_paths import loop
 from support.random_plates import Case
+from support.references import rows
 from support.thin_plates import thin_truth
 
 from coilarray.geometry import Ball, Material, Plate
 from coilarray.metal.ball import ball_inductance
+from coilarray.metal.finite_plates import moving_plate_with_error
 from coilarray.metal.flat_plates import plate_inductance
+
+# quick ones of several kinds: discs, rings, rectangles, holes and slots, thick and thin, tilted, and iron
+ROWS = [rows("plates")[k] for k in (1, 4, 6, 11, 13, 15, 16, 20, 21, 32, 44, 51)]
 
 
 @pytest.mark.slow
@@ -53,3 +59,15 @@ def test_thin_plates_are_those_of_axial_elements():
     other, error = thin_truth(ring.paths, ring.plate, ring.frequency, (150, 600))
     assert abs(one.real - other.real) < own.real + error.real < 5e-3 * abs(one.real)
     assert abs(one.imag - other.imag) < own.imag + error.imag < 5e-3 * abs(one.imag)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row['outline']} {row['frequency']} Hz")
+def test_stated_errors_cover(row):
+    """Of ΔL and of ΔR apart."""
+    case = Case.of_row(row)
+    plate, ohms = case.plate, 2e3 * np.pi * case.frequency
+    change, error = moving_plate_with_error(case.paths, plate, [plate.centre], [case.frequency])
+    found, stated = change.sum(), error.absolute.sum()
+    assert abs(found.real * 1e9 - float(row["dL_nH"])) <= stated.real * 1e9
+    assert abs(-found.imag * ohms - float(row["dR_mOhm"])) <= stated.imag * ohms

@@ -137,11 +137,14 @@ def drawn(seed, number):
     gap, thickness, frequency = log(0.4, 8), log(0.035, 2), log(1e3, 1e7)
     conductivity, permeability = METALS[rng.integers(len(METALS))], 1.0
     if method == "iron" or (method == "thick" and rng.random() < 0.3):
-        conductivity, permeability = log(0.5e6, 12e6), log(1.5, 1000)
+        # most are thicker than three skin depths and discs, which is what the package computes
+        conductivity, permeability, thickness = log(0.5e6, 12e6), log(1.5, 1000), log(0.1, 2)
+        least = 9 / (np.pi * MU_0 * permeability * conductivity * (thickness * MM) ** 2)
+        frequency = log(min(max(1e3, 0.7 * least), 5e6), 1e7)
     if method in ("axial", "iron"):
         width = log(0.5, 30)
         inner = log(0.5, 14)
-        if rng.random() < 0.5 or inner + width > 20:
+        if rng.random() < (0.5 if method == "axial" else 0.85) or inner + width > 20:
             outline, numbers = "disc", rounded(width / 2 if width > 1 else 2 * width)
         else:
             outline, numbers = "ring", rounded(inner + width, inner)
