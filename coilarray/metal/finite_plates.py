@@ -90,16 +90,6 @@ class PlateError:
         """Relative error of ΔR, as of ΔL."""
         return self._share(self.absolute.imag, self.change.imag)
 
-    @property
-    def mesh_inductance(self) -> float:
-        """Part of the mesh in the error of ΔL."""
-        return self._share(self.mesh.real, self.change.real)
-
-    @property
-    def mesh_resistance(self) -> float:
-        """Part of the mesh in the error of ΔR."""
-        return self._share(self.mesh.imag, self.change.imag)
-
     def _share(self, error: FloatArray, values: FloatArray) -> float:
         of_error, of_value, size = (np.linalg.norm(part, axis=(-2, -1)) for part in (error, values, self.change))
         counted = (size >= _WHERE * size.max(axis=0)) & (of_error > 0)

@@ -19,7 +19,7 @@ from coilarray.metal.finite_plates import PlateError, moving_plate_with_error, o
 from coilarray.metal.flat_plates import plate_inductances
 
 
-def target_inductance(
+def target_inductance_with_error(
     source: Source,
     target: Target,
     places: FloatArray,
@@ -31,7 +31,7 @@ def target_inductance(
     accuracy: Accuracy = "full",
     fineness: float = 1.0,
     progress: Progress | None = None,
-) -> ComplexArray:
+) -> tuple[ComplexArray, PlateError | None]:
     """Change of the impedance matrix of coils by a target, as a complex inductance.
 
     Parameters
@@ -61,6 +61,8 @@ def target_inductance(
     -------
     ndarray of complex, shape (d, p, f, n, n)
         ΔZ/(jω) = ΔL − jΔR/ω in H, with the target less without.
+    PlateError or None
+        Errors of a plate with an outline; None for other bodies.
 
     Raises
     ------
@@ -68,29 +70,6 @@ def target_inductance(
         A sphere beside plates above the coils, and what the solver of the body refuses.
     GeometryError
         A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
-    """
-    return target_inductance_with_error(
-        source, target, places, distances, frequencies, sheets, plates,
-        accuracy=accuracy, fineness=fineness, progress=progress,
-    )[0]  # fmt: skip
-
-
-def target_inductance_with_error(
-    source: Source,
-    target: Target,
-    places: FloatArray,
-    distances: Sequence[float],
-    frequencies: FloatArray,
-    sheets: Sequence[Sheet] = (),
-    plates: Sequence[Plate | FinitePlate] = (),
-    *,
-    accuracy: Accuracy = "full",
-    fineness: float = 1.0,
-    progress: Progress | None = None,
-) -> tuple[ComplexArray, PlateError | None]:
-    """`target_inductance` with the error of a plate with an outline, None of other bodies.
-
-    The arrays of the error have the places of all distances in one row.
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]

@@ -155,7 +155,7 @@ def target_map(
     ------
     MetalError
         A design without a target, axes that are not finite and rising, a distance that is not positive, and what
-        `coilarray.metal.target.target_inductance` refuses.
+        `coilarray.metal.target.target_inductance_with_error` refuses.
     NetworkError
         A state without a resonance, also with the target.
     MemoryLimitError
