@@ -199,7 +199,13 @@ class Indentation:
         return np.array(self.sample_bounds[:2]) + rim, np.array(self.sample_bounds[2:]) - rim
 
     def in_ellipse_window(self) -> Indentation:
-        """Return the indentation with the positions alone to which the ellipse model is fitted."""
+        """Return the indentation at the positions to which the ellipse model is fitted.
+
+        Returns
+        -------
+        Indentation
+            The positions within `ellipse_bounds`, all where there are no bounds.
+        """
         if self.ellipse_bounds is None:
             return self
         x_min, y_min, x_max, y_max = self.ellipse_bounds

@@ -95,7 +95,7 @@ def _rows(
     own = coupling.open_inductance
     yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
     for name, words in _OF_STATES:
-        if scan is None or name not in scan:
+        if scan is None or name not in scan or not np.isfinite(scan[name]).any():
             continue
         values = scan[name]
         yield _row(

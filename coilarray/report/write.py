@@ -26,7 +26,7 @@ from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.words import metal_words
 from coilarray.design.write import as_file
-from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
+from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import check_rules
 from coilarray.geometry.words import array_words
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
@@ -199,9 +199,8 @@ def write_report(
         if fields:
             draw(figures.field_pictures, design, active, line, plane)
         step()
-        scan, sweep, circuit_problem = circuit.result()
-        if sweep is not None:
-            draw(figures.sweep_pictures, sweep)
+        scan, sweep = circuit.result()
+        draw(figures.sweep_pictures, sweep)
         step()
         response, response_problem = responding.result()
         positions, position_problem = None, "there is no response map."
@@ -241,7 +240,7 @@ def write_report(
             *([] if distortion is None else _distortion_tables(distortion)),
         ]
         broken = verdicts(scan, margins, seen, shown)
-        close = [] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency)
+        close = close_channels(scan.state.values.tolist(), scan.frequency)
         data: dict[str, object] = {
             "schema": 1,
             "provenance": {**provenance(design), "date": now()},
@@ -254,7 +253,6 @@ def write_report(
             "short_resistance_ohm": design.circuit.short_resistance,
             "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
             "left_out": coupling.attrs["left_out"],
-            "circuit_problem": circuit_problem,
             "close_channels": [{"states": [a, b], "relative_distance": distance} for a, b, distance in close],
             "close_channels_line": circuit_tables.close_line(close),
             "indentation_problem": indentation_problem or response_problem,
@@ -291,13 +289,10 @@ def write_report(
     return Report(folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].brief(), broken)
 
 
-def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
-    """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
-    try:
-        scan = scan_design(design)
-        return scan, sweep_design(design, sweep_frequencies(scan, _SWEEP_POINTS)), ""
-    except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
-        return None, None, str(error)
+def _circuit(design: Design) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return scan and sweep of the design's circuit."""
+    scan = scan_design(design)
+    return scan, sweep_design(design, sweep_frequencies(scan, _SWEEP_POINTS))
 
 
 def _without_plates(design: Design) -> xr.Dataset | None:
@@ -308,13 +303,13 @@ def _without_plates(design: Design) -> xr.Dataset | None:
 
 
 def _metal_tables(
-    design: Design, coupling: xr.Dataset, scan: xr.Dataset | None, without: xr.Dataset | None, target: xr.Dataset | None
+    design: Design, coupling: xr.Dataset, scan: xr.Dataset, without: xr.Dataset | None, target: xr.Dataset | None
 ) -> list[tables.Table]:
     found = []
     if design.plates:
         frequency = float(coupling.frequency.sel(coil=design.array.middle_coil))
         found.append(metal_tables.plate_table(design, frequency))
-    if scan is not None and without is not None:
+    if without is not None:
         found.append(metal_tables.beside_plates_table(scan, without))
     if target is not None:
         found += [target_tables.target_table(target), target_tables.range_table(target)]
@@ -379,9 +374,7 @@ def _curve(depths: Sequence[float]) -> list[float]:
     return sorted([*depths, *between[apart].tolist()])
 
 
-def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[tables.Table]:
-    if scan is None or sweep is None:
-        return []
+def _circuit_tables(scan: xr.Dataset, sweep: xr.Dataset) -> list[tables.Table]:
     of_scan = (
         circuit_tables.winding_table, circuit_tables.state_table, circuit_tables.state_current_table,
         circuit_tables.limit_table, circuit_tables.drive_table,

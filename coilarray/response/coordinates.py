@@ -126,7 +126,10 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
 
 
 def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
-    """Return the part of a map to which ellipses are fitted: all of it, unless the map has a window for that."""
+    """Return the part of a map to which ellipses are fitted.
+
+    All of it, unless the map has a window for that.
+    """
     window = response.attrs.get(ELLIPSE_WINDOW)
     if window is None:
         return response

@@ -289,7 +289,8 @@ def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, caps
     assert set(found[0]) == set(found[1])
     for name, expected in found[1].items():
         if expected.dtype.kind in "fc":  # a worker has one thread, this process all cores: sums are cut elsewhere
-            np.testing.assert_allclose(found[0][name], expected, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(expected)))
+            largest = np.abs(np.nan_to_num(expected)).max()  # amplitudes are missing where nothing is read
+            np.testing.assert_allclose(found[0][name], expected, rtol=1e-9, atol=1e-9 * largest)
         else:
             assert found[0][name].tolist() == expected.tolist()
 

@@ -77,6 +77,7 @@ def test_files_that_are_called_as_modules_are_not_executed(tmp_path, program, ar
     script = tmp_path / "program.py"
     script.write_text(program, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+    environment["COILARRAY_THREADS"] = "2"  # with one core there is no process beside that draws
     if program != COMPILING:
         del environment["NUMBA_CACHE_DIR"]  # which has no compiled kernels
     environment.pop("PYTHONSAFEPATH", None)

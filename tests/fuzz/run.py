@@ -72,6 +72,7 @@ _NO_KEYS = (
     "has no key '",
     "the file must be a table",
     "it must have kind",
+    "its last line, a checksum, is missing",
     "hash must be",  # of all other keys
 )
 

@@ -172,11 +172,16 @@ def test_the_table_is_exact_for_what_its_splines_can_be():
 def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     depth, y, x = table_axes(PAPER)
     assert max(np.diff(x).max(), np.diff(y).max()) <= 1.2e-3
+    assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, 66e-3, -14e-3, 14e-3, 1.7e-3))
+    # the coils reach further than a map of the paper's window
+    window = read("gast2020").replace("x_mm = [-26, 66]", "x_mm = [-26, 26]")
+    window = window.replace("y_mm = [-14, 14]", "y_mm = [-6, 6]")
+    depth, y, x = table_axes(parse_design(window))
     right, high = 53.12e-3 + 11.5e-3, 11.5e-3 / math.cos(math.pi / 6)
     assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, right, -high, high, 1.7e-3))
     # a sample with edges is not left
     edges = 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
-    depth, y, x = table_axes(parse_design(read("gast2020").replace('origin = "coil2" ', edges)))
+    depth, y, x = table_axes(parse_design(window.replace('origin = "coil2" ', edges)))
     assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, 26e-3, -6e-3, 6e-3, 1e-3))
 
 

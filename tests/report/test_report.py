@@ -426,7 +426,7 @@ def test_single_coil_report(tmp_path):
     assert not re.search("other coils|coupling report", text, re.IGNORECASE)
 
 
-def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
+def test_a_winding_without_a_capacitance_model_still_has_a_report(tmp_path):
     hairpin = """
 schema = 1
 name = "hairpin"
@@ -439,12 +439,11 @@ array.placements = [{ name = "a", coil = "pin", layers = ["top"], x_mm = 0, y_mm
     made = written_report(parse_design(hairpin), tmp_path, progress=lambda *step: seen.append(step))
     page = made.page.read_text(encoding="utf-8")
     assert seen == [(done, 8) for done in range(1, 9)]
-    assert made.data["circuit_problem"]
-    assert f"Not computed: {made.data['circuit_problem']}" in page
+    assert "capacitance of the windings: the winding of a must have turns" in page
     # no elastomer, no indentation
     assert not re.search("Indentation|magnetic sheets", page)
     assert made.data["indentation_problem"] == ""
-    assert not any((made.folder / name).exists() for name in ("scan.nc", "indentation.nc"))
+    assert not any((made.folder / name).exists() for name in ("response.nc", "indentation.nc"))
 
 
 METAL = """
