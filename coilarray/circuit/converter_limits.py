@@ -20,7 +20,7 @@ REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
-_SHOWN = {"Ω": DisplayUnit("kΩ", 1e-3)}
+_KILOHM, _KILOHERTZ = DisplayUnit("kΩ", 1e-3), DisplayUnit("kHz", 1e-3)
 DRIVE_WINDOW = "R_p (Ω)"
 """Name of the limit of `check_channel` that holds the parallel resistance to `RESISTANCE`."""
 RESISTANCE = (1e3, 100e3)
@@ -30,12 +30,11 @@ SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 AMPLITUDES = (0.99 * AMPLITUDE_LOW, 1.02 * AMPLITUDE_HIGH)
 """The same as far as the rows of table 42, which are rounded, go beyond it."""
-LARGEST_REFERENCE = 35e6
-"""Largest reference frequency with one channel in Hz."""
 DIVIDED_FROM = 8.75e6
 """Frequency of a sensor in Hz from which FIN_DIVIDER must be at least 2."""
 _LARGEST_SHARE_OF_REFERENCE = 0.25
-_LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
+LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
+"""Largest frequency of a sensor over the self-resonance of its coil."""
 _SMALLEST_QUALITY = 1.0
 LARGEST_INPUT_DIVIDER = 15
 """Largest FIN_DIVIDER."""
@@ -117,14 +116,20 @@ class Limit:
     def _texts(self) -> tuple[str, str, str]:
         """Return name, value and allowed range."""
         name, _, unit = self.name.removesuffix(")").partition(" (")
-        shown = _SHOWN.get(unit) or display_unit(unit)
-        counts = not unit and float(self.value).is_integer()
-        value, low, high = (shown.text(one, ".6" if counts else ".4") for one in (self.value, self.low, self.high))
+        digits = ".6" if not unit and float(self.value).is_integer() else ".4"  # of a count, and of a measure
+        value, low, high = (shown_unit(unit, one).text(one, digits) for one in (self.value, self.low, self.high))
         if math.isinf(self.high):
             allowed = f"at least {low}"
         else:
             allowed = f"at most {high}" if self.low <= 0 else f"{low} to {high}"
         return name, value, allowed
+
+
+def shown_unit(unit: str, value: float) -> DisplayUnit:
+    """Return the unit in which people read a value: frequencies below 1 MHz in kHz, resistances in kΩ."""
+    if unit == "Ω":
+        return _KILOHM
+    return _KILOHERTZ if unit == "Hz" and value < 1e6 else display_unit(unit)
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
@@ -315,10 +320,9 @@ def check_channel(
     limits = [
         sensor,
         Limit("sensor frequency by divider over reference", share, 0, _LARGEST_SHARE_OF_REFERENCE),
-        Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
+        Limit("frequency over self-resonance", frequency / self_resonance, 0, LARGEST_SHARE_OF_SELF_RESONANCE),
         resistance,
         quality,
-        Limit("reference frequency (Hz)", reference, 0, LARGEST_REFERENCE),
         Limit("FIN_DIVIDER", divider, 2 if frequency >= DIVIDED_FROM else 1, LARGEST_INPUT_DIVIDER),
     ]
     if amplitude.low > 0:

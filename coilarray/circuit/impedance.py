@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.circuit.converter_limits import LARGEST_SHARE_OF_SELF_RESONANCE
 from coilarray.circuit.coupling import circuit_parts, permittivity_above, provenance, swept_circuit
 from coilarray.circuit.network import (
     Network,
@@ -200,6 +201,28 @@ def _self_resonances(
         if all(low <= one <= high for one in found if math.isfinite(one)):
             break
     return found
+
+
+@serial_algebra()
+def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
+    """Return what decides whether a converter can read the flat board, in a part of the time of `scan_design`.
+
+    Dimension ``state``: ``frequency``, ``parallel_resistance``, ``loaded_quality_factor``, and those of
+    `coilarray.circuit.readability.readability`, as there; ``state_self_resonance`` is infinite where it is too far
+    above the frequency to count, and without what plates do there. NetworkError as there.
+    """
+    network = circuit_parts(design, accuracy=accuracy).network
+    results = [resonate(network, state) for state in design.plan]
+    at = {name: np.array([getattr(one, name) for one in results]) for name in RESONATOR}
+    states, within = ("state",), 1 / LARGEST_SHARE_OF_SELF_RESONANCE
+    rows = variables(
+        ("frequency", states, at["frequency"], "Hz", "resonance frequency"),
+        ("parallel_resistance", states, at["parallel_resistance"], "ohm", "parallel resistance"),
+        ("loaded_quality_factor", states, [loaded_quality(network, one) for one in results], "1", "quality factor"),
+        ("state_self_resonance", states, [self_resonance_of(network, one, within) for one in results], "Hz",
+         "self-resonance without the tank"),
+    )  # fmt: skip
+    return xr.Dataset(rows | readability(design, states, at, at), {"state": [state.name for state in design.plan]})
 
 
 @serial_algebra()

@@ -278,10 +278,10 @@ def loaded_quality(network: Network, result: StateResult) -> float:
     return result.frequency / 2 * susceptance_slope(network, result.state, result.frequency) / result.admittance.real
 
 
-def self_resonance_of(network: Network, result: StateResult) -> float:
+def self_resonance_of(network: Network, result: StateResult, within: float = _SEARCH) -> float:
     """Lowest frequency in Hz above a resonance at which the state without its tank turns from coil to capacitor.
 
-    Infinite where there is none below thirty times the resonance.
+    Infinite where there is none below `within` times the resonance.
     """
     wiring = _wire(network, result.state)
 
@@ -289,7 +289,8 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
         return np.asarray((1 / _solve_with_tank(network, wiring, frequencies, network.inductance)[0]).imag)
 
     # fine steps: modes of several coils lie close together
-    crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, _SEARCH, _FINE_POINTS))
+    points = math.ceil(_FINE_POINTS * math.log(within) / math.log(_SEARCH))
+    crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, within, points))
     return math.inf if crossing is None else crossing
 
 

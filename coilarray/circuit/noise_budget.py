@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.circuit.converter_limits import broken_limit
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
@@ -84,12 +85,15 @@ class NoiseBudget:
         Settings for which it holds.
     reference : tuple of str
         Reference coils whose δ has been taken from that of the others; none by default.
+    unread : tuple of str
+        Names of the states, and reference coils, that no LDC1614 can read, so that their noise is of no use.
     """
 
     states: tuple[str, ...]
     causes: tuple[Cause, ...]
     readout: Readout
     reference: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         noise, drift = self.noise.max(), np.abs(self.drift).max()
@@ -215,7 +219,7 @@ class NoiseBudget:
             )
             for cause in self.causes
         )
-        return NoiseBudget(others, causes, self.readout, tuple(reference))
+        return replace(self, states=others, causes=causes, reference=tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
         """Return everything as plain values in SI, for JSON.
@@ -227,6 +231,7 @@ class NoiseBudget:
         """
         return {
             "states": list(self.states),
+            "not_readable": list(self.unread),
             "reference": list(self.reference),
             "rcount": self.readout.rcount,
             "reference_frequency_Hz": self.readout.reference,
@@ -294,10 +299,14 @@ def noise_budget(
     circuit = design_circuit(design) if network is None else network
     found = [resonate(circuit, state) for state in design.plan]
     changed = design if readout is None else replace(design, readout=readout)
-    return budget_of(
-        changed, [one.frequency for one in found], [loaded_quality(circuit, one) for one in found],
-        switches=circuit.switches,
-    )  # fmt: skip
+    frequencies = [one.frequency for one in found]
+    budget = budget_of(changed, frequencies, [loaded_quality(circuit, one) for one in found], switches=circuit.switches)
+    if not design.readout.converter:
+        return budget
+    broken = broken_limit(
+        frequencies, [one.parallel_resistance for one in found], [one.quality_factor for one in found]
+    )
+    return replace(budget, unread=tuple(name for name, no in zip(budget.states, broken.tolist(), strict=True) if no))
 
 
 def budget_of(

@@ -191,8 +191,8 @@ def reading_lines(response: xr.Dataset) -> list[str]:
             worst = np.unravel_index(int(away.argmax()), away.shape)
             limits = check_channel(float(f[worst]), float(R_p[worst]), float(Q[worst]))
             said = next(limit.words for limit in limits if not limit.kept)
-            count = f"{there.sum()} of {there.size} values, the worst" if there.ndim > 1 else ""
-            lines.append(f"The converter cannot read {count} {_place(broken, worst)}: {said}.")
+            count = f"{there.sum()} of {there.size} values, the worst " if there.ndim > 1 else ""
+            lines.append(f"The converter cannot read {count}{_place(broken, worst)}: {said}.")
     drives = [one for one in path_drives(response) if one.code >= 0 and not one.kept]
     if drives:
         one = min(drives, key=lambda one: min(one.least, AMPLITUDE_LOW * AMPLITUDE_HIGH / one.most))

@@ -44,7 +44,8 @@ def check(
 
     Prints the smallest margin of each rule on each layer, in one row where layers have the same: first the broken
     rules, then those for lengths, for ratios, and for the bare board, each by rising margin. The exit code is 2 if one
-    is broken. A picture shows the copper of every layer, with these places circled and numbered as in the table.
+    is broken. A line below says whether an LDC1614 can read the coils of the flat board, which is no rule. A picture
+    shows the copper of every layer, with these places circled and numbered as in the table.
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
@@ -55,6 +56,7 @@ def check(
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.rules import KEPT_WITHIN
     from coilarray.geometry.words import array_words
+    from coilarray.report.summary import converter_line
     from coilarray.report.tables import rules_table
 
     if list_fabs:
@@ -69,6 +71,7 @@ def check(
     limits = load_profile(fab).rules if fab else opened.rules
     with shared.progress_bar(f"rules of {len(opened.array.names)} coils") as progress:
         margins = check_rules(opened.array, limits, progress=progress)
+    converter = converter_line(opened)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
     groups = [[one] for one in shown] if every else _equal_layers(shown)
@@ -80,8 +83,10 @@ def check(
     rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
     lines = [f"board: {array_words(opened.array)}", _margins_text(rows, profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
+    lines += [converter] if converter else []
     source = None if profile is None else _source(profile)
-    data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
+    rules = rules_table(margins).records()
+    data = {**shared.design_record(opened), "fab": source, "rules": rules, "converter": converter}
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)

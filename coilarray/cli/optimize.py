@@ -189,6 +189,7 @@ def _print_result(result: Optimization) -> None:
         reason_table,
         variable_table,
     )
+    from coilarray.report.summary import converter_line
 
     searched = sum(trial.kind == "search" for trial in result.trials)
     refined = len(result.trials) - searched
@@ -217,6 +218,9 @@ def _print_result(result: Optimization) -> None:
         typer.echo(
             f"{', '.join(broken)} break fabrication rules (coilarray check), which the sampler cmaes does not know"
         )
+    for one in chosen:
+        if "cannot" in (read := converter_line(one.design)):
+            typer.echo(f"{one.label}: {read}")
     if len(result.goal.objectives) > 1:
         typer.echo(f"Pareto front: {len(result.front)} designs")
 

@@ -59,7 +59,7 @@ def sweep(
     an interrupted sweep and no point is computed twice. A point that gives no design is empty in the file, with the
     reason. Values are in the unit of their name. Points that break fabrication rules are marked by fab_broken in the
     file and by crosses in the plot, and so are those that no LDC1614 reads, by converter_unread; they are left out of
-    the table, and the former are never the best. With --goal the quantities of the goal are computed too, and the best
+    the table and are never the best. With --goal the quantities of the goal are computed too, and the best
     points are printed; the entries that the goal varies are the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png

@@ -181,7 +181,8 @@ def _remarks(result: xr.Dataset) -> list[str]:
     if "sample_yield" in result:
         lines.append("the interval of the yield is for independent boards, and approximate for Sobol points")
     if "not_read" in result.attrs:
-        lines.append(f"an LDC1614 cannot read all of it on {result.attrs['not_read']} (unread in the file)")
+        bad = "; they count as bad in the yield of what it reads" if "sample_yield" in result else ""
+        lines.append(f"an LDC1614 cannot read all of it on {result.attrs['not_read']} (unread in the file){bad}")
     if result.attrs.get("undetermined"):
         lines.append(f"taken as known, as a reading has almost no information about it: {result.attrs['undetermined']}")
     if "found" in result.attrs and "value" in result:

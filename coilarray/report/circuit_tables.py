@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import xarray as xr
 
-from coilarray.circuit.converter_limits import check_channel, drive_for
+from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_for
 from coilarray.circuit.impedance import CLOSE_CHANNELS
 from coilarray.circuit.readability import with_reasons
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
@@ -98,7 +98,7 @@ def drive_table(scan: xr.Dataset) -> Table:
     )
     rows: list[tuple[Value, ...]] = []
     for state, f, R_p, Q, _ in _resonators(scan):
-        drive = drive_for(R_p)
+        drive = drive_for(R_p) if RESISTANCE[0] <= R_p <= RESISTANCE[1] else None
         setting = ("none fits", "", "") if drive is None else (str(drive.code), drive.current, drive.amplitude)
         rows.append((state, *setting, settle_count(f, Q)))
     return Table("ldc1614_drive", "Drive of the LDC1614", columns, tuple(rows))

@@ -50,8 +50,11 @@ def sigma_table(budget: NoiseBudget) -> Table:
         Column("noise", "noise of δ", "1", _NOISE),
         Column("drift", "drift of δ", "1/K", _DRIFT),
         Column("sigma", "σ of δ", "1", _NOISE),
+        *([Column("readable")] if budget.unread else []),
     )
-    values = (budget.noise.tolist(), budget.drift.tolist(), budget.sigma.tolist())
+    values = [budget.noise.tolist(), budget.drift.tolist(), budget.sigma.tolist()]
+    if budget.unread:
+        values.append([name not in budget.unread for name in budget.states])
     return Table("sigma", "δ of a reading", columns, tuple(zip(budget.states, *values, strict=True)))
 
 
@@ -66,6 +69,8 @@ def budget_lines(budget: NoiseBudget) -> list[str]:
     ]
     if budget.reference:
         lines.append(f"less the mean δ of {', '.join(budget.reference)}, which must not be pressed")
+    if budget.unread:
+        lines.append(f"no LDC1614 can read {', '.join(budget.unread)}, whose noise is of no use: coilarray impedance")
     if assumed:
         lines.append(f"assumed, not verified on a board: {', '.join(assumed)}; change them in [readout]")
     return lines

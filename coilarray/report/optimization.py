@@ -100,7 +100,8 @@ def none_better(result: Optimization) -> str:
     """Say in words that the search has found no design to write, and how near it came."""
     start = result.start
     if not start.feasible:
-        why = f": {start.reason.rstrip('.')}" if start.reason else ""
+        broken = ", ".join(bound for bound, violation in start.violations.items() if violation > 0)
+        why = f": {start.reason.rstrip('.')}" if start.reason else f", as it breaks {broken}"
         return f"no design is found that keeps all bounds; the given design does not either{why}"
     kept = [trial for trial in result.trials if trial.feasible and trial.scores and not _is_start(result, trial)]
     text = "no design is better than the one at hand, which keeps all bounds"

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from coilarray.circuit.impedance import resonators
 from coilarray.circuit.readability import readable_of, reading_lines
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit, true_minus
-from coilarray.errors import LocalizeError
+from coilarray.design.model import Design
+from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.localize.forward import forward_model
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
     from coilarray.geometry import CoilArray
 
+_MOST_READ = 64  # coils, which take a few seconds
 _ALIKE = 1e-9  # of a number: what rounding makes different
 _PPM = "ppm"  # a pure number, shown in parts per million
 _SHOWN = {_PPM: PER_MILLION, "ohm": KILOHM}
@@ -86,6 +89,20 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
         lines.append(f"The converter cannot read {state}: {limit.words}.")
     # of a map of the flat board alone, over its states, the scan has said it
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
+
+
+def converter_line(design: Design) -> str:
+    """Say in a line whether an LDC1614 can read the flat board of a design; empty for a design without a converter."""
+    count = len(design.array.names)
+    if not design.readout.converter:
+        return ""
+    if count > _MOST_READ:
+        return f"converter: not looked at, as the board has {count} coils; coilarray impedance does"
+    try:
+        found = resonators(design)
+    except CoilarrayError as error:
+        return f"converter: not known, as {error}"
+    return " ".join(verdicts(found, ())) or "converter: every limit of an LDC1614 is kept"
 
 
 def _rows(

@@ -36,7 +36,6 @@ RULES = "fab_broken"
 """Quantity that every sweep has: how many fabrication rules a point breaks. What overlaps has values, and no board."""
 UNREAD = "converter_unread"
 """Quantity that a sweep of what a converter reads has: how many of these values it cannot read."""
-_NOT_READ = ("geometry", "coupling")  # costs of quantities that need no converter
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid
@@ -262,7 +261,7 @@ def plan_sweep(
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
         raise GoalError("a sweep must have at least one quantity or goal.")
-    if any(one.quantity.cost not in _NOT_READ for one in requests.values()):
+    if any(one.quantity.is_read for one in requests.values()):
         requests[UNREAD] = request(UNREAD)  # after the others, which say what is read
     requests.setdefault(RULES, request(RULES))
     file = as_file(design)

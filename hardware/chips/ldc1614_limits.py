@@ -9,7 +9,6 @@ import math
 
 from coilarray.circuit.converter_limits import (
     LARGEST_INPUT_DIVIDER,
-    LARGEST_REFERENCE,
     REFERENCE,
     SENSOR_FREQUENCY,
     Drive,
@@ -18,6 +17,7 @@ from coilarray.circuit.converter_limits import (
     drive_for,
     least_divider,
     require_each_positive,
+    shown_unit,
 )
 from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
@@ -32,6 +32,7 @@ __all__ = [
     "drive_for", "input_divider", "largest_reference", "reference_divider", "settle_count", "smallest_rcount",
 ]  # fmt: skip
 
+_LARGEST_REFERENCE = 35e6  # Hz, with one channel
 _LARGEST_SCANNING, _LARGEST_SCANNING_EXTERNAL = 55e6, 40e6  # Hz, with several channels
 _LEAST_SCANNING_RCOUNT, LEAST_SCANNING_SETTLE_COUNT = 9, 4
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
@@ -72,7 +73,7 @@ def largest_reference(*, external: bool = False, channels: int = 1) -> float:
     (35000000.0, 55000000.0, 40000000.0)
     """
     if channels == 1:
-        return LARGEST_REFERENCE
+        return _LARGEST_REFERENCE
     return _LARGEST_SCANNING_EXTERNAL if external else _LARGEST_SCANNING
 
 
@@ -142,7 +143,7 @@ def input_divider(frequency: float, reference: float) -> int:
     require_each_positive(frequency=frequency, reference=reference)
     divider = least_divider(frequency, reference)
     if divider > LARGEST_INPUT_DIVIDER:
-        shown, of_reference = map(_frequency_text, (frequency, reference))
+        shown, of_reference = (shown_unit("Hz", one).text(one, ".4") for one in (frequency, reference))
         raise ValueError(f"frequency {shown} must be below {LARGEST_INPUT_DIVIDER}/4 of {of_reference}.")
     return divider
 
@@ -153,12 +154,7 @@ def deglitch_for(frequency: float) -> int:
     >>> deglitch_for(2e6)
     4
     """
-    low, high = SENSOR_FREQUENCY
-    if not low <= frequency <= high:
-        low_text, high_text, shown = map(_frequency_text, (low, high, frequency))
-        raise ValueError(f"frequency must be {low_text} to {high_text}; got {shown}.")
+    limit = Limit("frequency (Hz)", frequency, *SENSOR_FREQUENCY)
+    if not limit.kept:
+        raise ValueError(limit.refusal)
     return next(code for code, edge in DEGLITCH.items() if frequency < edge)
-
-
-def _frequency_text(frequency: float) -> str:
-    return f"{frequency * 1e-6:g} MHz" if frequency >= 1e6 else f"{frequency * 1e-3:g} kHz"

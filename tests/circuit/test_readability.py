@@ -21,21 +21,31 @@ from coilarray.circuit.converter_limits import (
     check_channel,
     shared_drive,
 )  # fmt: skip
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.impedance import resonators, scan_design
+from coilarray.circuit.network import Network, resonate, self_resonance_of
+from coilarray.circuit.noise_budget import noise_budget
 from coilarray.circuit.readability import path_drives, reading_lines
+from coilarray.compute.workers import workers
 from coilarray.design.model import parse_design
+from coilarray.design.scan_states import ScanState, Switches
+from coilarray.design.write import as_file
 from coilarray.errors import GoalError
 from coilarray.geometry import Plate
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.localize.inverse import locate
-from coilarray.report.circuit_tables import limit_table
-from coilarray.report.summary import verdicts
+from coilarray.report.circuit_tables import drive_table, limit_table
+from coilarray.report.noise_tables import sigma_table
+from coilarray.report.summary import converter_line, verdicts
 from coilarray.report.target_tables import path_drive_table, range_table, target_table
 from coilarray.response.target import target_map
 from coilarray.response.target_range import ranges_of
 from coilarray.studies.create import broken_limits
+from coilarray.studies.optimize.goals import derive_goal, keeping_rules
+from coilarray.studies.optimize.trials import best_points
 from coilarray.studies.quantities import evaluate
+from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
+from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
 
 STEEL = ca.MATERIALS["steel"]
 PROBE = """
@@ -229,6 +239,75 @@ def test_quantities_of_what_no_converter_reads_are_marked_or_refused(probe):
     assert near["converter_unread"] == 1.0  # 0.5 mm by default
     with pytest.raises(GoalError, match="does not read coil1"):
         evaluate(probe, ["target_deviation_um[coil1]"], accuracy="screen")
+
+
+def with_tank(capacitance):
+    """The coil alone: with 51.2 pF it oscillates at 10 MHz, with less above, and from 2.5 nF on R_p is below 1 kΩ."""
+    return parse_design(f"{PROBE.partition('[target]')[0]}[circuit]\ncapacitance_pF = {capacitance}\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("capacitance", [20, 60, 3300, 1e6])
+def test_the_quick_look_at_a_board_says_what_its_scan_says(capacitance):
+    design = with_tank(capacitance)
+    quick, whole = resonators(design), scan_design(design, elastomer=False, accuracy="screen")
+    assert verdicts(quick, ()) == verdicts(whole, ())
+    line, read = converter_line(design), bool(whole.readable.all())
+    assert line.startswith("converter: every limit" if read else "The converter cannot read coil1: ")
+    assert noise_budget(design).unread == (() if read else ("coil1",))
+    marked = [row[-1] for row in sigma_table(noise_budget(design)).rows]
+    assert marked == ([float(noise_budget(design).sigma[0])] if read else [False])
+    (drive,) = drive_table(whole).rows
+    assert (drive[1] == "none fits") == (not 1e3 <= float(whole.parallel_resistance[0]) <= 100e3)
+
+
+def test_a_self_resonance_counts_where_it_is_near():
+    """A coil of 10 µH, 100 pF across it and 1 nF as tank: its self-resonance is √11 times its resonance, without R."""
+    none, L = np.zeros((1, 1)), np.array([[10e-6]])
+    coil = Network(
+        ("a",), L, lambda f: np.array([[0.1]]), np.array([100e-12]), none, Switches(0.0, tank_capacitance=1e-9)
+    )
+    at = resonate(coil, ScanState("a", (("a", 1),)))
+    ratio = math.sqrt(11)
+    assert self_resonance_of(coil, at, 1.01 * ratio) / at.frequency == pytest.approx(ratio, rel=1e-5)  # by R, 1e-6
+    assert self_resonance_of(coil, at, 0.99 * ratio) == math.inf
+
+
+def test_goals_of_what_is_read_ask_for_a_converter_that_reads_it():
+    design = with_tank(60)
+    free = replace(design, readout=replace(design.readout, converter=False))
+
+    def bounds(wish, of):
+        axes = [parse_axis("circuit.capacitance_pF=20:80:4")]
+        return [one.wish for one in keeping_rules(derive_goal([wish], of, axes).goal, of).constraints]
+
+    assert "converter_unread ≤ 0" in bounds("maximize frequency_MHz[coil1]", design)
+    assert "converter_unread ≤ 0" not in bounds("maximize frequency_MHz[coil1]", free)
+    assert "converter_unread ≤ 0" not in bounds("maximize inductance_uH[coil1]", design)
+    assert bounds("minimize converter_unread", design) == bounds("minimize converter_unread", free)
+
+
+@pytest.mark.slow
+def test_what_no_converter_reads_is_never_the_best_point_of_a_sweep():
+    axis, wish = parse_axis("circuit.capacitance_pF=20,60,100"), "maximize frequency_MHz[coil1]"
+    file = as_file(with_tank(60))
+    goal = derive_goal([wish], file, [axis]).goal
+    plan = plan_sweep(file, [axis], goal.quantities, accuracy="screen")
+    with workers() as pool:
+        (best,) = best_points(plan, run_sweep(plan, pool), goal)
+    assert best.changes == {"circuit.capacitance_pF": 60}  # 20 pF make 14.7 MHz
+
+
+@pytest.mark.slow
+def test_drawn_boards_that_no_converter_reads_are_bad():
+    errors = Tolerances(
+        {"etch": Spread(board=10e-6)},
+        limits=(Limit("frequency_MHz[coil1]", at_least=1.0), Limit("inductance_uH[coil1]", 1.0)),
+    )
+    found = analyse(with_tank(51.2), errors, samples=8)
+    share = float((found.value.sel(output="frequency_MHz[coil1]") <= 10.0).mean())  # of the boards
+    assert 0.0 < share < 1.0
+    np.testing.assert_array_equal(found.sample_yield, [share, 1.0, share])
 
 
 SIZES = st.floats(1e-6, 0.5)

@@ -79,6 +79,17 @@ def test_a_kept_design(capsys):
     assert len(rows_of(every)) == len(found)
 
 
+@pytest.mark.slow
+def test_whether_a_converter_reads_the_coils(capsys):
+    assert "converter: every limit of an LDC1614 is kept" in good(capsys, "starter")
+    broken = good(capsys, changed("capacitance_pF = 330", "capacitance_pF = 10"))  # which is no rule
+    assert "The converter cannot read coil1: sensor frequency is" in broken
+    assert "all rules are kept" in broken
+    free = changed("[circuit]", "[readout]\nconverter = false\n[circuit]")
+    assert answer(capsys, free)["converter"] == ""
+    assert "converter" not in good(capsys, free)
+
+
 @pytest.mark.lowest
 def test_no_number_is_minus_zero(capsys):
     """Places of symmetric coils lie within rounding of the axes, on either side."""

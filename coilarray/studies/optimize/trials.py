@@ -11,7 +11,7 @@ import xarray as xr
 
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.optimize.goal import Goal
-from coilarray.studies.sweep import Sweep, keeps_rules
+from coilarray.studies.sweep import UNREAD, Sweep, is_read, keeps_rules
 
 _ROUNDING = 1e-9  # of a score: less is not a gain
 RULES = ("fab_margin_mm", "fab_broken")
@@ -123,11 +123,12 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
     """Return the best point of a sweep by a goal, of several objectives the Pareto front; none if no bound is kept.
 
-    The result has the quantities of the goal, as `coilarray.sweep` returns it. Points that break
-    fabrication rules are left out, unless the goal says itself what it takes of them.
+    The result has the quantities of the goal, as `coilarray.sweep` returns it. Points that break fabrication rules, and
+    those that no converter can read, are left out, unless the goal says itself what it takes of them.
     """
     free = any(name.startswith(RULES) for name in goal.quantities)
-    kept = keeps_rules(result).values.ravel().tolist()
+    kept, read = (of(result).values.ravel().tolist() for of in (keeps_rules, is_read))
+    any_read = UNREAD in goal.quantities
     columns = {key: result[key].values.ravel().tolist() for key in goal.quantities}
     reasons = result.reason.values.ravel().tolist()
     trials = []
@@ -135,5 +136,6 @@ def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...
         values = {key: column[k] for key, column in columns.items()}
         reason = reasons[k] or ("" if all(map(math.isfinite, values.values())) else "it lacks a quantity.")
         reason = reason or ("" if free or kept[k] else "it breaks fabrication rules.")
+        reason = reason or ("" if any_read or read[k] else "no LDC1614 can read it.")
         trials.append(trial_of(goal, "search", k, changes, reason or values, plan.accuracy))
     return front_of(trials, goal)

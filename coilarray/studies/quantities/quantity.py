@@ -76,6 +76,11 @@ class Quantity:
     compute: Callable[[Evaluation, Mapping[str, Any]], float]
     options: tuple[Option, ...] = ()
 
+    @property
+    def is_read(self) -> bool:
+        """Whether it comes from what a converter reads, rather than from shapes and inductances alone."""
+        return self.cost not in ("geometry", "coupling")
+
     def asked(self, given: Mapping[str, Any]) -> Request:
         """Return the request for this quantity with options; GoalError for those that it does not take."""
         known = {option.name: option for option in self.options}

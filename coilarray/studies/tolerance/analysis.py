@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
@@ -23,7 +23,7 @@ from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.forward import forward_model, table_for, table_grid
 from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.evaluate import Outcome, run_cached
-from coilarray.studies.quantities import QUANTITIES, canonical
+from coilarray.studies.quantities import QUANTITIES, canonical, request
 from coilarray.studies.tolerance.outputs import UNREAD, Outputs, default_quantities, evaluate_board, wanted_outputs
 from coilarray.studies.tolerance.position import Shifts, require_states, shifts_at
 from coilarray.studies.tolerance.sampling import Sampling, draw, errors_of
@@ -99,8 +99,8 @@ def analyse(
         Where no converter can read a board, ``unread`` (sample) marks it, and the attribute ``not_read`` counts.
 
         With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples, ``sample_yield`` with
-        its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be made keeps no limit;
-        the linear model has none of these.
+        its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be made keeps no limit,
+        and one that no converter can read none of what is read; the linear model has neither.
 
     Raises
     ------
@@ -152,9 +152,9 @@ def analyse(
     if samples:
         failures = [outcome if isinstance(outcome, str) else "" for outcome in taken]
         result = result.merge(_sampled_part(names, linear, drawn, sampled, failures))
-    if limits:
-        result = result.merge(_yields(limits, names, found, nominal, linear, sampled))
     unread = [not isinstance(one, str) and one.get(UNREAD, 0.0) > 0 for one in (near[0], *taken)]
+    if limits:
+        result = result.merge(_yields(limits, names, found, nominal, linear, sampled, np.array(unread[1:], dtype=bool)))
     if any(unread):
         words = {"long_name": "whether no converter can read the board"}
         result = result.assign(unread=("sample", np.array(unread[1:], dtype=np.bool_), words)) if samples else result
@@ -301,6 +301,11 @@ def _with_shifts(
     return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), attributes
 
 
+def _is_read(output: str) -> bool:
+    """Whether an output comes from what a converter reads, as δ and shifts do."""
+    return output.partition("[")[0] not in QUANTITIES or request(output).quantity.is_read
+
+
 def _linear_part(
     names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, linear: Sensitivity
 ) -> xr.Dataset:
@@ -365,8 +370,9 @@ def _yields(
     nominal: FloatArray,
     linear: Sensitivity,
     values: FloatArray,
+    unread: BoolArray,
 ) -> xr.Dataset:
-    """Share of good boards by limit and, last, of those that keep all."""
+    """Share of good boards by limit and, last, of those that keep all; `unread` (sample) marks boards."""
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]
@@ -379,7 +385,8 @@ def _yields(
     shares = [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()]
     variables["linear_yield"] = ("limit", shares, {"long_name": "yield, linear"})
     if len(values):
-        good = kept(limits, names, values)
+        is_read = np.array([_is_read(limit.quantity) for limit in limits])
+        good = kept(limits, names, values) & ~(unread[:, None] & is_read)
         counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
         yields = [yield_of(count, len(values)) for count in counts]
         for end, text in (("share", "yield of boards"), ("low", "at least"), ("high", "at most")):

@@ -17,8 +17,8 @@ from coilarray.studies.optimize.goals.ranges import Range, rounded
 from coilarray.studies.optimize.goals.text import goal_text
 from coilarray.studies.optimize.goals.wishes import parse_wish, variable_of
 from coilarray.studies.optimize.trials import RULES
-from coilarray.studies.quantities import Evaluation, canonical, evaluate
-from coilarray.studies.sweep import Axis
+from coilarray.studies.quantities import Evaluation, canonical, evaluate, request
+from coilarray.studies.sweep import UNREAD, Axis
 
 _UNKNOWNS = 3  # of a position: x, y and the depth
 _WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
@@ -94,14 +94,23 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
 
 
 def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
-    """Return a goal with a bound on the margin of the fabrication rules: kept, or broken no more than by the design.
+    """Return a goal with bounds that every board must keep.
 
-    As it is where it says something of them itself, and for the sampler cmaes, which takes no constraints.
+    The margin of the fabrication rules is kept, or broken no more than by the design; where the goal has a quantity
+    that an LDC1614 reads, and the design such a converter, it must be able to read all of it. A bound is left out where
+    the goal says something of it itself, and both for the sampler cmaes, which takes none.
     """
-    if any(name.startswith(RULES) for name in goal.quantities) or goal.search.sampler == "cmaes":
+    if goal.search.sampler == "cmaes":
+        return goal
+    file, names = as_file(design), goal.quantities
+    more = [] if any(name.startswith(RULES) for name in names) else [_fab(file)[0]]
+    read = any(request(name).quantity.is_read for name in names)
+    if read and UNREAD not in names and file.design.readout.converter:
+        more.append({"quantity": UNREAD, "at_most": 0.0})
+    if not more:
         return goal
     document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    document["constraint"] = [*document.get("constraint", []), _fab(as_file(design))[0]]
+    document["constraint"] = [*document.get("constraint", []), *more]
     return check_goal(document)
 
 
