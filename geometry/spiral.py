@@ -265,6 +265,8 @@ class Spiral(Winding):
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}
         "parallel": all sides of the outermost turn lie at `outer_apothem`, and each turn steps in on its last side.
+        Where a side is too short for a step, the turn ends as many sides earlier: of 100 sides of a coil 40 mm wide
+        with a pitch of 0.5 mm the last three.
         "corner": each corner lies 1/sides of a pitch further in than the one before, so that no side is parallel to
         that of the enclosing polygon and only the first corner reaches it.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from coilarray.design.fab_limits import FabProfile
     from coilarray.geometry import Margin
 
+_WIDTH = 80  # of a line of words
 _SAME = 1e-9  # m, or of a ratio: what layers drawn alike differ by in rounding is a thousandth of it
 
 
@@ -81,7 +83,8 @@ def check(
     shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
     names = opened.array.stackup.names
     rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
-    lines = [f"board: {array_words(opened.array)}", _margins_text(rows, profile.title if profile else "the design")]
+    board = textwrap.fill(f"board: {array_words(opened.array)}", _WIDTH, subsequent_indent="  ")
+    lines = [board, _margins_text(rows, profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     lines += [converter] if converter else []
     source = None if profile is None else _source(profile)

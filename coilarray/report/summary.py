@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import shapely
 from coilarray.circuit.impedance import resonators
 from coilarray.circuit.readability import readable_of, reading_lines
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, display_unit, true_minus
+from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, display_unit, true_minus
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 
 _MOST_READ = 64  # coils, which take a few seconds
 _ALIKE = 1e-9  # of a number: what rounding makes different
-_PPM = "ppm"  # a pure number, shown in parts per million
-_SHOWN = {_PPM: PER_MILLION, "ohm": KILOHM}
+_PPM, _PERCENT = "ppm", "percent"  # pure numbers, as they are shown
+_SHOWN = {_PPM: PER_MILLION, _PERCENT: PERCENT, "ohm": KILOHM}
+_PARTS = {0.5: "over half of the area", 0.95: "over 95 % of the area"}  # of the coils, with σ up to a value
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
@@ -66,14 +68,15 @@ def summary_table(
     target : xarray.Dataset, optional
         Result of `coilarray.target_map`.
     bounds : xarray.Dataset, optional
-        The response's `position_bounds`: of x the least, the most and the median over the coils.
+        The response's `position_bounds`: of x the least over the coils, what half and 95 % of their area do not exceed,
+        and the share where x is not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     spread = any(most != "" for _, _, most, *_ in found)
     least = Column("least", "" if spread else "value", "1")
     columns = (Column("quantity"), least, Column("most", unit="1"), Column("unit"), Column("where"))
     units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
-    rows = tuple((*values, "1" if unit == _PPM else unit, where) for *values, unit, where in found)
+    rows = tuple((*values, "1" if unit in (_PPM, _PERCENT) else unit, where) for *values, unit, where in found)
     return Table("summary", "Summary", columns, rows, units)
 
 
@@ -154,7 +157,8 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
 def position_bounds(response: xr.Dataset, array: CoilArray) -> xr.Dataset | None:
     """Return the Cramér–Rao bounds of a position over the deepest map; None for a map from which x is nowhere found.
 
-    The coordinate ``over_coils`` (y, x) says which places are over a coil of the array.
+    The coordinate ``over_coils`` (y, x) says which places are over a coil of the array, and the attribute ``coil_size``
+    how large the largest is, in m: where σ is above it, the position is not determined.
     """
     try:
         bounds = identifiability(forward_model(response), float(response.depth[-1]))
@@ -163,7 +167,8 @@ def position_bounds(response: xr.Dataset, array: CoilArray) -> xr.Dataset | None
     x, y = np.meshgrid(bounds.x, bounds.y)
     outlines = [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
     over = shapely.intersects_xy(shapely.union_all(outlines), x, y)
-    bounds = bounds.assign_coords(over_coils=(("y", "x"), over))
+    size = max(float(np.ptp(place.coil.outline, axis=0).max()) for place in array.placements)
+    bounds = bounds.assign_coords(over_coils=(("y", "x"), over)).assign_attrs(coil_size=size)
     return bounds if np.isfinite(bounds.sigma_x).any() else None
 
 
@@ -171,25 +176,27 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if bounds is None:
         return
     sigma = bounds.sigma_x.where(bounds.over_coils)
-    if not np.isfinite(sigma).any():
+    size, values = float(bounds.attrs["coil_size"]), bounds.sigma_x.values[bounds.over_coils.values]
+    known = values < size
+    if not known.any():
         return
-    best, worst, median = (float(value) for value in (sigma.min(), sigma.max(), sigma.median()))
-    width = float(np.ptp(bounds.x.values))
-    everywhere = worst < width
     scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
     together = f", all drift together by {PER_MILLION.text(drift, '.2')}" if drift else ""
     yield (
         "σ of a located x over the coils, deepest, where each reading of δ scatters by "
         f"{PER_MILLION.text(scatter, '.2')}{together}",
-        best,
-        worst if everywhere else "",
-        "m",
-        f"at {_place(sigma, best)}; {'at' if everywhere else 'x cannot be determined at'} {_place(sigma, worst)}",
-    )
-    if median < width:
-        yield ("the same, median over the coils", median, "", "m", "")
-    else:
-        yield ("the same, median over the coils", "", "", "m", "x cannot be determined over half of the coils")
+        float(values.min()), "", "m", f"the least, at {_place(sigma, float(values.min()))}",
+    )  # fmt: skip
+    for share, words in _PARTS.items():
+        most = float(
+            np.sort(values)[math.ceil(share * len(values)) - 1]
+        )  # no mean of two, of which one may be infinite
+        if most < size:
+            yield f"the same, {words} of the coils", most, "", "m", ""
+    if not known.all():
+        place = _place(sigma, float(values.max()))
+        where = f"σ is above the {MM.text(size, '.4')} of a coil, as at {place}: δ does not tell x, y and depth apart"
+        yield "share of the area of the coils where x is not determined", float(1 - known.mean()), "", _PERCENT, where
 
 
 def _place(sigma: xr.DataArray, value: float) -> str:

@@ -86,12 +86,12 @@ class Table:
         return [column.header for column in self.columns]
 
     def csv(self) -> str:
-        """Return the table as CSV with SI values in full precision."""
+        """Return the table as CSV with SI values in full precision, and the minus sign of ASCII in texts."""
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow(column.key for column in self.columns)
         writer.writerows(self.rows)
-        return buffer.getvalue()
+        return buffer.getvalue().replace("−", "-")
 
     def records(self) -> list[dict[str, Value]]:
         """Return the rows as mappings for JSON, SI values in full precision."""

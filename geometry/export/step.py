@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -226,7 +228,8 @@ def _write(document: Any, path: Path, name: str) -> None:
     from OCP.STEPCAFControl import STEPCAFControl_Writer
     from OCP.TCollection import TCollection_HAsciiString
 
-    with _own_settings():
+    # Open CASCADE takes names in UTF-8 alone
+    with _own_settings(), tempfile.TemporaryDirectory() as folder:
         writer = STEPCAFControl_Writer()
         writer.Transfer(document)
         header = APIHeaderSection_MakeHeader(writer.ChangeWriter().Model())
@@ -234,9 +237,10 @@ def _write(document: Any, path: Path, name: str) -> None:
         header.SetOriginatingSystem(TCollection_HAsciiString("coilarray"))
         header.SetAuthorValue(1, TCollection_HAsciiString(""))
         header.SetOrganizationValue(1, TCollection_HAsciiString(""))
-        status = writer.Write(str(path))
-    if status != IFSelect_RetDone:
-        raise OSError("Open CASCADE could not write the file")
+        plain = Path(folder) / "board.step"
+        if writer.Write(str(plain)) != IFSelect_RetDone:
+            raise OSError("Open CASCADE could not write the file")
+        shutil.copyfile(plain, path)
 
 
 @contextlib.contextmanager

@@ -85,6 +85,7 @@ def test_whether_a_converter_reads_the_coils(capsys):
     broken = good(capsys, changed("capacitance_pF = 330", "capacitance_pF = 10"))  # which is no rule
     assert "The converter cannot read coil1: sensor frequency is" in broken
     assert "all rules are kept" in broken
+    assert all(len(line) <= 80 for line in broken.splitlines()[:2])
     free = changed("[circuit]", "[readout]\nconverter = false\n[circuit]")
     assert answer(capsys, free)["converter"] == ""
     assert "converter" not in good(capsys, free)

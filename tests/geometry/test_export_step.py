@@ -208,6 +208,13 @@ def test_the_file_stays_small_and_nothing_is_printed(tmp_path, capfd):
 
 
 @needs_occt
+def test_a_name_that_is_not_utf_8(tmp_path):
+    path = tmp_path / os.fsdecode(b"board\xff.step")
+    write_step(one_coil(path_coil([[(0, 0), (8e-3, 0)]], 0.2e-3, 0.2e-3, VIA)), path, name="board")
+    assert path.read_bytes().startswith(b"ISO-10303-21")
+
+
+@needs_occt
 def test_overlapping_holes_still_make_solids(tmp_path):
     """Two coils whose terminals are drilled into each other: arcs where they are left, edges where they are not."""
     coil = path_coil([[(0, 0), (5e-3, 0)]], 0.2e-3, 0.2e-3, VIA, LEADS.terminal)

@@ -50,15 +50,28 @@ def test_rows_are_the_combinations_of_the_coordinates():
     assert table.cells()[3] == ["2.0000", "b", "", "5000000.00", "no"]
 
 
-@pytest.mark.parametrize(("worst", "most"), [(20e-3, 20e-3), (0.6, ""), (np.inf, "")])
-def test_a_position_is_determined_to_less_than_the_width_of_the_map(worst, most):
-    sigma = ("y", "x"), [[1e-5, 2e-5, worst]]
-    axes = {"y": [0.0], "x": [-30e-3, 0.0, 30e-3]}
-    over = {"over_coils": (("y", "x"), [[True, True, True]])}
-    bounds = xr.Dataset({"sigma_x": sigma}, axes | over, {"noise": [1e-6], "common_noise": [0.0]})
-    row, _ = summary._position_rows(bounds)
-    assert row[1:3] == (1e-5, most)
-    assert row[-1].endswith("; at x 30, y 0 mm" if most else "; x cannot be determined at x 30, y 0 mm")
+def test_csv_has_the_minus_sign_of_ascii():
+    table = Table("t", "T", (Column("name"), Column("x", unit="m")), (("x0 − Table A1", -1e-3),))
+    assert table.csv() == "name,x_m\nx0 - Table A1,-0.001\n"
+    assert table.cells() == [["x0 − Table A1", "−1.000"]]
+
+
+@pytest.mark.parametrize("worst", [11e-3, 13e-3, np.inf])
+def test_a_position_is_determined_to_less_than_the_size_of_a_coil(worst):
+    """Of forty places one is beyond the coils of 12 mm, and two have a larger σ than all others."""
+    sigma, over = np.linspace(1e-5, 38e-5, 38), np.arange(40) != 0
+    sigma = np.concatenate(([1e-6], sigma, [worst]))[None]
+    axes = {"y": [0.0], "x": np.arange(40) * 1e-3, "over_coils": (("y", "x"), over[None])}
+    about = {"noise": [1e-6], "common_noise": [0.0], "coil_size": 12e-3}
+    least, half, most, *rest = summary._position_rows(xr.Dataset({"sigma_x": (("y", "x"), sigma)}, axes, about))
+    assert (least[1], least[-1]) == (1e-5, "the least, at x 1, y 0 mm")
+    assert (half[1], most[1]) == pytest.approx((20e-5, 38e-5))  # of 39 places 20 and 38, which is more than 95 %
+    if worst < 12e-3:
+        assert rest == []
+        return
+    ((_, share, _, _, where),) = rest
+    assert share == pytest.approx(1 / 39)
+    assert where == "σ is above the 12 mm of a coil, as at x 39, y 0 mm: δ does not tell x, y and depth apart"
 
 
 def test_a_summary_has_the_least_and_most_of_what_is_finite():

@@ -11,7 +11,6 @@ from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.switch_parts import PartName
 from coilarray.design.units import Name, Table
 from coilarray.design.vary import plain
-from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry.values import Side
 from coilarray.studies.create.choices import Choices, Overlap, Shape
 from coilarray.studies.create.connector import with_connector
@@ -115,14 +114,7 @@ def new_design(
         found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
     if capacitance is None:
         tank = one if frequency is None else replace(found, connector=None)  # a frequency is met with the switches
-        try:
-            capacitance = tank_capacitance(lambda value: replace(tank, capacitance=value).design, frequency)
-        except GeometryError as error:
-            raise DesignError(
-                "size must be smaller, or an inductance chosen that takes fewer turns than the "
-                f"{found.winding.turns} of {found.winding.trace_width * 1e3:g} mm trace on each of "
-                f"{found.winding_layers} layers; got {found.width * 1e3:g} mm: {error}"
-            ) from None
+        capacitance = tank_capacitance(lambda value: replace(tank, capacitance=value).design, frequency)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 

@@ -38,7 +38,8 @@ class Room:
     trace_width : float
         Narrowest trace in m.
     gap : float
-        Distance of the turns in m.
+        Distance of the turns in m. The inner end of a circle lies a pitch further in than its last turn; polygons get
+        the same room, though their last turn ends on its own sides.
     widest_trace : float
         Widest trace in m.
     """
