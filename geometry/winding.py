@@ -80,9 +80,10 @@ class FlatPath:
         """Points in m of the path from one place along it to another, shape (m, 2)."""
         along = self.along
         inside = (along > begin) & (along < end)
-        return np.vstack((self._at(np.array([begin])), self.points[inside], self._at(np.array([end]))))
+        return np.vstack((self.at(np.array([begin])), self.points[inside], self.at(np.array([end]))))
 
-    def _at(self, s: FloatArray) -> FloatArray:
+    def at(self, s: FloatArray) -> FloatArray:
+        """Points (n, 2) in m at places (n,) in m along the path."""
         along = self.along
         return np.column_stack([np.interp(s, along, axis) for axis in self.points.T])
 
@@ -133,17 +134,20 @@ class Turns:
         list of Cut
             Those that cross turns at all.
         """
-        place = self.path._at(np.array([self.begin + _WITHIN * (self.end - self.begin)]))[0]
-        found = []
-        for pole in self.poles:
-            first = math.atan2(place[1] - pole.y, place[0] - pole.x)
-            # the angle from the pole to a place of the path, so that the rays turn and mirror with it
-            sense = math.copysign(1.0, pole.turns)
-            for ray in range(rays):
-                cut = self._cut(pole, first + sense * 2 * math.pi * ray / rays)
-                if len(cut.piece):
-                    found.append(cut)
-        return found
+        return [cut for pole in self.poles for cut in self.about(pole, rays) if len(cut.piece)]
+
+    def enough_cuts(self, least: int, most: int, crossings: float) -> list[Cut]:
+        """Cut the turns by so many rays from each pole that they cross about as many turns in all, as `cuts`."""
+        wound = max(abs(pole.turns) for pole in self.poles)
+        return self.cuts(min(max(math.ceil(crossings / wound), least), most))
+
+    def about(self, pole: Pole, rays: int) -> list[Cut]:
+        """Cut the turns by rays from one pole, as `cuts`, with those that cross no turns."""
+        place = self.path.at(np.array([self.begin + _WITHIN * (self.end - self.begin)]))[0]
+        first = math.atan2(place[1] - pole.y, place[0] - pole.x)
+        # the angle from the pole to a place of the path, so that the rays turn and mirror with it
+        sense = math.copysign(1.0, pole.turns)
+        return [self._cut(pole, first + sense * 2 * math.pi * ray / rays) for ray in range(rays)]
 
     def _cut(self, pole: Pole, angle: float) -> Cut:
         path = self.path
@@ -247,7 +251,7 @@ def _lead(path: FlatPath, pitch: float) -> float | None:
 
     def winds(s: FloatArray) -> npt.NDArray[np.bool_]:
         piece = np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(path.line) - 1)
-        next_to, above = _beside(path, path._at(s), piece)
+        next_to, above = _beside(path, path.at(s), piece)
         return np.asarray((next_to < _NEXT * pitch) | (above < _ABOVE * pitch))
 
     for block in range(math.ceil(total / (step * _BLOCK))):

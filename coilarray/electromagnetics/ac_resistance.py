@@ -378,11 +378,7 @@ def _traces(
 def _radial_cuts(vertices: FloatArray, widths: FloatArray) -> list[Cut]:
     """Cuts through the turns of a path with vias; none where nothing winds."""
     turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
-    if turns is None:
-        return []
-    least, most, crossings = RAYS
-    wound = max(abs(pole.turns) for pole in turns.poles)
-    return turns.cuts(min(max(math.ceil(crossings / wound), least), most))
+    return [] if turns is None else turns.enough_cuts(*RAYS)
 
 
 def _line_numbers(vertices: FloatArray) -> IntArray:

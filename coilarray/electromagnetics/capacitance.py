@@ -1,4 +1,4 @@
-"""Capacitance of the coils: lumped across each winding, between the coils, and what the elastomer adds."""
+"""Capacitance of the coils: lumped across each, between the coils, and what the elastomer adds."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
+from coilarray.electromagnetics.lead_capacitance import lead_capacitance
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
 from coilarray.geometry.copper import uniform_runs
@@ -25,9 +26,10 @@ from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 
 Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
 
-# At equal angles: the layers of a spiral shift past each other by whole pitches a turn, so these take the mean over
-# the shift. Nine instead of five rays change C by 1e-3 (tests).
-_RAYS = 5
+# Rays at equal angles: the layers of a spiral shift past each other by whole pitches a turn, so these take the mean
+# over the shift. Least and most about a pole, and how many turns they cut in all; twice as many change C by 1 % at
+# most, and by 1e-3 for ten turns and more (tests).
+_RAYS = 5, 32, 60.0
 _MOST_PERMITTIVITY = 1e6
 _HIGHEST_FACE = 1.0  # m; of what changes no permittivity
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
@@ -37,22 +39,24 @@ _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead cha
 class WindingCapacitance:
     """Capacitance of one coil in F, the others absent.
 
-    `interlayer` and `turn_to_turn` are parts of the lumped capacitance across the terminals: the field's energy between
-    turns of different layers, and between turns of one layer. `layers` (lines, lines) is the Maxwell matrix of the
-    coil's lines, one a layer of the winding, each at one potential; rows sum to zero, lines that only carry a lead have
-    zeros. `longest_turns` is the lumped capacitance if every turn were as long as the longest: of one quadratic form,
-    so that it grows with every permittivity, and by more than `total` does.
+    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the terminals: the field's
+    energy between turns of different layers, between turns of one layer, and what the leads add. `layers` (lines,
+    lines) is the Maxwell matrix of the coil's lines, one a layer of the winding, each at one potential; rows sum to
+    zero, lines that only carry a lead have zeros. `longest_turns` is the lumped
+    capacitance if every turn were as long as the longest, with the leads: of one quadratic form, so that it grows with
+    every permittivity, and by more than `total` does.
     """
 
     interlayer: float
     turn_to_turn: float
+    leads: float
     layers: FloatArray
     longest_turns: float
 
     @property
     def total(self) -> float:
         """Lumped capacitance across the terminals in F."""
-        return self.interlayer + self.turn_to_turn
+        return self.interlayer + self.turn_to_turn + self.leads
 
 
 # by all that they depend on: designs that differ in the places of their coils alone share them
@@ -67,11 +71,11 @@ def coil_capacitance(
 
     `sheets` are the elastomer on the board, upwards, with air above it; `relative_permittivity` is that of the sheets,
     or without sheets of the whole half space above the board. This medium also fills the gaps of the top copper.
-    ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn``, the field's energy between turns of different
-    layers and of one layer; ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one potential:
-    symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the board, so its rows sum to zero. Raises
-    a GeometryError for a coil without turns beside each other, copper that overlaps on a layer, or a permittivity
-    below 1.
+    ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``, the field's energy between turns of
+    different layers and of one layer, and what the leads add; ``capacitance`` (coil, other) is the Maxwell matrix
+    between coils, each at one potential: symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the
+    board, so its rows sum to zero. Raises a GeometryError for a coil without turns beside each other, copper that
+    overlaps on a layer, or a permittivity below 1.
 
     Returns
     -------
@@ -85,7 +89,8 @@ def coil_capacitance(
     perpendicular cuts, are a row of strips on each layer, mirrored at the pole, with the Maxwell matrix c per length of
     `strip_capacitance`, two faces a trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i −
     V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers' shift against
-    each other all count. Leads are no turns and are left out. Two layers joined inside give
+    each other all count. Leads have the potential of their end of the winding
+    (`coilarray.electromagnetics.lead_capacitance`); vias and pads are left out. Two layers joined inside give
     C_facing/3 with C_facing the capacitance between the layers; n layers Σ 4 C_i/(3n²) over adjacent ones (Zolfaghari,
     Chan, Razavi, IEEE JSSC 36, 620 (2001)), if the fringing at the edges is small.
 
@@ -99,7 +104,7 @@ def coil_capacitance(
     >>> from coilarray import load_design
     >>> C = coil_capacitance(load_design("gast2020").array)
     >>> f"{float(C.coil_capacitance[0]) * 1e12:.1f} pF"
-    '19.1 pF'
+    '19.2 pF'
     """
     above = _slabs(sheets, relative_permittivity)
     half_space = 1.0 if sheets else relative_permittivity
@@ -110,6 +115,7 @@ def coil_capacitance(
         ("coil_capacitance", single, [w.total for w in windings], "F", "lumped capacitance"),
         ("interlayer", single, [w.interlayer for w in windings], "F", "part between layers"),
         ("turn_to_turn", single, [w.turn_to_turn for w in windings], "F", "part within layers"),
+        ("leads", single, [w.leads for w in windings], "F", "part of the leads"),
         ("capacitance", pair, _between_coils(array, above, half_space), "F", "Maxwell matrix"),
     )
     return xr.Dataset(
@@ -263,7 +269,7 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
             "beside itself nowhere."
         )
     path = turns.path
-    cuts = turns.cuts(_RAYS)
+    cuts = turns.enough_cuts(*_RAYS)
     layers = [copper[path.line[cut.piece]] for cut in cuts]
     clear = [_clear(cut, path.widths[cut.piece], layer) for cut, layer in zip(cuts, layers, strict=True)]
     if not any(clear):
@@ -306,7 +312,16 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
         done += n
     np.fill_diagonal(between, 0.0)
     np.fill_diagonal(between, -between.sum(axis=1))
-    return WindingCapacitance(interlayer, turn_to_turn, between, longest)
+    leads = lead_capacitance(
+        LayeredMedium(
+            (*(d for d, _ in reversed(above)), *stackup.dielectric_thickness),
+            (half_space, *(epsilon for _, epsilon in reversed(above)), *stackup.epsilon_r, 1.0),
+        ),
+        len(above) + copper,
+        np.array(stackup.copper_thickness)[copper],
+        turns,
+    )
+    return WindingCapacitance(interlayer, turn_to_turn, leads, between, longest + leads)
 
 
 def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:

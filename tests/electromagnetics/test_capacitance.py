@@ -245,7 +245,11 @@ def test_rays_images_and_basis_are_converged(monkeypatch):
     array = load_design("gast2020").array
     base = _winding(array).total
     # as said in the module
-    for name, value, rel in (("_RAYS", 9, 2e-3), ("_MIRROR_DISTANCE", 4.0, 3e-4), ("_basis", lambda *_: 6, 1e-4)):
+    for name, value, rel in (
+        ("_RAYS", (9, 9, 0.0), 2e-3),
+        ("_MIRROR_DISTANCE", 4.0, 3e-4),
+        ("_basis", lambda *_: 6, 1e-4),
+    ):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, value)
             assert _winding(array).total == pytest.approx(base, rel=rel)
@@ -256,7 +260,7 @@ def test_oblique_cuts_see_the_perpendicular_distances(monkeypatch):
     """Rays cut a square at different angles; the row of strips must be the same."""
     array = _one(2, Spiral(4, 8e-3, 20, 0.15e-3, 0.15e-3))
     five = _winding(array).total
-    monkeypatch.setattr(module, "_RAYS", 4)
+    monkeypatch.setattr(module, "_RAYS", (4, 4, 0.0))
     assert _winding(array).total == pytest.approx(five, rel=0.02)  # other samples of the ends
 
 
@@ -264,7 +268,7 @@ def test_oblique_cuts_see_the_perpendicular_distances(monkeypatch):
 def test_bundled_board():
     C = coil_capacitance(load_design("gast2020").array)
     assert ((C.coil_capacitance > 10e-12) & (C.coil_capacitance < 60e-12)).all()
-    np.testing.assert_allclose(C.coil_capacitance, C.interlayer + C.turn_to_turn, rtol=1e-12)
+    np.testing.assert_allclose(C.coil_capacitance, C.interlayer + C.turn_to_turn + C.leads, rtol=1e-12)
     matrix = C.capacitance.values
     np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
     assert (matrix[~np.eye(6, dtype=bool)] <= 0).all()

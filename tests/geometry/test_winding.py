@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import LEADS, VIA, round_spiral
+from support.boards import LEADS, VIA, round_spiral, square_turns
 
 from coilarray.geometry import Spiral, spiral_coil
 from coilarray.geometry.winding import FlatPath, find_turns, turns_about
@@ -16,21 +16,9 @@ def path_of(*lines, width=0.2):
     return FlatPath.of_lines(arrays, [np.full(len(line) - 1, width) for line in arrays])
 
 
-def square_spiral(turns, size, pitch, centre=0.0, sense=1):
-    """A square spiral inwards from (−size, −size), anticlockwise for sense 1."""
-    left, right, low, high = -size, size, -size, size
-    points = [(left, low)]
-    for _ in range(turns):
-        points += [(right, low), (right, high), (left + pitch, high)]
-        low, left = low + pitch, left + pitch
-        points.append((left, low))
-        right, high = right - pitch, high - pitch
-    return [(centre + sense * x, y) for x, y in points]
-
-
 @pytest.mark.parametrize("gone", [-2.0, 2.0, 5.0, 8.0, 12.0, 16.0, 20.0, 200.0])
 def test_leads_are_no_turns_however_far_they_go(gone):
-    turns = square_spiral(8, 5.0, 0.5)
+    turns = square_turns(8, 5.0, 0.5)
     end = turns[-1]
     bare = find_turns(path_of(turns, [end, (end[0], end[1] - 0.3)]))
     led = find_turns(path_of([(gone, -7), (-5, -7), *turns], [end, (end[0], -6), (gone, -6)]))
@@ -42,7 +30,7 @@ def test_leads_are_no_turns_however_far_they_go(gone):
 
 
 def test_a_lead_through_the_centre_is_none_of_the_turns():
-    turns = square_spiral(3, 8.0, 1.0)
+    turns = square_turns(3, 8.0, 1.0)
     inner = turns[-1]
     for x in (0.0, 0.4):
         found = find_turns(path_of([*turns, (inner[0], 0.5), (x, 0.5)], [(x, 0.5), (x, -12.0)]))
@@ -54,7 +42,7 @@ def test_a_lead_through_the_centre_is_none_of_the_turns():
 
 @pytest.mark.parametrize("senses", [(1, 1), (1, -1), (-1, -1)])
 def test_two_poles_with_their_own_turns(senses):
-    first, second = (square_spiral(5, 4.0, 0.5, at, sense) for at, sense in zip((-6.0, 6.0), senses, strict=True))
+    first, second = (square_turns(5, 4.0, 0.5, at, sense) for at, sense in zip((-6.0, 6.0), senses, strict=True))
     path = path_of([*first[::-1], (-6.0, -9.0), (6.0, -9.0), *second])
     found = find_turns(path)
     assert len(found.poles) == 2

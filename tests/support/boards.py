@@ -108,3 +108,17 @@ def reference_board(*, count: int = 6, turns: int = 30, through_holes: bool = Tr
     pairs = (("L1", "L2"), ("L3", "L4"))
     placements = tuple(Placement(f"C{k + 1}", coil, pairs[k % 2], x, y) for k, (x, y) in enumerate(points.tolist()))
     return CoilArray(FOUR_LAYERS, placements, through_holes=through_holes)
+
+
+def square_turns(
+    turns: int, size: float, pitch: float, centre: float = 0.0, sense: int = 1
+) -> list[tuple[float, float]]:
+    """A square spiral inwards from (−size, −size), anticlockwise for sense 1."""
+    left, right, low, high = -size, size, -size, size
+    points = [(left, low)]
+    for _ in range(turns):
+        points += [(right, low), (right, high), (left + pitch, high)]
+        low, left = low + pitch, left + pitch
+        points.append((left, low))
+        right, high = right - pitch, high - pitch
+    return [(centre + sense * x, y) for x, y in points]
