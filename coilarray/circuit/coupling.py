@@ -50,16 +50,14 @@ class CircuitParts:
     """The network of a design with all losses and strays, and what it was made of.
 
     `direct` is the network with direct-current resistances. `capacitance` is the result of
-    `coilarray.electromagnetics.capacitance.coil_capacitance`, None if a coil has no model of it for the reason in
-    `problem`; `resistance` that of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's
-    frequencies.
+    `coilarray.electromagnetics.capacitance.coil_capacitance`, None if a coil has no model of it; `resistance` that of
+    `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's frequencies.
     """
 
     network: Network
     direct: Network
     capacitance: xr.Dataset | None
     resistance: xr.Dataset
-    problem: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,20 +170,8 @@ def circuit_parts(design: Design, *, accuracy: Accuracy = "full", progress: Prog
 def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None) -> CircuitParts:
     names, circuit = design.array.names, design.circuit
     winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    capacitance, problem = None, ""
-    try:
-        above = permittivity_above(design)
-        digest = digest_of(design.array, design.sheets, above)
-        capacitance = _CAPACITANCES.get(
-            digest,
-            lambda: kept_dataset(
-                ("capacitance", digest),
-                lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
-            ),
-        )
-    except GeometryError as error:
-        problem = str(error)
-    else:
+    capacitance, problem = design_capacitance(design)
+    if capacitance is not None:
         winding, between = capacitance.coil_capacitance.values, -capacitance.capacitance.values
         between = np.maximum(0.5 * (between + between.T), 0.0)  # rounding
     R = dc_resistance(design.array.conductors(), circuit.resistivity)
@@ -200,7 +186,7 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         circuit.switches,
         (
             LEFT_OUT[0],
-            *([f"capacitance of the windings: {problem}"] if problem else []),
+            *([problem] if problem else []),
             *(_PLATES_LEFT_OUT if plates else ()),
         ),
     )
@@ -229,7 +215,23 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     network = _sampled(
         replace(direct, left_out=(*left_out, *direct.left_out[1:])), grid, resistance.resistance.values, plates
     )
-    return CircuitParts(network, direct, capacitance, resistance, problem)
+    return CircuitParts(network, direct, capacitance, resistance)
+
+
+def design_capacitance(design: Design) -> tuple[xr.Dataset | None, str]:
+    """Return the result of `coil_capacitance` for a design, or None and why it has no model."""
+    try:
+        above = permittivity_above(design)
+        digest = digest_of(design.array, design.sheets, above)
+        return _CAPACITANCES.get(
+            digest,
+            lambda: kept_dataset(
+                ("capacitance", digest),
+                lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+            ),
+        ), ""
+    except GeometryError as error:
+        return None, f"capacitance of the windings: {error}"
 
 
 def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: Plates | None) -> Network:

@@ -121,7 +121,7 @@ def response(
         weightless = opened.indentation is not None and not opened.indentation.unevenness.weight
         held = "; without seat_weight_Pa only the indenter holds it down" * weightless
         lines.append(f"note: the sample rises off its seat by up to {lifted * 1e3:.2g} mm{held}")
-    lines = [*reading_lines(shown), *lines]
+    lines = [*reading_lines(shown), *([] if ideal else shared.missing_capacitance(opened)), *lines]
     # a path through metal needs its own drive; a dent alone changes no amplitude
     drive = path_drive_table(shown if "metal_delta" in shown else shown.drop_vars("amplitude", errors="ignore"))
     data = {

@@ -339,6 +339,17 @@ def print_result(
         typer.echo(line)
 
 
+def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> list[str]:
+    """Return the line that names the capacitance of windings without a model, none where no quantity needs one."""
+    from coilarray.circuit.coupling import design_capacitance
+    from coilarray.studies.quantities import request
+
+    without = "geometry", "coupling"
+    needed = any(request(name).quantity.cost not in without for name in quantities)
+    missing = design_capacitance(design)[1] if needed else ""
+    return [f"not in these numbers: {missing}"] if missing else []
+
+
 def noise_source(given: float | None, response: xr.Dataset) -> str:
     """Return where the noise of δ comes from, to follow its number; empty if the user gave it."""
     if given is not None:

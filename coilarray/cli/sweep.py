@@ -129,6 +129,7 @@ def sweep(
         if unread := int((result[UNREAD] > 0).sum()) if UNREAD in result else 0:
             where = "all the same in the table" if bool((~read & makeable).any()) else "left out of the table"
             lines.append(f"{unread} of {points} points cannot be read by an LDC1614 ({UNREAD} in the file): {where}")
+        lines += shared.missing_capacitance(opened, asked)
         if reasons:
             lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
         lines.append(

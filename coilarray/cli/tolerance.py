@@ -123,7 +123,8 @@ def tolerance(
     shared.draw(plot, lambda: viz.tolerance_figure(result))
     tables = (given_table(result), spread_table(result), yield_table(result))
     shown = [one.without_empty_columns() for one in tables if one.rows]
-    lines = _remarks(result)
+    asked = [*(quantity or wanted.quantities), *(() if positions is None else ("q",))]
+    lines = [*shared.missing_capacitance(opened, asked), *_remarks(result)]
     shared.print_result(_numbers(result), as_json=as_json, tables=shown, titles=True, lines=lines, files=(out, plot))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
+from coilarray.circuit.coupling import design_capacitance
 from coilarray.errors import GoalError
 from coilarray.studies.quantities.evaluation import Evaluation
 
@@ -143,7 +144,9 @@ class Request:
         """Compute the quantity; GoalError if the design has none."""
         number = float(self.quantity.compute(evaluation, self.options))
         if not math.isfinite(number):
-            raise GoalError(f"{self.key} of {evaluation.design.name} is not finite: {number}.")
+            missing = design_capacitance(evaluation.design)[1] if self.quantity.cost == "circuit" else ""
+            why = f" without the {missing}" if missing else "."
+            raise GoalError(f"{self.key} of {evaluation.design.name} is not finite: {number}{why}")
         return number
 
 
