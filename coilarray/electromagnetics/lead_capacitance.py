@@ -150,8 +150,8 @@ def _images(medium: LayeredMedium, p: int, q: int, smallest: float) -> tuple[Flo
     k = np.geomspace(1e-3 / far, 10 / near, 300)
     green = medium.green(k)[:, p, q] * k
     depth = apart + np.append(0.0, np.geomspace(near / 2, 100 * far, _IMAGES - 1))
-    strength: FloatArray = np.linalg.lstsq(np.exp(-np.outer(k, depth)) / green[:, None], np.ones(len(k)), rcond=1e-9)[0]
-    return strength, depth
+    strength = np.linalg.lstsq(np.exp(-np.outer(k, depth)) / green[:, None], np.ones(len(k)), rcond=1e-9)[0]
+    return np.asarray(strength, dtype=np.float64), depth
 
 
 def _potentials(medium: LayeredMedium, wires: Sequence[_Wire]) -> FloatArray:
