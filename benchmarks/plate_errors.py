@@ -25,7 +25,7 @@ from support.random_plates import COLUMNS, Case, drawn
 from support.references import FOLDER, rows
 
 from coilarray.errors import GeometryError, MetalError
-from coilarray.metal.finite_plates import moving_plate, moving_plate_with_error
+from coilarray.metal.finite_plates import moving_plate, moving_plate_error
 
 SEED, PLATES, LEAST = 1, 200, 0.95
 FINER = 1.25, 1.75
@@ -46,8 +46,8 @@ HEADER = """\
 def solved(case: Case) -> tuple[complex, complex]:
     """ΔL − jΔR/ω in H by the package and its stated error, of the real part and of the imaginary one."""
     plate = case.plate
-    change, error = moving_plate_with_error(case.paths, plate, [plate.centre], [case.frequency])
-    return complex(change.sum()), complex(error.absolute.sum())
+    error = moving_plate_error(case.paths, plate, [plate.centre], [case.frequency])
+    return complex(error.change.sum()), complex(error.absolute.sum())
 
 
 def truth(case: Case) -> tuple[complex, complex]:

@@ -175,7 +175,7 @@ def moving_plate(
     which hold where it is at least three skin depths thick.
 
     Every result is extrapolated from two meshes, one of half the lengths of the other, by the second order of linear
-    elements. `moving_plate_with_error` gives its error too.
+    elements. `moving_plate_error` gives its error too.
 
     Examples
     --------
@@ -188,12 +188,12 @@ def moving_plate(
     >>> bool((change.real < 0).all() and (change.imag < 0).all())
     True
     """
-    return moving_plate_with_error(
+    return moving_plate_error(
         source, plate, positions, frequencies, sheets, beside, fineness=fineness, progress=progress
-    )[0]
+    ).change
 
 
-def moving_plate_with_error(
+def moving_plate_error(
     source: Source,
     plate: FinitePlate,
     positions: npt.ArrayLike,
@@ -203,8 +203,16 @@ def moving_plate_with_error(
     *,
     fineness: float = 1.0,
     progress: Progress | None = None,
-) -> tuple[ComplexArray, PlateError]:
-    """`moving_plate` with its error, whose arguments and errors these are."""
+) -> PlateError:
+    """`moving_plate` with its error, whose arguments and errors these are.
+
+    Notes
+    -----
+    That of the mesh is the correction by which the finer one of two meshes was extrapolated, which covers orders of
+    convergence from 1.3 upwards, of ΔL and ΔR apart. That of the model is the impedance's, which is taken at one
+    wavenumber for all patterns of the current, and the rim's (`coilarray.metal.surface_impedance.with_rim`), where a
+    plate within the coils has most of its losses.
+    """
     paths = as_conductors(source)
     where, f = _checked_positions(positions), _checked_frequencies(frequencies)
     _require_free(plate, where, beside)
@@ -226,33 +234,7 @@ def moving_plate_with_error(
     # the parts of iron and of its eddy currents may cancel in ΔL, so that its error is that of both together
     real, imaginary = (_by_pairs(np.abs(change)),) * 2 if magnetic else (_by_pairs(change.real), _by_pairs(change.imag))
     by_model = real * model.inductance + 1j * imaginary * model.resistance
-    return change, PlateError(change, mesh + by_model, mesh, model.depths)
-
-
-def moving_plate_error(
-    source: Source,
-    plate: FinitePlate,
-    positions: npt.ArrayLike,
-    frequencies: npt.ArrayLike,
-    sheets: Sequence[Sheet] = (),
-    beside: Sequence[Plate | FinitePlate] = (),
-    *,
-    fineness: float = 1.0,
-) -> PlateError:
-    """Return the errors of `moving_plate`, whose arguments and errors these are.
-
-    See Also
-    --------
-    moving_plate_with_error : Change and errors by one solution.
-
-    Notes
-    -----
-    That of the mesh is the correction by which the finer one of two meshes was extrapolated, which covers orders of
-    convergence from 1.3 upwards, of ΔL and ΔR apart. That of the model is the impedance's, which is taken at one
-    wavenumber for all patterns of the current, and the rim's (`coilarray.metal.surface_impedance.with_rim`), where a
-    plate within the coils has most of its losses.
-    """
-    return moving_plate_with_error(source, plate, positions, frequencies, sheets, beside, fineness=fineness)[1]
+    return PlateError(change, mesh + by_model, mesh, model.depths)
 
 
 def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

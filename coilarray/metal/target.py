@@ -15,11 +15,11 @@ from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.geometry.target import Body
 from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance
-from coilarray.metal.finite_plates import PlateError, moving_plate_with_error, outlined_inductance
+from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
 
 
-def target_inductance_with_error(
+def target_inductance(
     source: Source,
     target: Target,
     places: FloatArray,
@@ -86,9 +86,10 @@ def target_inductance_with_error(
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     error = None
     if isinstance(body, FinitePlate):
-        change, error = moving_plate_with_error(
+        error = moving_plate_error(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
-        )  # fmt: skip
+        )
+        change = error.change
     else:
         change = ball_inductance(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress

@@ -28,7 +28,7 @@ from coilarray.errors import MetalError, require_positive
 from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.finite_plates import PlateError, worst_attributes
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
-from coilarray.metal.target import require_apart, target_inductance_with_error
+from coilarray.metal.target import require_apart, target_inductance
 from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
@@ -155,7 +155,7 @@ def target_map(
     ------
     MetalError
         A design without a target, axes that are not finite and rising, a distance that is not positive, and what
-        `coilarray.metal.target.target_inductance_with_error` refuses.
+        `coilarray.metal.target.target_inductance` refuses.
     NetworkError
         A state without a resonance, also with the target.
     MemoryLimitError
@@ -298,7 +298,7 @@ def _changes(
             if progress is not None:
                 progress(100 * done + 100 * within // total, 100 * len(blocks))
 
-        change, error = target_inductance_with_error(
+        change, error = target_inductance(
             design.array, target, places, axes.depth[block].tolist(), frequencies, design.sheets, design.plates,
             accuracy=accuracy, fineness=fineness, progress=counted,
         )  # fmt: skip

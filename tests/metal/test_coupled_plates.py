@@ -22,7 +22,7 @@ from coilarray.geometry.plate import Disc, FinitePlate, Plate, Rectangle, Ring
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.layered_air import LayeredAir, _fitted
-from coilarray.metal.target import target_inductance_with_error
+from coilarray.metal.target import target_inductance
 
 ALUMINIUM = MATERIALS["aluminium"]
 PERFECT = Material("perfect", math.inf)
@@ -167,9 +167,9 @@ def test_a_target_beside_a_shield_with_a_hole():
     found = eddy_currents(loops, [back, target, shield], 1e6, fineness=0.2)
     assert [len(one.density) for one in found] == [2, 2]
     moving = Target(Plate("wide", 0.0, 1e-3, ALUMINIUM), (4e-3,))
-    changed = target_inductance_with_error(
-        loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.2
-    )[0][0]
+    changed = target_inductance(loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.2)[
+        0
+    ][0]
     wide = Plate("wide", 4e-3, 1e-3, ALUMINIUM)
     with_target = outlined_inductance(loops, [shield, wide], [1e6], fineness=0.2) + plate_inductance(
         loops, [wide], [1e6]
@@ -228,5 +228,5 @@ def test_refusals():
     ball = Target(Ball(5e-3, ALUMINIUM), (1e-3,))
     refused(
         MetalError, "a sphere is computed only beside plates below the coils; plate.1 'disc' lies above them",
-        target_inductance_with_error, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back, disc()],
+        target_inductance, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back, disc()],
     )  # fmt: skip

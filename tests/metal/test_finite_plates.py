@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from support.axial_field import disc_before_loop, disc_region, loop_inductance
+from support.axial_field import disc_region, loop_inductance
+from support.axial_plates import AxialPlate, axial_change
 from support.coil_paths import loop
 from support.eddy_bodies import sphere_body
 from support.refusals import refused
@@ -25,7 +26,7 @@ from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.material import MATERIALS, Material
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Rectangle, Ring
 from coilarray.metal import field_at_plate
-from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error, moving_plate_with_error
+from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.plate_mesh import plate_mesh, plate_meshes
@@ -96,9 +97,9 @@ def test_sphere_in_a_uniform_field():
 def test_a_wide_plate_is_one_without_end(sheets):
     loops, f = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))], [2e3, 2e5]
     plate = FinitePlate("wide", Disc(30e-3), (0.0, 0.0, 3.5e-3), 1e-3, ALUMINIUM)
-    finite, error = moving_plate_with_error(loops, plate, [plate.centre], f, sheets)
+    error = moving_plate_error(loops, plate, [plate.centre], f, sheets)
     without_end = plate_inductance(loops, [Plate("wide", 3e-3, 1e-3, ALUMINIUM)], f, sheets)
-    off, said = finite[0] - without_end, error.absolute[0]
+    off, said = error.change[0] - without_end, error.absolute[0]
     assert (np.abs(off.real) < said.real + 1e-2 * np.abs(without_end.real)).all()  # 1 %: the rim, 25 mm away
     assert (np.abs(off.imag) < said.imag + 1e-2 * np.abs(without_end.imag)).all()
     assert mesh_share(error).inductance < 0.02
@@ -119,9 +120,8 @@ def test_axisymmetric_finite_elements(frequency):
         0.125e-3,
     )
     plate = disc(thickness=2e-3)
-    change = moving_plate([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])[0, 0]
     error = moving_plate_error([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])
-    said = error.absolute[0, 0].diagonal()
+    change, said = error.change[0, 0], error.absolute[0, 0].diagonal()
     assert (np.abs(change.diagonal().real - reference.real) < said.real).all()
     assert (np.abs(change.diagonal().imag - reference.imag) < said.imag).all()
     assert error.inductance < 0.25
@@ -137,12 +137,13 @@ def test_axisymmetric_finite_elements(frequency):
 def test_axisymmetric_finite_elements_at_two_megahertz(radius, thickness, errors):
     """The losses of a thick plate crowd into its sharp rim; the model errs by 11 % where the rim has most of them."""
     a, gap, f, copper = 5e-3, 1e-3 if radius > 5e-3 else 1.5e-3, 2e6, MATERIALS["copper"]
-    reference = disc_before_loop(a, gap, radius, thickness, copper.conductivity, f)
+    metal = AxialPlate(0.0, radius, -thickness / 2, thickness / 2, copper.conductivity)
+    reference = axial_change([(a, -gap - thickness / 2)], metal, f)
     plate = FinitePlate("disc", Disc(radius), (0.0, 0.0, gap + thickness / 2), thickness, copper)
-    change = moving_plate([loop(a, sides=180)], plate, [plate.centre], [f])[0, 0, 0, 0]
+    said = moving_plate_error([loop(a, sides=180)], plate, [plate.centre], [f])
+    change = said.change[0, 0, 0, 0]
     assert change.real == pytest.approx(reference.real, rel=errors[0])
     assert change.imag == pytest.approx(reference.imag, rel=errors[1])
-    said = moving_plate_error([loop(a, sides=180)], plate, [plate.centre], [f])
     assert abs(change.real / reference.real - 1) < said.inductance
     assert abs(change.imag / reference.imag - 1) < said.resistance
     assert said.depths == pytest.approx(thickness / copper.skin_depth(f))
@@ -176,7 +177,8 @@ def test_narrow_plates_against_other_methods_within_the_stated_errors(name):
     """Copper of 35 µm, 2 mm over a loop of 8 mm, by its local width; what is stated stays below 6 %."""
     outline, place, f, L, R = NARROW[name]
     plate = FinitePlate("narrow", outline, (0.0, 0.0, 0.0), 35e-6, MATERIALS["copper"])
-    change, error = moving_plate_with_error([loop(8e-3, sides=360)], plate, [place], [f], fineness=0.7)
+    error = moving_plate_error([loop(8e-3, sides=360)], plate, [place], [f], fineness=0.7)
+    change = error.change
     assert abs(-1e9 * change.imag.item() - R) < 1e9 * error.absolute.imag.item()
     assert error.resistance < 0.06
     if L is not None:

@@ -160,7 +160,7 @@ def test_an_interrupted_map_goes_on(tmp_path, monkeypatch):
         errors = (np.abs(change.real) * 0.01 + 0.05j * np.abs(change.imag)).reshape(-1, len(frequencies), 1, 1)
         return change, PlateError(change.reshape(errors.shape), errors, errors, 2.0)
 
-    monkeypatch.setattr(module, "target_inductance_with_error", solver)
+    monkeypatch.setattr(module, "target_inductance", solver)
     network = design_circuit(ONE, ideal=True)
     with pytest.raises(KeyboardInterrupt):
         target_map(design, network=network, parts=tmp_path)
@@ -181,7 +181,7 @@ def test_a_coin_that_stays_says_what_its_model_errs(monkeypatch):
     def solver(source, target, places, distances, frequencies, *rest, **options):
         return np.full((len(distances), len(places), len(frequencies), 1, 1), -1e-7 + 0j), None
 
-    monkeypatch.setattr(module, "target_inductance_with_error", solver)
+    monkeypatch.setattr(module, "target_inductance", solver)
     coin = ca.FinitePlate("coin", ca.Disc(3e-3), (0, 0, -4e-3), 1e-3, ALUMINIUM)
     network = design_circuit(ONE, ideal=True)
     alone, beside = (target_map(replace(ONE, plates=plates), network=network).attrs for plates in ((), (coin,)))
@@ -271,14 +271,14 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
     line = "beside plates below the coils; plate.0 'above' lies above them: leave it out"
     refused(MetalError, line, lambda: target_map(replace(ONE, plates=(above,))))
     monkeypatch.setattr(
-        module, "target_inductance_with_error", lambda *args, **options: (np.full((1, 2, 1, 1, 1), -1.0 + 0j), None)
+        module, "target_inductance", lambda *args, **options: (np.full((1, 2, 1, 1, 1), -1.0 + 0j), None)
     )
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))
 
     def not_a_number(*args, **options):
         return np.full((1, 2, 1, 1, 1), np.nan + 0j), None
 
-    monkeypatch.setattr(module, "target_inductance_with_error", not_a_number)
+    monkeypatch.setattr(module, "target_inductance", not_a_number)
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))
     # the first call is the guess from which the band follows
     L = design_circuit(ONE, ideal=True).inductance
@@ -288,5 +288,5 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
         def solver(source, target, places, distances, frequencies, *rest, factors=factors, **options):
             return np.full((len(distances), len(places), len(frequencies), 1, 1), next(factors) * L + 0j), None
 
-        monkeypatch.setattr(module, "target_inductance_with_error", solver)
+        monkeypatch.setattr(module, "target_inductance", solver)
         refused(MetalError, line, lambda: target_map(ONE, ideal=True))

@@ -1,12 +1,8 @@
 """Finite elements for circular loops about the axis of any materials: what these do to inductance and loss."""
 
-from itertools import pairwise
-
 import numpy as np
-import skfem
 from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementQuad2, ElementTriP2, MeshQuad, MeshTri
-from skfem.helpers import dot, grad
 
 from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
@@ -157,45 +153,6 @@ def pit(base=4e-3, mu=3.0):
     r = np.linspace(0, 20e-3, 201)
     shape = -1.5e-3 * np.exp(-((r / 3e-3) ** 2))
     return Dent((base, 2e-3), (1.0, mu), r, np.column_stack((0 * r, 0.8 * shape, shape)))
-
-
-def disc_before_loop(a, gap, radius, thickness, conductivity, frequency):
-    """ΔL − jΔR/ω in H of a loop of the radius `a` in m by a disc that begins a `gap` in m above it.
-
-    A disc of the radius inf is infinite. Rectangles of second order for r·A, whose lines crowd from all faces and from
-    the loop: the first is a quarter of the skin depth or an eighth of the thickness, and each 1.4 times the one before.
-    """
-    skin = 1 / np.sqrt(np.pi * frequency * MU_0 * conductivity)
-    fine, far = min(skin / 4, thickness / 8), 20 * a
-    rim = [] if np.isinf(radius) else [(radius, fine)]
-    r = _lines(sorted([(0.0, a / 8), (a, gap / 4), (far, a), *rim]))
-    z = _lines([(-far, a), (0.0, gap / 8), (gap, fine), (gap + thickness, fine), (far, a)])
-    basis = Basis(MeshQuad.init_tensor(r, z), ElementQuad2(), intorder=6)
-    stiffness = BilinearForm(lambda u, v, w: dot(grad(u), grad(v)) / (MU_0 * w.x[0]))
-    eddies = BilinearForm(
-        lambda u, v, w: 2 * np.pi * frequency * conductivity * u * v / w.x[0]
-        * ((w.x[1] > gap) & (w.x[1] < gap + thickness) & (w.x[0] < radius))
-    )  # fmt: skip
-    still, moving = stiffness.assemble(basis), eddies.assemble(basis)
-    source, edge = basis.point_source(np.array([a, 0.0])), basis.get_dofs()
-    with_disc = skfem.solve(*skfem.condense((still + 1j * moving).tocsc(), source.astype(complex), D=edge))
-    without = skfem.solve(*skfem.condense(still, source, D=edge))
-    return 2 * np.pi * source @ (with_disc - without)
-
-
-def _lines(places):
-    """Lines through rising places, each with the distance of its next line; between them each is 1.4 times the last."""
-    found = [np.array([places[0][0]])]
-    for (start, first), (stop, last) in pairwise(places):
-        left, right = [0.0], [0.0]
-        while left[-1] + right[-1] < stop - start:
-            steps = first * 1.4 ** (len(left) - 1), last * 1.4 ** (len(right) - 1)
-            shorter = left if steps[0] <= steps[1] else right
-            shorter.append(shorter[-1] + min(steps))
-        scale = (stop - start) / (left[-1] + right[-1])
-        found.append(np.unique(np.concatenate((start + scale * np.array(left)[1:], stop - scale * np.array(right)))))
-    lines = np.concatenate(found)
-    return lines[np.concatenate(([True], np.diff(lines) > 1e-12))]
 
 
 def dented_loops(loops, thickness, mu, top, zone=6e-3, step=0.125e-3):
