@@ -166,7 +166,8 @@ def plate_field(
     Before the first plate or sheet the waves that come back are added to the field of the coils, which is exact. From
     there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. The coils are
     those of free space, while their waves close coils whose ends lie apart by a straight line: at the first face B
-    jumps by the field of that line.
+    jumps by the field of that line, near it, by up to 7 % of the largest there in the bundled boards at 0.3 mm from the
+    copper, 3 % at 1 mm and 0.9 % at 3 mm.
     """
     paths = as_conductors(source)
     segments = coil_segments(paths)
