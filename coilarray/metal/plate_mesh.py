@@ -29,7 +29,7 @@ from coilarray.geometry.plate import Outline
 _ALONG = 28  # pieces of all rims together, where the plate is not narrow
 _WIDEST, _FINEST = 1.7, 0.17  # largest and smallest piece of the rim, of the radius of the circle that touches it
 _OF_HEIGHT = 0.6  # of the height of the copper: piece of the rim of a narrow plate, along which its field varies
-_TURN = 0.7  # radians of a curve in a piece of the rim
+_TURN = 0.7  # radians of a disc's rim in a piece; else as far from its chord, 6 % of the radius of the circle
 _AT_CORNERS = 0.4  # piece beside a convex corner, of half the width of the plate there
 _AT_REENTRANT = 0.15  # the same of a reentrant one, from which currents turn sharply
 _GRADING = 0.4  # growth of the pieces with the distance
@@ -268,24 +268,27 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
     outer, *holes = (ring.simplify(_SAGITTA * inscribed).coords for ring in (plane.exterior, *plane.interiors))
     plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
-    step = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
+    along, height = max(plane.length / _ALONG, _FINEST * inscribed), 0.0 if above is None else above.height
+    step = min(_WIDEST * inscribed, along) / fineness
     finest = step
     if above is not None:
         least = math.sqrt(min(plane.area, above.area.area) / _MOST_BELOW)
         finest = min(step, max(_NEAR_COILS * max(above.spread, above.height), least) / fineness)
 
-    def wanted(points: FloatArray) -> FloatArray:
+    def wanted(points: FloatArray, largest: float = step) -> FloatArray:
         if above is None or finest == step:
-            return np.full(len(points), step)
-        return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, step)
+            return np.full(len(points), largest)
+        return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, largest)
+
+    def wanted_along(points: FloatArray) -> FloatArray:
+        return wanted(points, min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness)
 
     rims = [_Rim.of(ring) for ring in (plane.exterior, *plane.interiors)]
-    places, sizes = _divided(rims, wanted, max(fineness, _COARSEST), 0.0 if above is None else above.height)
+    places, apart = _divided(rims, wanted_along, max(fineness, _COARSEST), height)
     nodes = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
     points, normals = (np.concatenate(part) for part in zip(*nodes, strict=True))
     samples = np.concatenate([rim.at(rim.samples(plane.length / _SAMPLES))[0] for rim in rims])
-    spacing = np.concatenate(sizes)
-    radii = _graded(points, np.minimum(_touching(points, normals, samples, 0.9 * spacing), inscribed), 1.0)
+    radii = _graded(points, np.minimum(_touching(points, normals, samples, np.concatenate(apart)), inscribed), 1.0)
     strips = max(round(_STRIPS * fineness), 2)
     depths = _DEPTH * (np.arange(strips + 1) / strips) ** 2
     for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than wanted
@@ -394,7 +397,10 @@ class _Rim:
 def _divided(
     rims: Sequence[_Rim], wanted: Sizes, fineness: float, height: float
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Places in m of the nodes on all rims, by the local width, corners and the wanted sizes; and the sizes there."""
+    """Places in m of the nodes on all rims, by the local width, corners and the wanted sizes.
+
+    Besides these, how near to each in m its own rim lies.
+    """
     whole = sum(rim.length for rim in rims)
     places = [rim.samples(whole / _SAMPLES) for rim in rims]
     found = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
@@ -417,13 +423,14 @@ def _divided(
         starts = rim.ends[rim.sharp] if len(rim.sharp) else np.zeros(1)
         cuts = np.append(starts, starts[0] + rim.length)
         turning = rim.ends[:-1], np.where(np.abs(rim.turns) > _CORNER, 0.0, np.abs(rim.turns))
+        fewest = 1 if len(starts) > 2 else 8 // len(starts)
         nodes = [
-            _section(rim, start, stop, place, sizes[own], turning, 1 if len(starts) > 2 else 8 // len(starts), fineness)
+            _section(rim, start, stop, place, sizes[own], radii[own], turning, fewest, fineness)
             for start, stop in itertools.pairwise(cuts.tolist())
         ]
         together = np.concatenate(nodes)
         made.append(together)
-        of_nodes.append(np.interp(together, place, sizes[own], period=rim.length))
+        of_nodes.append(np.interp(together, place, np.minimum(0.9 * sizes, 1.5 * radii)[own], period=rim.length))
         first += len(place)
     return made, of_nodes
 
@@ -443,11 +450,12 @@ def _section(
     stop: float,
     places: FloatArray,
     sizes: FloatArray,
+    radii: FloatArray,
     turning: tuple[FloatArray, FloatArray],
     fewest: int,
     fineness: float,
 ) -> FloatArray:
-    """Divide a rim from one place in m to another one by the sizes (n,) in m at `places`, and by its turns."""
+    """Divide a rim from one place in m to another one by sizes and radii (n,) in m at `places`, and by its turns."""
     fine = np.linspace(start, stop, 1 + max(64, 4 * math.ceil((stop - start) / float(sizes.min()))))
     middles = (fine[1:] + fine[:-1]) / 2
     pieces = np.diff(fine) / np.interp(middles, places, sizes, period=rim.length)
@@ -459,7 +467,8 @@ def _section(
         total = np.append(0.0, np.cumsum(angles[within][order]))
         ends = np.concatenate(([start], at[within][order], [stop]))
         turned = np.interp(fine, (ends[1:] + ends[:-1]) / 2, total)
-        pieces = np.maximum(pieces, np.diff(turned) * fineness / _TURN)
+        radius = np.interp(middles, places, radii, period=rim.length)
+        pieces = np.maximum(pieces, np.sqrt(np.diff(turned) * np.diff(fine) / radius) * fineness / _TURN)
     sums = np.append(0.0, np.cumsum(pieces))
     count = max(math.ceil(sums[-1] - 1e-6), fewest)
     return np.asarray(np.interp(np.arange(count) * sums[-1] / count, sums, fine))
