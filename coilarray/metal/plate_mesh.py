@@ -138,7 +138,8 @@ class _Layout:
 
     Nodes of the rims lie at `places` (n,) in m along each of the `rims`; from each a row of nodes goes inwards by
     `depths` of its way (n, 2) in m. `core` has the triangles of the rows' ends and the `inner` points (m, 2) in m.
-    `heights` are those of the rim's nodes, of half the thickness.
+    `heights` are those of the rim's nodes, of half the thickness. Triangles in holes, over which the coils' flux is
+    integrated, are of the `sizes`, at most a `step` in m.
     """
 
     rims: tuple[_Rim, ...]
@@ -151,6 +152,7 @@ class _Layout:
     thickness: float
     inscribed: float
     step: float
+    sizes: Sizes
     parents: IntArray | None = None
 
     @cached_property
@@ -201,7 +203,8 @@ class _Layout:
         )
         return _Layout(
             self.rims, tuple(places), tuple(ways), _with_middles(self.depths), inner, core,
-            _with_middles(self.heights), self.thickness, self.inscribed, self.step / 2, self._parents(edges[new]),
+            _with_middles(self.heights), self.thickness, self.inscribed, self.step / 2,
+            lambda points: self.sizes(points) / 2, self._parents(edges[new]),
         )  # fmt: skip
 
     def _parents(self, edges: IntArray) -> IntArray:
@@ -257,7 +260,7 @@ class _Layout:
             np.arange(len(together)) >= len(on_face),
             upper[0],
             tuple(upper[1:]),
-            tuple(_cap(loop[::-1], self.step) for loop in self.loops[1:]),
+            tuple(_cap(loop[::-1], self.step, self.sizes) for loop in self.loops[1:]),
             self.inscribed,
             self.parents,
         )
@@ -270,18 +273,23 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
     along, height = max(plane.length / _ALONG, _FINEST * inscribed), 0.0 if above is None else above.height
     step = min(_WIDEST * inscribed, along) / fineness
-    finest = step
-    if above is not None:
-        least = math.sqrt(min(plane.area, above.area.area) / _MOST_BELOW)
-        finest = min(step, max(_NEAR_COILS * max(above.spread, above.height), least) / fineness)
 
-    def wanted(points: FloatArray, largest: float = step) -> FloatArray:
+    def least(area: float) -> float:
+        """Smallest size in m that is wanted by the distance of the copper."""
+        if above is None:
+            return step
+        smallest = math.sqrt(min(area, above.area.area) / _MOST_BELOW)
+        return min(step, max(_NEAR_COILS * max(above.spread, above.height), smallest) / fineness)
+
+    def wanted(points: FloatArray, finest: float, largest: float = step) -> FloatArray:
         if above is None or finest == step:
             return np.full(len(points), largest)
         return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, largest)
 
+    finest = least(plane.area)
+
     def wanted_along(points: FloatArray) -> FloatArray:
-        return wanted(points, min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness)
+        return wanted(points, finest, min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness)
 
     rims = [_Rim.of(ring) for ring in (plane.exterior, *plane.interiors)]
     places, apart = _divided(rims, wanted_along, max(fineness, _COARSEST), height)
@@ -292,7 +300,7 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     strips = max(round(_STRIPS * fineness), 2)
     depths = _DEPTH * (np.arange(strips + 1) / strips) ** 2
     for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than wanted
-        radii = np.minimum(radii, wanted(points + share * radii[:, None] * normals) / (depths[-1] - depths[-2]))
+        radii = np.minimum(radii, wanted(points + share * radii[:, None] * normals, finest) / (depths[-1] - depths[-2]))
     radii = _graded(points, radii, 1.0)
     ends = np.cumsum([len(place) for place in places])[:-1]
     ways = np.split(radii[:, None] * normals, ends)
@@ -304,14 +312,16 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     local = np.maximum(_LATTICE / fineness * radii, np.concatenate([_spacing(loop) for loop in last]))
 
     def inside(places: FloatArray) -> FloatArray:
-        return np.minimum(wanted(places), _cone(places, edge, local, _GRADING))
+        return np.minimum(wanted(places, finest), _cone(places, edge, local, _GRADING))
 
     smallest = max(min(float(inside(edge).min()), finest), float(np.ptp(edge, axis=0).max()) / 400)
     inner, core = _lattice(last, step, min(smallest, step), inside)
     heights = [1.0, 0.0] if thickness / 2 <= _THIN * inscribed / fineness else [1.0, 1 - _UPPER, 0.0]
+    of_holes = least(max((shapely.Polygon(hole).area for hole in plane.interiors), default=plane.area))
     return _Layout(
-        tuple(rims), tuple(places), tuple(ways), depths, inner, core, np.array(heights), thickness, inscribed, step
-    )
+        tuple(rims), tuple(places), tuple(ways), depths, inner, core, np.array(heights), thickness, inscribed, step,
+        lambda points: wanted(points, of_holes),
+    )  # fmt: skip
 
 
 def _plane(outline: Outline) -> shapely.Polygon:
@@ -618,9 +628,10 @@ def _band(upper: IntArray, lower: IntArray) -> IntArray:
     return np.concatenate((np.column_stack((upper, lower, below)), np.column_stack((upper, below, after))))
 
 
-def _cap(loop: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+def _cap(loop: FloatArray, step: float, sizes: Sizes) -> tuple[FloatArray, FloatArray]:
     """Points of a rule of the second degree over a hole's area, with their weights in m²."""
-    points, triangles = _lattice([loop], step, step, lambda places: np.full(len(places), step))
+    finest = float(sizes(np.concatenate((loop, [loop.mean(axis=0)]))).min())
+    points, triangles = _lattice([loop], step, finest, sizes)
     together = np.concatenate((loop, points))
     places = np.einsum("pc,kcd->pkd", np.full((3, 3), 1 / 6) + np.eye(3) / 2, together[triangles])
     return places.reshape(-1, 2), np.tile(_areas(together, triangles) / 3, 3)
