@@ -222,8 +222,10 @@ def moving_plate_error(
     bodies = _meshed(paths, plate, where, f, sheets, fineness)
     others = [one for one in beside if isinstance(one, FinitePlate)]
     fixed = [_posed(paths, one, f, sheets, fineness) for one in others]
+    edges = np.zeros((len(where), len(f), len(paths)))
     if magnetic:
-        found = [_magnetic_changes(around, PosedPlate(body, plate, where, ())) for body in bodies]
+        both = [_magnetic_changes(around, PosedPlate(body, plate, where, ())) for body in bodies]
+        found, edges = [change for change, _ in both], both[1][1]
     else:
         impedances = _impedances(plate, f, _field_scale(paths, plate, where))
         posed = [PosedPlate(body, plate, where, impedances) for body in bodies]
@@ -233,7 +235,8 @@ def moving_plate_error(
         change = np.asarray((change.real if magnetic else _negative(change.real)) + 1j * _negative(change.imag))
     # the parts of iron and of its eddy currents may cancel in ΔL, so that its error is that of both together
     real, imaginary = (_by_pairs(np.abs(change)),) * 2 if magnetic else (_by_pairs(change.real), _by_pairs(change.imag))
-    by_model = real * model.inductance + 1j * imaginary * model.resistance
+    by_edges = np.sqrt(edges[..., :, None] * edges[..., None, :])
+    by_model = real * model.inductance + by_edges + 1j * (imaginary * model.resistance + by_edges)
     return PlateError(change, mesh + by_model, mesh, model.depths)
 
 
@@ -265,14 +268,14 @@ def _negative(matrices: FloatArray) -> FloatArray:
     return np.asarray((found + found.swapaxes(-1, -2)) / 2)
 
 
-def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> ComplexArray:
-    """ΔZ/jω in H by a magnetic plate at its places, (positions, f, paths, paths)."""
+def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
+    """`magnetic_changes` by a plate at places of any height."""
     where = plate.where
     shape = (len(where), len(around.air.frequencies), len(around.paths), len(around.paths))
-    change = np.zeros(shape, dtype=np.complex128)
+    change, edges = np.zeros(shape, dtype=np.complex128), np.zeros(shape[:-1])
     for group in _same_heights(where[:, 2]) if around.air.layers else [np.arange(len(where))]:
-        change[group] = magnetic_changes(around, replace(plate, where=where[group]))
-    return change
+        change[group], edges[group] = magnetic_changes(around, replace(plate, where=where[group]))
+    return change, edges
 
 
 def _changes(

@@ -21,6 +21,13 @@ Between sheets and infinite plates, G = 1/4πr has the images of `coilarray.meta
 and double layers, of the other sign in mirror images; H_c is what the coils send there between them.
 
 The skin depth is at most a third of the thickness, and small against the width. A hole would need a cut.
+
+Near an edge the field enters from both sides, and the condition knows nothing of it. With the same H along the edge on
+both faces the strip of `coilarray.metal.surface_impedance` has, for t ≫ δ, F = (1 − 8/πkt)/k: at each of its two edges
+the surface is short of 8/(2√2 π) = 0.9 skin depths, about a half on either side. A change of ℓ on a part of the surface
+changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t there. The error of the edges is the size of this for |δℓ| = |ℓ| within half a
+skin depth of them. There H_t is as far as |ℓ| from the edge about the same, and falls farther away as that along a
+perfect conductor, with the third root of the distance.
 """
 
 from __future__ import annotations
@@ -30,6 +37,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+import shapely
 from scipy.linalg import block_diag, lu_factor, lu_solve
 from scipy.sparse.linalg import splu
 
@@ -47,6 +55,7 @@ from coilarray.metal.half_body import MIRROR, ROWS, EddyBody, inductance, pair_i
 from coilarray.metal.layered_air import ITSELF, Image
 
 _DEPTHS = 3.0  # least thickness in skin depths
+_AT_EDGE = 0.5  # skin depths on either side of an edge
 
 
 def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[FinitePlate]) -> None:
@@ -68,12 +77,23 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
         )
 
 
-def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> ComplexArray:
-    """ΔZ/jω in H by a magnetic plate at its places, (places, f, paths, paths)."""
-    problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies)
-    found = [sum(one.change(length) for one in of) for of, length in zip(problems, lengths.tolist(), strict=True)]
-    shape = (len(plate.where), len(around.paths), len(around.paths))
-    return np.stack([np.broadcast_to(np.asarray(one, dtype=np.complex128), shape) for one in found], axis=1)
+def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
+    """ΔZ/jω in H by a magnetic plate at its places, (places, f, paths, paths), and what its edges err in each path.
+
+    The latter in H, (places, f, paths).
+    """
+    problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies).tolist()
+    places, paths, count = len(plate.where), len(around.paths), len(lengths)
+    change = np.zeros((places, count, paths, paths), dtype=np.complex128)
+    edges = np.zeros((places, count, paths))
+    for k, (of, length) in enumerate(zip(problems, lengths, strict=True)):
+        depth = plate.plate.material.skin_depth(float(around.air.frequencies[k]))
+        near = stiffness(plate.body, _beside_edges(plate.body, _AT_EDGE * depth, abs(length)))
+        for one in of:
+            outside = one.answer(length)
+            change[:, k] += one.change(length, outside)
+            edges[:, k] += one.energy(near, outside) * abs(length)
+    return change, edges
 
 
 def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = False) -> list[ComplexArray]:
@@ -140,11 +160,19 @@ class Potentials:
         found[known] = lu_solve(lu_factor(matrix), np.asarray(weighed @ (self.means @ outside))[known])
         return found
 
-    def change(self, length: complex) -> ComplexArray:
-        """ΔZ/jω in H, (places, paths, paths), for ℓ in m."""
+    def energy(self, stiff: sp.csr_array, outside: ComplexArray) -> FloatArray:
+        """µ0 ∫ |H_t|² in H/m, (places, paths), by the `stiffness` of a part of the surface and φ in A."""
+        total, n = self.u + outside, stiff.shape[0]
+        on_nodes = np.asarray(self.basis @ total.reshape(len(total), -1))
+        halves = (on_nodes[:n], on_nodes[n:])
+        found = sum((half.conj() * (stiff @ half)).real.sum(axis=0) for half in halves) / 2
+        return np.asarray(MU_0 * found).reshape(total.shape[1:])
+
+    def change(self, length: complex, outside: ComplexArray) -> ComplexArray:
+        """ΔZ/jω in H, (places, paths, paths), for ℓ in m and φ in A."""
         inside = np.einsum("npi,npj->pij", self.u, self.b, optimize=True)
         along = np.einsum("npi,npj->pij", self.u, self.t, optimize=True)
-        both = np.einsum("npi,npj->pij", self.load(length), self.answer(length), optimize=True)
+        both = np.einsum("npi,npj->pij", self.load(length), outside, optimize=True)
         found = -MU_0 * (both - inside + length * along)
         return np.asarray((found + found.swapaxes(1, 2)) / 2)
 
@@ -162,9 +190,26 @@ def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potent
     return _potentials(basis, means, rest, outer, S, b[used], t[used], slice(1 if sign > 0 else 0, None))
 
 
-def stiffness(body: EddyBody) -> sp.csr_array:
-    """∫ ∇v·∇v' over both halves of a body for equal potentials on both, dimensionless, shape (n, n)."""
-    areas = sp.diags_array(2 * body.areas)
+def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
+    """Shares of ∫ H² on the triangles, (k,), within a depth in m of an edge, for |ℓ| in m."""
+    nodes, edge = body.mesh.nodes, shapely.LinearRing(body.mesh.nodes[body.mesh.ring, :2])
+
+    def grown(away: FloatArray | float) -> FloatArray:
+        """∫ H² from an edge to places away from it in m."""
+        return np.minimum(away, length) + 3 * length * (np.cbrt(np.maximum(np.asarray(away) / length, 1.0)) - 1)
+
+    away = shapely.distance(edge, shapely.points(nodes[:, :2])) + nodes[:, 2].max() - nodes[:, 2]
+    corners = grown(away)[body.mesh.triangles]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    return np.asarray(np.clip((grown(depth) - low) / (high - low), 0.0, 1.0))
+
+
+def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
+    """∫ ∇v·∇v' over both halves of a body for equal potentials on both, dimensionless, shape (n, n).
+
+    Of each triangle only its share counts.
+    """
+    areas = sp.diags_array(2 * body.areas * shares)
     return sp.csr_array(sum(G.T @ areas @ G for G in body.gradients))
 
 

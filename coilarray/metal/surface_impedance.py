@@ -34,9 +34,6 @@ from coilarray.geometry.material import Material
 _TERMS = 4096  # of F, whose rest falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: least |F|, beyond which the rim's current along it is none to double precision
 _WEAK = 1e-6  # |k²| by κ² + 4/t², below which differences are taken by the derivative
-# of the skin depth by the thickness: ΔL − jΔR/ω of magnetic discs errs by 0.3 to 0.55 by their edges against finite
-# elements; a plate is refused by the first, and the second is stated
-_AT_EDGES = 0.3, 0.7
 # discs of copper within a loop, by finite elements: ΔL errs by 0.2 to 0.35 of the skin depth over the radius, ΔR by
 # −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4 and 13 % at 2, and less in thinner ones, whose currents
 # flow through the whole thickness and are taken at faces and rim. Of ΔL the first is of half the thickness, or of the
@@ -107,8 +104,8 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
     """Errors of the reflection of an infinite plate, by the λ at the κ `taken`, at the wavenumber `kappa`, in 1/m.
 
     With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both. Of a magnetic plate
-    R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and its errors are those of |R|,
-    besides what its edges err, of the whole |ΔL − jΔR/ω|.
+    R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and its errors are those of |R|, of the whole
+    |ΔL − jΔR/ω|; what its edges err comes with its solution.
     """
     if math.isinf(material.conductivity):
         return ModelError()
@@ -118,8 +115,7 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
         layer = Layer(thickness, material.relative_permeability, material.conductivity)
         wave = complex(layer_waves([layer], np.array([kappa]), 2 * np.pi * frequency).reflection[0])
         wide = abs((way - 1) / (way + 1) - wave) / abs(wave)
-        whole, stated = (wide + edges / depths for edges in _AT_EDGES)
-        return ModelError(whole, stated, stated, depths)
+        return ModelError(wide, wide, wide, depths)
     e = math.exp(-kappa * thickness)
     found, exact = (
         sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))

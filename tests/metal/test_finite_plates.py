@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from support.axial_field import disc_region, loop_inductance
 from support.axial_plates import AxialPlate, axial_change
 from support.coil_paths import loop
 from support.eddy_bodies import sphere_body
@@ -109,18 +108,10 @@ def test_a_wide_plate_is_one_without_end(sheets):
 @pytest.mark.parametrize("frequency", [1e3, 2e4])
 def test_axisymmetric_finite_elements(frequency):
     """A disc of 2 mm that is 0.8 and 3.4 skin depths thick. λ is taken at one κ: 4.3 % where it is 0.8."""
-    loops = [(8e-3, 0.0), (4e-3, 0.0)]
-    inside, edges = disc_region(10e-3, 2e-3, 4e-3)
-    reference = loop_inductance(
-        loops,
-        lambda r, z: (np.ones_like(r), np.where(inside(r, z), ALUMINIUM.conductivity, 0.0)),
-        frequency,
-        inside,
-        edges,
-        0.125e-3,
-    )
+    radii, metal = (8e-3, 4e-3), AxialPlate(0.0, 10e-3, -1e-3, 1e-3, ALUMINIUM.conductivity)
+    reference = np.array([axial_change([(a, -3e-3)], metal, frequency) for a in radii])
     plate = disc(thickness=2e-3)
-    error = moving_plate_error([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])
+    error = moving_plate_error([loop(a, sides=180) for a in radii], plate, [plate.centre], [frequency])
     change, said = error.change[0, 0], error.absolute[0, 0].diagonal()
     assert (np.abs(change.diagonal().real - reference.real) < said.real).all()
     assert (np.abs(change.diagonal().imag - reference.imag) < said.imag).all()
