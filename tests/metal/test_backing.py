@@ -66,7 +66,7 @@ FOIL = Plate("foil", -2.5e-3, 0.02e-3, ALUMINIUM)
 
 @pytest.mark.parametrize(
     ("thickness", "beside", "fineness"),
-    [(METAL, (), 0.6), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.25)],
+    [(METAL, (), 0.35), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.25)],
     ids=["thick", "thin before another plate"],
 )
 def test_a_wide_disc_behind_a_foil_is_an_infinite_plate(coils, thickness, beside, fineness):
@@ -111,7 +111,7 @@ def test_coil_dent_and_disc_are_those_of_finite_elements(material, errors):
     region = disc_region(radius, FACE - METAL, FACE)
     paths = [polygon(120, *one) for one in LOOPS]
     alone = dent_inductance(paths, [dent], [[0.0, 0.0]])[0, 0].diagonal()
-    (backing,) = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.5)
+    (backing,) = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.35)
     found = dent_inductance_over(backing, paths, [dent], [[0.0, 0.0]])[0, 0].diagonal() / alone
     solved, without = (
         dent_over_metal(LOOPS, dent, region, *one, frequency)

@@ -110,7 +110,7 @@ def test_currents_without_charges_have_the_flux_of_the_plate_through_the_other_c
     """By reciprocity that of the potentials' energy: 0.8 % by the mesh, of a tilted disc below two loops."""
     loops, f = [loop(5e-3, -0.2e-3, 24), loop(4e-3, -0.5e-3, 24, (2e-3, 0.0))], [2e4]
     below = replace(disc(8e-3), centre=(1e-3, 0.0, -4e-3), tilt=0.1, tilt_direction=0.4)
-    ((one,),) = currents_alone(loops, [below], f, fineness=0.9)
+    ((one,),) = currents_alone(loops, [below], f, fineness=0.6)
     pieces = _pieces(one)  # their weights: real parts by loop, then imaginary ones
     steps, middles = pieces.stop - pieces.start, (pieces.start + pieces.stop) / 2
     flux = np.zeros((2, 4))
@@ -119,7 +119,7 @@ def test_currents_without_charges_have_the_flux_of_the_plate_through_the_other_c
         for start, stop in zip(at[:-1].reshape(-1, 3), at[1:].reshape(-1, 3), strict=True):
             near = np.linalg.norm((start + stop) / 2 - middles, axis=1)
             flux[number] += MU_0 / (4 * np.pi) * (steps @ (stop - start) / near) @ pieces.weights
-    expected = outlined_inductance(loops, [below], f, fineness=0.9)[0]
+    expected = outlined_inductance(loops, [below], f, fineness=0.6)[0]
     assert np.abs(flux[:, :2] + 1j * flux[:, 2:] - expected).max() < 1.5e-2 * np.abs(expected).max()
 
 

@@ -20,7 +20,7 @@ from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
 
 # quick ones of several kinds: discs, rings, rectangles, holes and slots, thick and thin, tilted, and iron
-ROWS = [rows("plates")[k] for k in (1, 4, 6, 11, 13, 15, 16, 20, 21, 32, 44, 51)]
+ROWS = [rows("plates")[k] for k in (1, 6, 11, 15, 21, 32, 43)]
 
 
 @pytest.mark.slow
