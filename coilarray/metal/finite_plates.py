@@ -481,7 +481,7 @@ def _whole_model_error(
     nearest = _distance(paths, plate, where, sheets)
     error = _model_error(plate, frequencies, _field_scale(paths, plate, where), max(nearest, _least_spread(paths) / 2))
     if plate.material.relative_permeability != 1 or not error.depths:
-        return error  # that of magnetic edges is in it
+        return error  # what the edges of a magnetic one err comes with its solution
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     covers = [translate(ground, x, y) for x, y in where[:, :2].tolist()]
     margins = [
