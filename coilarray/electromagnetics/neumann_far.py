@@ -20,9 +20,7 @@ from coilarray.compute.arrays import FloatArray, IntArray
 
 MOST_NODES = 16
 """Along one side of the box; nearer pairs need more and are left to the sums over segments."""
-_LOG_TOLERANCE = math.log(
-    1e-6
-)  # of ρ^−n; windings err by less than 3e-8 of L (tests/electromagnetics/test_inductance_lattice.py)
+_LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than that of pieces
 _NONE = 1e-9  # of the box: an extent that is none
 
 
@@ -56,7 +54,8 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
     beside = np.arccosh(1.0 + np.hypot(gap[:, 0], gap[:, 1])[:, None] / lengths)
     above = np.arcsinh(gap[:, 2][:, None] / lengths)
     with np.errstate(divide="ignore"):
-        count = np.ceil(-_LOG_TOLERANCE / np.maximum(beside, above))
+        apart_by = np.log1p(np.hypot(*gap.T[:2]) / half.max(axis=1))[:, None]
+        count = np.ceil((2 * apart_by - _LOG_TOLERANCE) / np.maximum(beside, above))
     apart = gap.max(axis=1)[:, None] > 0
     count = np.where((sizes <= none) & apart, 1.0, np.maximum(count, 2.0))
     return np.asarray(np.minimum(count, MOST_NODES + 1.0), dtype=np.int64)

@@ -30,8 +30,8 @@ up to 1 % of k where windings lie on each other (tests/electromagnetics/test_ind
 
 OWN_NEAR_WIDTHS = 160.0
 """Distance in widths up to which the cross-section counts within one path (test_inductance_convergence.py)."""
-MUTUAL_NEAR_WIDTHS = 120.0
-"""Distance in widths up to which the cross-section counts between two paths (test_inductance_convergence.py)."""
+MUTUAL_NEAR_WIDTHS = 1000.0
+"""Distance in widths up to which the cross-section counts between two paths: (1/1000)² is 1e-6 of a weak coupling."""
 # the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
 _SCREEN_OWN_NEAR_WIDTHS, _SCREEN_MUTUAL_NEAR_WIDTHS = 15.0, 4.0
 _SAME_SIZE = 1e-12  # of the largest: sizes of bars that differ by less are equal
