@@ -168,6 +168,7 @@ def test_placement_moves_the_origin_of_the_map():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*resistivity_ohm_m of 1e-10")
 def test_frequency_goes_with_one_over_the_root_of_the_tank():
     design = loops(extra="[circuit]\nresistivity_ohm_m = 1e-10")
     slow = perturb(design, {"capacitance": 0.21})
