@@ -52,13 +52,13 @@ def check(
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
     from coilarray.compute.files import write_text
+    from coilarray.compute.memory import LEAST_MEMORY, own_limit
     from coilarray.design import fabs
     from coilarray.design.fab_limits import load_profile
     from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.rules import KEPT_WITHIN
     from coilarray.geometry.words import array_words
-    from coilarray.report.summary import converter_line
     from coilarray.report.tables import rules_table
 
     if list_fabs:
@@ -73,7 +73,11 @@ def check(
     limits = load_profile(fab).rules if fab else opened.rules
     with shared.progress_bar(f"rules of {len(opened.array.names)} coils") as progress:
         margins = check_rules(opened.array, limits, progress=progress)
-    converter = converter_line(opened)
+    converter = "converter: not looked at, as there is too little memory"
+    if own_limit() >= LEAST_MEMORY:
+        from coilarray.report.summary import converter_line
+
+        converter = converter_line(opened)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
     groups = [[one] for one in shown] if every else _equal_layers(shown)

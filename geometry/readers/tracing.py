@@ -24,6 +24,7 @@ from coilarray.geometry.readers.track_graph import (
     found_in_parts,
     natural_order,
     place,
+    require_followable,
     track_graph,
     where,
 )
@@ -81,6 +82,8 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     comes first in the file. Pads and holes are conductors too: one that joins turns makes its net no coil.
     """
     by_net, nameless = _by_net(board)
+    if nets is None:
+        require_followable(nameless.tracks)  # before any shape is made
     obstacles = Obstacles(nameless.all)
     if nets is not None:
         for net in nets:

@@ -29,6 +29,7 @@ _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6
 _MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
 _SAMPLE = 1000  # ends by which they are counted
+_FEW, _CERTAIN = 20, 10.0  # ends by which more than so many times as many are counted
 _AT_ONCE = 1000
 
 
@@ -130,7 +131,7 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     cuts: dict[int, list[Point]] = {k: [] for k in long}
     lines = shapely.STRtree([shapely.LineString((tracks[k].start, tracks[k].end)) for k in long])
     points = _points(marks)
-    _require_followable(tracks, lines, points)
+    require_followable(tracks)
     for mark, index in lines.query(points, predicate="dwithin", distance=JOINED).T.tolist():
         track, (layer, at) = tracks[long[index]], marks[mark]
         if track.layer == layer and min(math.dist(at, track.start), math.dist(at, track.end)) > JOINED:
@@ -143,15 +144,19 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     return pieces
 
 
-def _require_followable(tracks: Sequence[Track], lines: shapely.STRtree, points: npt.NDArray[np.object_]) -> None:
+def require_followable(tracks: Sequence[Track]) -> None:
     """Refuse tracks whose bounds overlap so often that looking where they meet would take longer than minutes."""
-    sample = points[:: max(len(points) // _SAMPLE, 1)]
-    pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
-    if pairs > _MOST_PAIRS:
-        raise BoardError(
-            f"{tracks[0].where}: {len(tracks)} tracks lie across each other too often to be followed: their bounds "
-            f"meet about {pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
-        )
+    ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
+    lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
+    points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
+    for count, certain in ((_FEW, _CERTAIN), (_SAMPLE, 1.0)):  # few show what is far too much
+        sample = points[:: max(len(points) // count, 1)]
+        pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
+        if pairs > certain * _MOST_PAIRS:
+            raise BoardError(
+                f"{tracks[0].where}: {len(tracks)} tracks lie across each other too often to be followed: their bounds "
+                f"meet about {pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
+            )
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:

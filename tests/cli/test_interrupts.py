@@ -80,6 +80,15 @@ def test_a_computation_that_does_not_return_to_python_is_ended():
     assert (code, err) == (130, "coilarray: interrupted\n")
 
 
+@pytest.mark.slow
+def test_a_program_that_ends_while_processes_start_leaves_no_word():
+    """The semaphores that it shares are cleared by a process of Python's, whose warning nobody can act on."""
+    script = "import os; from coilarray.compute.workers.processes import _Worker; worker = _Worker(); os._exit(130)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True, env=environment)
+    assert (ended.returncode, ended.stderr) == (130, "")
+
+
 def test_an_interrupt_is_raised_as_usual_where_python_runs():
     from coilarray.cli.interrupts import ending_on_interrupt
 

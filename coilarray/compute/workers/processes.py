@@ -136,17 +136,21 @@ def starting() -> Iterator[None]:
     """Start processes in the block: none ever gets Ctrl-C, or takes a file of the working folder for a module.
 
     Python looks for the modules of multiprocessing itself there first, and only then takes over this process's path.
+    Its tracker clears the semaphores of a program that is interrupted while processes start, and says nothing of it.
     """
-    safe = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
+    ignored = [os.environ["PYTHONWARNINGS"]] if os.environ.get("PYTHONWARNINGS") else []
+    wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": ",".join([*ignored, "ignore:resource_tracker"])}
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
     try:
         with _no_interrupt():
             yield
     finally:
-        if safe is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = safe
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @contextmanager
