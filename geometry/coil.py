@@ -23,6 +23,7 @@ from coilarray.geometry.values import place_in_mm
 
 CHORD = 1e-3
 """How far straight pieces leave the largest arc of a coil by default, over half its size."""
+_TOUCH = 1e-9  # of a gap: rounding
 
 
 @dataclass(frozen=True)
@@ -552,8 +553,10 @@ def _fan(
     """
     end, direction, pads = fan.place, fan.direction, fan.pads
     m = len(pads)
-    across = np.array([-direction[1], direction[0]])
-    clear_of_trace = pads / 2 + spiral.gap + spiral.trace_width / 2
+    gap = (1 - _TOUCH) * spiral.gap  # what just fits does so however the coil is turned
+    # to the other side in a winding of the other sense, which is then the mirror image
+    across = (1 if spiral.winding == "ccw" else -1) * np.array([-direction[1], direction[0]])
+    clear_of_trace = pads / 2 + gap + spiral.trace_width / 2
     longest = float(np.hypot(*end)) if inside else 4 * m * float(clear_of_trace.max())
     distance = np.linspace(0.0, longest, 2001 if m == 1 else 401)[1:]
     obstacles = shapely.MultiLineString(list(lines))
@@ -569,13 +572,13 @@ def _fan(
         points = end + reachable[:, None, None] * rays
         clear = np.ones((len(points), m), dtype=bool)
         for centre, pad in fixed:
-            clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + spiral.gap
+            clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + gap
             for i in range(m):
                 beside = _to_stubs(centre, fan.begins[i], points[:, i])
-                clear[:, i] &= beside >= pad / 2 + spiral.gap + spiral.trace_width / 2
+                clear[:, i] &= beside >= pad / 2 + gap + spiral.trace_width / 2
         free = np.asarray(clear.all(axis=1))
         for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stubs
-            free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + spiral.gap
+            free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + gap
             for j, other in ((i, i + 1), (i + 1, i)):
                 free &= _to_stubs(points[:, j], fan.begins[other], points[:, other]) >= clear_of_trace[j]
         for i in range(m):  # last, and only where it decides: it takes by far the longest

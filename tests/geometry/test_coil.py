@@ -150,3 +150,22 @@ def test_path_coils_keep_their_lines_and_sizes():
     for value in BAD:
         refused(GeometryError, "trace_width must be positive", path_coil, [LINE], value, 1e-4, VIA)
         refused(GeometryError, "gap must be positive and finite", path_coil, [LINE], 1e-4, value, VIA)
+
+
+@pytest.mark.parametrize("layers", [2, 4, 6])
+@pytest.mark.parametrize("angle", np.radians([17.3, 30.0, 90.0]).tolist())
+def test_holes_turn_and_mirror_with_the_coil(layers, angle):
+    """A pad that just fits beside a lead does so at any angle: rounding decides nothing."""
+    leads = Leads(4e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3))
+
+    def wound(**turned):
+        via = PlatedHole(0.2e-3, 0.6e-3 if layers == 4 else 0.4e-3)
+        return spiral_coil(Spiral(6, 3e-3 * layers / 4, 2, 0.3e-3, 0.3e-3, **turned), layers, via, leads)
+
+    c, s = np.cos(angle), np.sin(angle)
+    rounding = 1e-15  # m
+    for line, turned, mirrored in zip(
+        wound().lines, wound(first_corner=angle).lines, wound(winding="cw").lines, strict=True
+    ):
+        np.testing.assert_allclose(turned, line @ np.array([[c, s], [-s, c]]), rtol=0, atol=rounding)
+        np.testing.assert_allclose(mirrored, line * [1, -1], rtol=0, atol=rounding)
