@@ -30,7 +30,7 @@ def test_the_conda_recipe_has_version_and_dependencies_of_the_project():
     data = tomllib.loads(read("pyproject.toml"))
     recipe = yaml.safe_load(template.render(load_file_data=lambda *_, **__: data, PYTHON="python"))
     assert recipe["package"] == {"name": "coilarray", "version": PROJECT["version"]}
-    assert recipe["build"]["entry_points"] == ["coilarray = coilarray.cli.main:run"]
+    assert recipe["build"]["entry_points"] == ["coilarray = coilarray.__main__:start"]
     python, *needed = recipe["requirements"]["run"]
     assert python == f"python {PROJECT['requires-python']}"
     bounds = [re.fullmatch(r"[\w-]+ (>=[\d.<>=,]+)", line)[1] for line in needed]  # one package with its bounds each

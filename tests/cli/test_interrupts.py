@@ -80,6 +80,22 @@ def test_a_computation_that_does_not_return_to_python_is_ended():
     assert (code, err) == (130, "coilarray: interrupted\n")
 
 
+def test_an_interrupt_while_the_program_loads_is_one_line():
+    script = """
+import sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "coilarray.cli.main":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+from coilarray.__main__ import start
+start()
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True, env=environment)
+    assert (ended.returncode, ended.stderr) == (130, "coilarray: interrupted\n")
+
+
 @pytest.mark.slow
 def test_a_program_that_ends_while_processes_start_leaves_no_word():
     """The semaphores that it shares are cleared by a process of Python's, whose warning nobody can act on."""
