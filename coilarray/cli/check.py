@@ -46,13 +46,11 @@ def check(
 
     Prints the smallest margin of each rule on each layer, in one row where layers have the same: first the broken
     rules, then those for lengths, for ratios, and for the bare board, each by rising margin. The exit code is 2 if one
-    is broken. A line below says whether an LDC1614 can read the coils of the flat board, which is no rule. A picture
-    shows the copper of every layer, with these places circled and numbered as in the table.
+    is broken. A picture shows the copper of every layer, with these places circled and numbered as in the table.
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
     from coilarray.compute.files import write_text
-    from coilarray.compute.memory import LEAST_MEMORY, own_limit
     from coilarray.design import fabs
     from coilarray.design.fab_limits import load_profile
     from coilarray.design.model import load_design_file
@@ -73,11 +71,6 @@ def check(
     limits = load_profile(fab).rules if fab else opened.rules
     with shared.progress_bar(f"rules of {len(opened.array.names)} coils") as progress:
         margins = check_rules(opened.array, limits, progress=progress)
-    converter = "converter: not looked at, as there is too little memory"
-    if own_limit() >= LEAST_MEMORY:
-        from coilarray.report.summary import converter_line
-
-        converter = converter_line(opened)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
     groups = [[one] for one in shown] if every else _equal_layers(shown)
@@ -90,10 +83,9 @@ def check(
     board = textwrap.fill(f"board: {array_words(opened.array)}", _WIDTH, subsequent_indent="  ")
     lines = [board, _margins_text(rows, profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
-    lines += [converter] if converter else []
     source = None if profile is None else _source(profile)
     rules = rules_table(margins).records()
-    data = {**shared.design_record(opened), "fab": source, "rules": rules, "converter": converter}
+    data = {**shared.design_record(opened), "fab": source, "rules": rules}
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)

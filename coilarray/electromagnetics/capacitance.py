@@ -223,7 +223,7 @@ def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
             f"relative_permittivity must be at least 1; got {relative_permittivity} (at most {_MOST_PERMITTIVITY:g})."
         )
     thickness = sum(sheet.thickness for sheet in sheets)
-    return ((thickness, relative_permittivity),) if sheets else ()
+    return ((thickness, relative_permittivity),) if sheets and relative_permittivity > 1 else ()
 
 
 def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[LayeredMedium, int]:

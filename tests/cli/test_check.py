@@ -79,20 +79,6 @@ def test_a_kept_design(capsys):
     assert len(rows_of(every)) == len(found)
 
 
-@pytest.mark.slow
-def test_whether_a_converter_reads_the_coils(capsys, monkeypatch):
-    assert "converter: every limit of an LDC1614 is kept" in good(capsys, "starter")
-    broken = good(capsys, changed("capacitance_pF = 330", "capacitance_pF = 10"))  # which is no rule
-    assert "The converter cannot read coil1: sensor frequency is" in broken
-    assert "all rules are kept" in broken
-    assert all(len(line) <= 80 for line in broken.splitlines()[:2])
-    free = changed("[circuit]", "[readout]\nconverter = false\n[circuit]")
-    assert answer(capsys, free)["converter"] == ""
-    assert "converter" not in good(capsys, free)
-    monkeypatch.setattr("coilarray.compute.memory.own_limit", lambda: 3e8)
-    assert "converter: not looked at, as there is too little memory" in good(capsys, "starter")
-
-
 @pytest.mark.lowest
 def test_no_number_is_minus_zero(capsys):
     """Places of symmetric coils lie within rounding of the axes, on either side."""

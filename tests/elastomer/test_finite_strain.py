@@ -120,7 +120,8 @@ def test_change_of_inductance_by_the_reference(column):
     found = indent(MAGNETIC, BALL, 1e-3, strain=strain).isel(depth=0)
     if column == "linear_ur_uz":  # faces mapped as those of finite strain
         found = found.assign_attrs(strain="finite")
-    hexagon = Spiral(6, apothem_from_size(23e-3, 6, across="corners"), 30, 1e-4, 1e-4, math.pi / 2, "corner")
+    edge = apothem_from_size(23e-3, 6, across="corners")
+    hexagon = Spiral(6, edge, 30, 1e-4, 1e-4, math.pi / 2, winding_rule="corner")
     coil = spiral_path(hexagon, (0.0, -0.215e-3))
     table = rows("dent_finite_strain")
     places = [(float(row["x_mm"]) * 1e-3, 0.0) for row in table]

@@ -59,7 +59,7 @@ def causes_of(design):
     return causes.assign({f"{name}_std": 0.1 * causes[name] for name in ("x0", "effect", "rms")})
 
 
-def written_report(design, folder, *, circuit=True, drawn=False, **options):
+def written_report(design, folder, *, drawn=False, **options):
     """Write a report without 3-D rendering; its plots are made, and drawn in pixels only where that is wanted."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
@@ -68,8 +68,6 @@ def written_report(design, folder, *, circuit=True, drawn=False, **options):
         if not drawn:
             patch.setattr("coilarray.report.png.png_of", lambda drawn: b"a picture")
         patch.setattr("coilarray.report.write._SWEEP_POINTS", 8)
-        if not circuit:
-            patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
         return write_report(design, folder, **options)
 
 
@@ -503,7 +501,7 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
 ])  # fmt: skip
 def test_an_indentation_that_fails_is_reported(tmp_path, old, new, problem, dent):
     assert old in FEW
-    made = written_report(parse_design(FEW.replace(old, new, 1)), tmp_path, circuit=False)
+    made = written_report(parse_design(FEW.replace(old, new, 1)), tmp_path)
     assert problem in made.data["indentation_problem"]
     page = made.page.read_text(encoding="utf-8")
     assert f"{'Response not' if dent else 'Not'} computed: {problem}" in page
