@@ -16,7 +16,7 @@ INTERRUPTED = 130
 
 _MESSAGE = b"coilarray: interrupted\n"
 _PATIENCE = 2.0  # s for a computation to return to Python
-_HEARD = Event()
+_heard = Event()  # of the block that lasts
 
 
 @contextmanager
@@ -29,18 +29,19 @@ def ending_on_interrupt() -> Iterator[None]:
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
-    _HEARD.clear()
+    global _heard  # noqa: PLW0603
+    heard = _heard = Event()  # its own: the thread of a block that has ended may still look at it
     read_end, write_end = socket.socketpair()
     write_end.setblocking(False)  # as set_wakeup_fd demands
 
     def raise_interrupt(number: int, frame: object) -> NoReturn:
-        _HEARD.set()
+        heard.set()
         raise KeyboardInterrupt
 
     def watch() -> None:
         with read_end:
             while came := read_end.recv(1):
-                if came[0] == signal.SIGINT and not _HEARD.wait(_PATIENCE):
+                if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
                     with suppress(OSError):
                         os.write(2, _MESSAGE)
                     os._exit(INTERRUPTED)
@@ -54,11 +55,12 @@ def ending_on_interrupt() -> Iterator[None]:
         signal.set_wakeup_fd(before)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         write_end.close()
+        _heard = Event()
 
 
 def was_interrupted() -> bool:
     """Whether Ctrl-C came in the block of `ending_on_interrupt`: libraries may turn its exception into another one."""
-    return _HEARD.is_set()
+    return _heard.is_set()
 
 
 def end_interrupted() -> NoReturn:
