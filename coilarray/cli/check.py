@@ -84,8 +84,7 @@ def check(
     lines = [board, _margins_text(rows, profile.title if profile else "the design")]
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     source = None if profile is None else _source(profile)
-    rules = rules_table(margins).records()
-    data = {**shared.design_record(opened), "fab": source, "rules": rules}
+    data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)

@@ -51,13 +51,14 @@ from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_int
 from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
 from coilarray.compute.extras import leave_out_dask
-from coilarray.compute.memory import LEAST_MEMORY, collect_seldom, own_limit
+from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
 _SMALL = {"check", "docs"}
+_LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
 _MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9}  # bytes of address space where pictures in three dimensions are drawn
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
@@ -160,7 +161,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")
     collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
-    needed = _MORE_MEMORY.get(arguments[0], LEAST_MEMORY)
+    needed = _MORE_MEMORY.get(arguments[0], _LEAST_MEMORY)
     if arguments[0] in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < needed:
         return _refuse(
             f"coilarray {arguments[0]} needs {needed / 1e9:g} GB of address space; "

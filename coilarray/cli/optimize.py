@@ -189,7 +189,7 @@ def _print_result(result: Optimization) -> None:
         reason_table,
         variable_table,
     )
-    from coilarray.report.summary import converter_line
+    from coilarray.report.summary import unread_words
 
     searched = sum(trial.kind == "search" for trial in result.trials)
     refined = len(result.trials) - searched
@@ -219,8 +219,8 @@ def _print_result(result: Optimization) -> None:
             f"{', '.join(broken)} break fabrication rules (coilarray check), which the sampler cmaes does not know"
         )
     for one in chosen:
-        if "cannot" in (read := converter_line(one.design)):
-            typer.echo(f"{one.label}: {read}")
+        if words := unread_words(one.design):
+            typer.echo(f"{one.label}: {words}")
     if len(result.goal.objectives) > 1:
         typer.echo(f"Pareto front: {len(result.front)} designs")
 

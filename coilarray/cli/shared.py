@@ -344,8 +344,7 @@ def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> l
     from coilarray.circuit.coupling import design_capacitance
     from coilarray.studies.quantities import request
 
-    without = "geometry", "coupling"
-    needed = any(request(name).quantity.cost not in without for name in quantities)
+    needed = any(request(name).quantity.is_read for name in quantities)
     missing = design_capacitance(design)[1] if needed else ""
     return [f"not in these numbers: {missing}"] if missing else []
 

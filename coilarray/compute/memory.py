@@ -116,10 +116,6 @@ def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
     return float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0))
 
 
-LEAST_MEMORY = 0.6e9
-"""Bytes of address space below which libraries of linear algebra wait for memory without end."""
-
-
 def own_limit() -> float:
     """Bytes of address space that this process may still take (``ulimit -v``); infinite without a limit."""
     try:

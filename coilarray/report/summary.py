@@ -94,18 +94,14 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 
 
-def converter_line(design: Design) -> str:
-    """Say in a line whether an LDC1614 can read the flat board of a design; empty for a design without a converter."""
-    count = len(design.array.names)
-    if not design.readout.converter:
+def unread_words(design: Design) -> str:
+    """Say why no LDC1614 can read the flat board of a design; empty where it can, or where that is not looked at."""
+    if not design.readout.converter or len(design.array.names) > _MOST_READ:
         return ""
-    if count > _MOST_READ:
-        return f"converter: not looked at, as the board has {count} coils; coilarray impedance does"
     try:
-        found = resonators(design)
-    except CoilarrayError as error:
-        return f"converter: not known, as {error}"
-    return " ".join(verdicts(found, ())) or "converter: every limit of an LDC1614 is kept"
+        return " ".join(verdicts(resonators(design), ()))
+    except CoilarrayError:  # a board without a resonance, for example
+        return ""
 
 
 def _rows(
@@ -188,9 +184,8 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
         float(values.min()), "", "m", f"the least, at {_place(sigma, float(values.min()))}",
     )  # fmt: skip
     for share, words in _PARTS.items():
-        most = float(
-            np.sort(values)[math.ceil(share * len(values)) - 1]
-        )  # no mean of two, of which one may be infinite
+        # no mean of two, of which one may be infinite
+        most = float(np.sort(values)[math.ceil(share * len(values)) - 1])
         if most < size:
             yield f"the same, {words} of the coils", most, "", "m", ""
     if not known.all():

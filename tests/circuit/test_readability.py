@@ -36,7 +36,7 @@ from coilarray.localize.identifiability import identifiability
 from coilarray.localize.inverse import locate
 from coilarray.report.circuit_tables import drive_table, limit_table
 from coilarray.report.noise_tables import sigma_table
-from coilarray.report.summary import converter_line, verdicts
+from coilarray.report.summary import unread_words, verdicts
 from coilarray.report.target_tables import path_drive_table, range_table, target_table
 from coilarray.response.target import target_map
 from coilarray.response.target_range import ranges_of
@@ -252,8 +252,8 @@ def test_the_quick_look_at_a_board_says_what_its_scan_says(capacitance):
     design = with_tank(capacitance)
     quick, whole = resonators(design), scan_design(design, elastomer=False, accuracy="screen")
     assert verdicts(quick, ()) == verdicts(whole, ())
-    line, read = converter_line(design), bool(whole.readable.all())
-    assert line.startswith("converter: every limit" if read else "The converter cannot read coil1: ")
+    words, read = unread_words(design), bool(whole.readable.all())
+    assert words == "" if read else words.startswith("The converter cannot read coil1: ")
     assert noise_budget(design).unread == (() if read else ("coil1",))
     marked = [row[-1] for row in sigma_table(noise_budget(design)).rows]
     assert marked == ([float(noise_budget(design).sigma[0])] if read else [False])
