@@ -26,6 +26,7 @@ _WITHIN = (3 - math.sqrt(5)) / 2  # golden section: a place on a side, or along 
 _GRAIN = 1e-9  # of the size of a path
 _NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
 _POLE = 1 / 3  # of the most turns; a pole has more
+_RAYS = 180
 _BLOCK = 64
 _HALVINGS = 8
 
@@ -140,6 +141,15 @@ class Turns:
         """Cut the turns by so many rays from each pole that they cross about as many turns in all, as `cuts`."""
         wound = max(abs(pole.turns) for pole in self.poles)
         return self.cuts(min(max(math.ceil(crossings / wound), least), most))
+
+    def own_turns(self, pole: Pole) -> float:
+        """Count the turns about a pole without the way to others, from the first place that winds about it to the last.
+
+        The first and the last turn end at one of `_RAYS` rays.
+        """
+        sense = math.copysign(1.0, pole.turns)
+        along = np.concatenate([cut.along[cut.sign == sense] for cut in self.about(pole, _RAYS)])
+        return turns_about(self.path.between(along.min(), along.max()), (pole.x, pole.y)) if len(along) else pole.turns
 
     def about(self, pole: Pole, rays: int) -> list[Cut]:
         """Cut the turns by rays from one pole, as `cuts`, with those that cross no turns."""

@@ -332,12 +332,16 @@ class TracedCoil:
     def poles(self) -> tuple[Pole, ...]:
         """Places that the path winds about, with the turns about each, the most first.
 
-        A single loop has its centre for a pole, like a meander, whose bends are no turns, and 0 turns where it runs
-        around nothing.
+        Of several, the way from one to the next is no turn of either. A single loop has its centre for a pole, like a
+        meander, whose bends are no turns, and 0 turns where it runs around nothing.
         """
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
         if found is not None:
-            poles = [replace(pole, turns=turns_about(self.path, (pole.x, pole.y))) for pole in found.poles]
+            several = len(found.poles) > 1
+            poles = [
+                replace(pole, turns=found.own_turns(pole) if several else turns_about(self.path, (pole.x, pole.y)))
+                for pole in found.poles
+            ]
             poles.sort(key=lambda pole: -round(abs(pole.turns), 6))
             if abs(poles[0].turns) > _BEND:
                 return tuple(poles)

@@ -49,8 +49,8 @@ from coilarray.compute.netcdf import read_checked, save_dataset
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file, parse_design, parse_design_file
 from coilarray.design.write import design_text
-from coilarray.errors import CoilarrayError
-from coilarray.geometry import check_rules
+from coilarray.errors import CoilarrayError, RuleViolationError
+from coilarray.geometry import check_rules, require_rules
 from coilarray.geometry.export.gerber import write_gerbers
 from coilarray.geometry.readers import read_gerbers, read_kicad, trace_coils, traced_array
 from coilarray.hardware.emulator.indenter import Indenter
@@ -233,10 +233,17 @@ def _small_designs(folder: Path) -> list[Path]:
 def _coupled(path: Path) -> Any:
     from coilarray.circuit.coupling import couple_design
 
-    return couple_design(load_design(path))
+    design = load_design(path)
+    try:
+        require_rules(design.array, design.rules)
+    except RuleViolationError as error:  # names coils and the place, which no key of the file does
+        return str(error)
+    return couple_design(design)
 
 
-def _uncoupled(answer: xr.Dataset) -> str:
+def _uncoupled(answer: xr.Dataset | str) -> str:
+    if isinstance(answer, str):
+        return ""
     L = answer.inductance.values
     if not np.linalg.eigvalsh((L + L.T) / 2).min() > 0:
         return "L is not positive definite"

@@ -40,15 +40,18 @@ def test_a_lead_through_the_centre_is_none_of_the_turns():
         assert round(pole.turns) == 3
 
 
+@pytest.mark.parametrize("way", [-9.0, -5.0])  # far away, and two pitches from the outermost turns
 @pytest.mark.parametrize("senses", [(1, 1), (1, -1), (-1, -1)])
-def test_two_poles_with_their_own_turns(senses):
+def test_two_poles_with_their_own_turns(senses, way):
     first, second = (square_turns(5, 4.0, 0.5, at, sense) for at, sense in zip((-6.0, 6.0), senses, strict=True))
-    path = path_of([*first[::-1], (-6.0, -9.0), (6.0, -9.0), *second])
+    path = path_of([*first[::-1], (-6.0, way), (6.0, way), *second])
     found = find_turns(path)
     assert len(found.poles) == 2
     left, right = sorted(found.poles, key=lambda pole: pole.x)
     assert (left.x, right.x) == pytest.approx((-6.0, 6.0), abs=0.5)  # half a pitch and the straight line that closes it
     for pole, sense in ((left, -senses[0]), (right, senses[1])):
+        # a ray in 180 at each end; the innermost side has no neighbour where it begins
+        assert found.own_turns(pole) == pytest.approx(5 * sense, abs=0.1)
         # the way to the other pole adds or takes up to half a turn
         assert turns_about(path.points, (pole.x, pole.y)) == pytest.approx(5 * sense, abs=0.6)
 
