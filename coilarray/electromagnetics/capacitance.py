@@ -27,9 +27,9 @@ from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
 
 # Rays at equal angles: the layers of a spiral shift past each other by whole pitches a turn, so these take the mean
-# over the shift. Least and most about a pole, and how many turns they cut in all; twice as many change C by 1 % at
-# most, and by 1e-3 for ten turns and more (tests).
-_RAYS = 5, 32, 60.0
+# over the shift. Least and most about a pole, and how many turns they cut in all, which is no multiple of whole turns
+# that rounding could decide on; twice as many change C by 1 % at most, and by 1e-3 for ten turns and more (tests).
+_RAYS = 5, 32, 59.3
 _MOST_PERMITTIVITY = 1e6
 _HIGHEST_FACE = 1.0  # m; of what changes no permittivity
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)

@@ -26,7 +26,7 @@ _RAYS = 16  # from each pole
 _RIBBONS = 4, 16  # at most, a layer and on all layers
 _GROWTH = 1.15  # of the pieces of a lead, beginning with a pitch at the winding
 _MOST_BESIDE = 8  # wires of a wide lead
-_GRAIN = 1e-9  # of a pitch; shorter pieces are rounding
+_GRAIN = 1e-9  # of a length; what is less is rounding
 _IMAGES = 16  # err by 1e-4, and 2 % between planes that other copper layers lie between
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -103,7 +103,8 @@ def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float)
                 steps = np.diff(points, axis=0)
                 sideways = np.column_stack((-steps[:, 1], steps[:, 0])) / np.hypot(*steps.T)[:, None]
                 thickness = float(thicknesses[line])
-                count = min(math.ceil(width / near), _MOST_BESIDE) if math.isfinite(near) else 1
+                # a width that is the planes' distance but for rounding is one wire
+                count = min(max(math.ceil(width / near - _GRAIN), 1), _MOST_BESIDE) if math.isfinite(near) else 1
                 for k in range(count):
                     shift = ((k + 0.5) / count - 0.5) * width * sideways
                     # of one wire for a strip; of many for a sheet, near which they have its mean field

@@ -28,9 +28,9 @@ Accuracy = Literal["full", "screen"]
 are computed again in full: 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
 up to 1 % of k where windings lie on each other (tests/electromagnetics/test_inductance_screen.py)."""
 
-OWN_NEAR_WIDTHS = 160.0
+OWN_NEAR_WIDTHS = 160.7
 """Distance in widths up to which the cross-section counts within one path (test_inductance_convergence.py)."""
-MUTUAL_NEAR_WIDTHS = 1000.0
+MUTUAL_NEAR_WIDTHS = 1003.0
 """Distance in widths up to which the cross-section counts between two paths: (1/1000)² is 1e-6 of a weak coupling."""
 # the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
 _SCREEN_OWN_NEAR_WIDTHS, _SCREEN_MUTUAL_NEAR_WIDTHS = 15.0, 4.0

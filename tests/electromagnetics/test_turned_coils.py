@@ -23,16 +23,17 @@ PATH = [(-8, -8), (-8, 8), (8, 8), (8, -8), (-7, -8), (-7, 7), (7, 7), (7, -7), 
 LEAD = [(0.4, 0.5), (0.4, -12)]
 
 
-def coil_of(shape, layers, angle=0.0, *, mirrored=False):
-    """A coil whose path is turned by an angle, after it was mirrored at the x axis."""
+def coil_of(shape, layers, width, angle=0.0, *, mirrored=False):
+    """A coil whose path is turned by an angle, after it was mirrored at the x axis; the width in mm."""
     sense = "cw" if mirrored else "ccw"
     if shape == "path":
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         flip = np.array([1.0, -1.0 if mirrored else 1.0])
-        return path_coil([1e-3 * np.array(line) * flip @ turn for line in (PATH, LEAD)], 0.3e-3, 0.3e-3, VIA)
-    sizes = {"turns": 3, "trace_width": 0.3e-3, "gap": 0.2e-3, "winding": sense}
+        return path_coil([1e-3 * np.array(line) * flip @ turn for line in (PATH, LEAD)], width * 1e-3, 0.3e-3, VIA)
+    gap = min(width, 0.2) * 1e-3
+    sizes = {"turns": 3, "trace_width": width * 1e-3, "gap": gap, "winding": sense}
     if shape == "circle":
-        spiral = round_spiral(5.731e-3, 3, 0.3e-3, 0.2e-3, direction=angle, winding=sense)
+        spiral = round_spiral(5.731e-3, 3, width * 1e-3, gap, direction=angle, winding=sense)
     elif shape == "racetrack":
         spiral = RoundedSpiral(16e-3, 9e-3, corner_radius=4.5e-3, direction=angle, **sizes)
     else:
@@ -56,15 +57,16 @@ def numbers(coils, places, rotations, order, layers):
 
 
 @lru_cache
-def as_it_is(shape, layers):
-    coil = coil_of(shape, layers)
+def as_it_is(shape, layers, width):
+    coil = coil_of(shape, layers, width)
     return numbers((coil, coil), ((0.0, 0.0), (31e-3, 4e-3)), (0.0, 0.0), (0, 1), layers)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("shape", "layers"), [
-    *(("circle", n) for n in (1, 2)), *(("hexagon", n) for n in (2, 4)), ("octagon", 2), ("square", 1), ("square", 2),
-    ("racetrack", 2), ("path", 2),
+@pytest.mark.parametrize(("shape", "layers", "width"), [
+    ("circle", 1, 0.3), ("circle", 2, 0.2), ("circle", 4, 0.1), ("hexagon", 2, 0.3), ("hexagon", 4, 0.2),
+    ("octagon", 2, 0.1), ("square", 1, 0.1), ("square", 2, 0.2), ("square", 2, 0.3), ("racetrack", 2, 0.2),
+    ("path", 2, 0.3),
 ])  # fmt: skip
 @settings(max_examples=3, deadline=None)
 @given(
@@ -72,10 +74,10 @@ def as_it_is(shape, layers):
     mirrored=st.booleans(), shift=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)), swapped=st.booleans(),
     of_path=st.booleans(),
 )  # fmt: skip
-def test_turned_mirrored_shifted_and_in_another_order(shape, layers, angle, mirrored, shift, swapped, of_path):
-    expected = as_it_is(shape, layers)
+def test_turned_mirrored_shifted_and_in_another_order(shape, layers, width, angle, mirrored, shift, swapped, of_path):
+    expected = as_it_is(shape, layers, width)
     # the path itself is turned, or its place on the board
-    coil = coil_of(shape, layers, angle if of_path else 0.0, mirrored=mirrored)
+    coil = coil_of(shape, layers, width, angle if of_path else 0.0, mirrored=mirrored)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     there = turn @ (31e-3, -4e-3 if mirrored else 4e-3) + shift
     rotation = 0.0 if of_path else angle
@@ -90,7 +92,7 @@ def test_turned_mirrored_shifted_and_in_another_order(shape, layers, angle, mirr
 @pytest.mark.parametrize("shape", ["hexagon", "octagon", "square"])
 def test_weak_coupling_turns_with_the_board(shape, distance):
     """M down to 1e-7 of L: the far field and the widths count to a part of M, not of L."""
-    coil, stackup = coil_of(shape, 2), many_layers(2)
+    coil, stackup = coil_of(shape, 2, 0.3), many_layers(2)
 
     def mutual(angle):
         c, s = np.cos(angle), np.sin(angle)
@@ -106,7 +108,7 @@ def test_weak_coupling_turns_with_the_board(shape, distance):
 @pytest.mark.parametrize("angle", np.radians([120.0, 33.0]).tolist())
 def test_turned_board_between_a_plate_and_a_sheet(angle):
     """Coils, neighbours, metal below and the tank: f, Q, k and L of the whole circuit."""
-    coil, stackup = coil_of("circle", 2), many_layers(2)
+    coil, stackup = coil_of("circle", 2, 0.3), many_layers(2)
     lid = Plate("lid", -5e-3, 1e-3, Material("aluminium", 3.5e7))
     sheets = load_design("gast2020").sheets
 

@@ -18,8 +18,8 @@ from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 MOST_NODES = 32
 """Along one segment; pairs that need more are left to the closed forms."""
-APART = 7.5
-"""Widths from which two nodes across each width suffice: ln ρ = 3.45 of the rules in `kernels.paths`."""
+APART = 7.6
+"""Widths from which two nodes across each width suffice: ln ρ ≥ 3.45 in the rules of `kernels.paths`."""
 CAPACITY = 4096
 """Nodes that are evaluated together: four arrays that fit the caches."""
 _LANES = 8

@@ -39,15 +39,16 @@ MAX_NODES = 16
 """Largest Gauss rule in the tables."""
 RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
 """Most filament pairs of one pair of bars: three Gauss rules, and four signs or pieces."""
-NODE_PAIR = 12.0
+# What follows in widths is no round number: distances are, and rounding would decide on them as a coil is turned.
+NODE_PAIR = 12.3
 """Beyond this many widths two nodes with the variance of the cross-section suffice for parallel bars."""
-THICK = 6.0
+THICK = 6.2
 """Beyond this many widths the thickness of bars at an angle does not count."""
-TOUCHING = 0.5
+TOUCHING = 0.47
 """Bars at an angle and nearer than this many widths are taken to meet."""
 PARALLEL_SIN2 = 4e-4
 """Bars below this sin² of the angle share their lateral direction (turns of a spiral are tilted by 3e-3)."""
-_SHORT = 30.0  # widths: the corners of longer sides are worth less than 1e-5 of a single turn
+_SHORT = 30.7  # widths: the corners of longer sides are worth less than 1e-5 of a single turn
 _WIDE_ANGLE = 0.97  # cosine of 14°: below it both kinks of a corner are nearly one
 _WIDE_NODES, _WIDE_LAYERS = 8, 6  # most nodes of a wide corner, 6 · 8 · 3 · 8 · 6 · 2 in all
 _LOG_TOLERANCE = -16.1  # ln 1e-7: error of the rules across the cross-section, relative to the pair's variation
