@@ -201,7 +201,9 @@ def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
     away = shapely.distance(edge, shapely.points(nodes[:, :2])) + nodes[:, 2].max() - nodes[:, 2]
     corners = grown(away)[body.mesh.triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    return np.asarray(np.clip((grown(depth) - low) / (high - low), 0.0, 1.0))
+    reached, span = grown(depth) - low, high - low
+    # a triangle whose three corners are equally far from the edge, as in a corner of the outline, is within it or not
+    return np.asarray(np.clip(np.divide(reached, span, out=np.sign(reached), where=span > 0), 0.0, 1.0))
 
 
 def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:

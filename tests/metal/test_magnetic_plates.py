@@ -19,7 +19,7 @@ from coilarray.constants import MU_0
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Sheet
 from coilarray.geometry.material import MATERIALS, Material
-from coilarray.geometry.plate import Disc, FinitePlate, Plate, Ring
+from coilarray.geometry.plate import Disc, FinitePlate, Plate, Rectangle, Ring
 from coilarray.metal.backing import _pieces
 from coilarray.metal.finite_plates import (
     currents_alone,
@@ -149,6 +149,13 @@ def test_two_parts_that_nearly_cancel_in_the_inductance_have_the_error_of_both()
     change, said = error.change.sum(), error.absolute.sum()
     assert abs(change.real - 0.91096e-9) < said.real < 0.25 * 0.91096e-9
     assert abs(-2e5 * np.pi * change.imag - 3.39628e-3) < 2e5 * np.pi * said.imag < 0.05 * 3.39628e-3
+
+
+def test_a_bar_whose_corners_are_triangles_on_its_edge():
+    """Three corners equally far from the edge: no place between them is nearer to it."""
+    bar = FinitePlate("bar", Rectangle(3e-3, 0.86e-3), (0.0, 0.0, 2.9e-3), 2e-3, Material("steel", 5.3e6, 27.0))
+    change = moving_plate([loop(9e-3)], bar, [bar.centre], [14.1e3], fineness=0.4)
+    assert (change.imag < 0).all()  # resistance is added; a warning of a division is an error here
 
 
 def test_refusals():
