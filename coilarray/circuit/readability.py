@@ -97,15 +97,16 @@ def readable_of(response: xr.Dataset) -> xr.DataArray:
 def with_reasons(dataset: xr.Dataset, more: Sequence[str] = ()) -> tuple[xr.Dataset, tuple[str, ...]]:
     """Return a dataset whose ``broken_limit`` is in words, empty for none, and the names of its marks for a table.
 
-    `more` are others of the variables of `readability`, which come first. Without a converter there are no names, and
-    without a broken limit not that one.
+    `more` are others of the variables of `readability`, which come first. Without a converter there are no names,
+    without a broken limit not that one, and ``path_readable`` only where it differs from ``readable``.
     """
     if "broken_limit" not in dataset:
         return dataset, ()
     words, numbers = np.array(["", *BROKEN[1:]], dtype=object), dataset["broken_limit"]
     named = numbers.copy(data=words[numbers.values]).assign_attrs(long_name="broken limit")
     broken = ("broken_limit",) if numbers.values.any() else ()
-    return dataset.assign(broken_limit=named), (*more, "readable", *broken)
+    path = ("path_readable",) if (dataset["path_readable"] != dataset["readable"]).any() else ()
+    return dataset.assign(broken_limit=named), (*more, "readable", *path, *broken)
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,9 @@ class PathDrive:
     place : str
         Place of the amplitude that is farthest from what is allowed.
     read, positions : int
-        Positions that the latter reads, and all of them; the coil alone counts as one.
+        Positions that the latter reads, and all of them.
+    alone : bool
+        Whether it reads the coil alone as well.
     heights : str
         Distances or depths that it reads at the place where R_p is the least.
     """
@@ -136,6 +139,7 @@ class PathDrive:
     place: str
     read: int
     positions: int
+    alone: bool
     heights: str
 
     @property
@@ -161,12 +165,11 @@ def path_drives(response: xr.Dataset) -> list[PathDrive]:
         away = np.maximum(amplitude / AMPLITUDE_HIGH, AMPLITUDE_LOW / amplitude)
         worst = np.unravel_index(int(np.nan_to_num(away).argmax()), away.shape)
         _, row, column = np.unravel_index(int(of.parallel_resistance.values.argmin()), away.shape)
-        alone = bool(response.alone_readable[k])
         found.append(
             PathDrive(
                 state, int(response.drive_code[k]), int(response.path_drive_code[k]), float(amplitude.min()),
-                float(amplitude.max()), _place(of.amplitude, worst), int(read.sum()) + alone, read.size + 1,
-                _spans(response[height].values, read[:, row, column], height),
+                float(amplitude.max()), _place(of.amplitude, worst), int(read.sum()), read.size,
+                bool(response.alone_readable[k]), _spans(response[height].values, read[:, row, column], height),
             )
         )  # fmt: skip
     return found
@@ -198,11 +201,14 @@ def reading_lines(response: xr.Dataset) -> list[str]:
         one = min(drives, key=lambda one: min(one.least, AMPLITUDE_LOW * AMPLITUDE_HIGH / one.most))
         more = f", as of {len(drives)} states" if len(drives) > 1 else ""
         current = f"IDRIVE {one.path_code} ({DRIVE_CURRENTS[one.path_code] * 1e6:.0f} µA)"
-        if one.read == one.positions:
-            help_ = f"{current} reads all of its positions."
+        if one.read == one.positions and one.alone:
+            help_ = f"{current} reads all of its positions, and the coil alone."
         else:
             there = f": {one.heights} where R_p is the least" if one.heights else ""
-            help_ = f"No drive current reads all of its {one.positions} positions; {current} reads {one.read}{there}."
+            help_ = (
+                f"No drive current reads all of its {one.positions} positions and the coil alone; {current} reads "
+                f"{one.read}{there}{', and the coil alone' if one.alone else ''}."
+            )
         lines.append(
             f"With the drive current of the coil alone, IDRIVE {one.code}, the amplitude of {one.place} is "
             f"{one.extreme:.2g} V{more}; {AMPLITUDE_LOW:g} to {AMPLITUDE_HIGH:g} V are allowed. {help_}"

@@ -14,8 +14,8 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.cli.maps import depth_in_metres, is_map, kept_table, one_map, read_ellipses, read_map
-from coilarray.cli.readings import Reading, line_readings, read_readings
-from coilarray.errors import LocalizeError
+from coilarray.cli.readings import Reading, line_readings, read_readings, typed_names
+from coilarray.errors import LocalizeError, shown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -227,6 +227,8 @@ def _with_all_coils(
         require_states(others, response.unknowns)
     except LocalizeError as error:
         raise LocalizeError(f"{error} {_FEWER_UNKNOWNS}") from None
+    if unknown := [name for name in typed_names(readings) if given and name not in every]:
+        raise LocalizeError(f"a reading must name coils of the model, {', '.join(every)}; got {shown(unknown[0])}.")
     wrong = []
     for one in given:
         try:

@@ -12,6 +12,7 @@ from coilarray.errors import DamagedError, LocalizeError, shown
 
 Reading = dict[str, float] | list[float]
 """δ by the names of the coils, or in the order of the model."""
+_FILES = (".csv", ".json", ".jsonl")
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
@@ -22,7 +23,7 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
     """
     path = Path(text)
     suffix = path.suffix.lower()
-    if suffix not in (".csv", ".json", ".jsonl"):
+    if suffix not in _FILES:
         if "=" not in text:
             raise LocalizeError(
                 f"READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got {shown(text)}."
@@ -38,6 +39,12 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
     if not readings:
         raise LocalizeError(f"there is no reading in {path}.")
     return readings
+
+
+def typed_names(texts: Iterable[str]) -> list[str]:
+    """Return the names in readings on the command line; a file may hold more than coils, a time for example."""
+    pairs = (text for text in texts if Path(text).suffix.lower() not in _FILES)
+    return [part.partition("=")[0].strip() for text in pairs for part in text.split(",")]
 
 
 def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:

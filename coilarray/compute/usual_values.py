@@ -41,8 +41,9 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "max_board_mm": (5, 5000),
     **dict.fromkeys(("max_inner_copper_um", "max_outer_copper_um"), _COPPER),
     **dict.fromkeys(
-        ("capacitance_pF", "switch_off_capacitance_pF", "terminal_capacitance_pF", "bus_capacitance_pF"), _CAPACITANCE
+        ("switch_off_capacitance_pF", "terminal_capacitance_pF", "bus_capacitance_pF"), _CAPACITANCE
     ),
+    "capacitance_pF": (1, 5e6),
     "lead_inductance_nH": (0.01, 1e5),
     "short_resistance_ohm": (0.001, 1000),
     "load_ohm": (0.001, 1e7),

@@ -59,20 +59,22 @@ def path_drive_table(response: xr.Dataset) -> Table:
     """Return one row for each state of a map: the drive of the converter over all its positions; none without one.
 
     The amplitudes are those with the drive current of the coil alone. The last columns have the one drive current that
-    reads the most positions, the coil alone being one of them, and the distances or depths that it reads where R_p is
-    the least.
+    reads the most positions and the coil alone, what it reads of them, and the distances or depths that it reads where
+    R_p is the least.
     """
     columns = (
         Column("state"), Column("drive_code", "IDRIVE of the coil alone"),
         Column("least_amplitude", "least amplitude with it", "V", _VOLTS),
         Column("largest_amplitude", "largest", "V", _VOLTS), Column("path_drive_code", "IDRIVE of the path"),
         Column("path_drive_current", "its current", "A"), Column("read", "positions read"),
-        Column("positions", "of"), Column("heights", "read where R_p is the least"),
+        Column("positions", "of"), Column("alone", "reads the coil alone"),
+        Column("heights", "read where R_p is the least"),
     )  # fmt: skip
     rows = tuple(
         (
             one.state, _code(one.code), cell(one.least), cell(one.most), _code(one.path_code),
-            "" if one.path_code < 0 else DRIVE_CURRENTS[one.path_code], str(one.read), str(one.positions), one.heights,
+            "" if one.path_code < 0 else DRIVE_CURRENTS[one.path_code], str(one.read), str(one.positions),
+            one.alone, one.heights,
         )
         for one in path_drives(response)
     )  # fmt: skip

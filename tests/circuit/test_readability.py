@@ -142,7 +142,7 @@ def test_the_rows_of_a_steel_plate_above_a_coil(probe, mapped):
     assert np.isnan(at.distance_deviation.values).tolist() == [True, True, False, False]
     assert float(at.nearest_readable) == 2e-3
     (path,) = path_drives(mapped)
-    assert (path.code, path.kept, path.read, path.positions) == (13, False, 1, 5)
+    assert (path.code, path.kept, path.read + path.alone, path.positions) == (13, False, 1, 4)
     path_of = (*R_p[2:].tolist(), float(at.base_parallel_resistance))
     served = [sum(within(current, R) for R in path_of) for current in DRIVE_CURRENTS]
     assert max(served) == served[path.path_code] == 1
@@ -151,11 +151,13 @@ def test_the_rows_of_a_steel_plate_above_a_coil(probe, mapped):
     assert "IDRIVE 13" in said
     table = {row["distance_m"]: row for row in target_table(mapped).records()}
     assert [table[d]["readable"] for d in probe.target.distances] == [False, False, True, True]
+    assert [table[d]["path_readable"] for d in probe.target.distances] == at.path_readable.values.tolist()
     assert [table[d]["distance_deviation_m"] == "" for d in probe.target.distances] == [True, True, False, False]
     (row,) = range_table(mapped).records()
     assert (row["nearest_readable_m"], row["range_m"]) == (2e-3, 4e-3)
     (drive,) = path_drive_table(mapped).records()
-    assert (drive["drive_code"], drive["read"], drive["positions"]) == ("13", "1", "5")
+    assert (drive["drive_code"], drive["read"], drive["positions"]) == ("13", str(path.read), "4")
+    assert drive["alone"] is path.alone
     assert any("R_p is 0.51" in line for line in verdicts(None, (), mapped))
 
 

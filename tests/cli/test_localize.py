@@ -447,7 +447,8 @@ def test_the_example_of_the_help_is_located(capsys):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; coil3 is missing. --coil takes only"),
-    (("coil1=1e-4,coil22=0",), "a reading must have δ of every state; coil2, coil3 are missing. --coil takes only"),
+    (("coil1=1e-4,coil2=1e-4,coil3=0,coil9=1e-5",), "'coil9'"),
+    (("coil1=1e-4,coil22=0",), "must name coils of the model, coil1, coil2, coil3; got 'coil22'"),
     (("coil1=1e-4", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3"), "coil2, coil3 are missing."),
     (("coil1=1e-4,coil2=100,coil3=0",), "δ must be a number between -1 and 1; that of coil2 is 100.0"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),

@@ -69,7 +69,7 @@ SLIPS = {
         "35 µm",
     ),
     "gap_mm = 0.15": ("0.00015", "coils.hexagon.gap_mm of 0.00015 mm", "0.15 mm"),
-    "capacitance_pF = 330": ("0.0001", "circuit.capacitance_pF of 0.0001 pF", "0.1 pF"),
+    "capacitance_pF = 330": ("0.33", "circuit.capacitance_pF of 0.33 pF", "330 pF"),
 }
 
 
