@@ -124,10 +124,10 @@ def sweep(
         shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
         broken = int((result[RULES] > 0).sum())
         if broken:
-            where = "all the same in the table" if shown is result else "left out of the table"
+            where = "still in the table" if shown is result else "left out of the table"
             lines.append(f"{broken} of {points} points break fabrication rules ({RULES} in the file): {where}")
         if unread := int((result[UNREAD] > 0).sum()) if UNREAD in result else 0:
-            where = "all the same in the table" if bool((~read & makeable).any()) else "left out of the table"
+            where = "still in the table" if bool((~read & makeable).any()) else "left out of the table"
             lines.append(f"{unread} of {points} points cannot be read by an LDC1614 ({UNREAD} in the file): {where}")
         lines += shared.missing_capacitance(opened, asked)
         if reasons:

@@ -80,7 +80,7 @@ def test_what_breaks_rules_is_marked_and_neither_an_extreme_nor_the_best(capsys)
     assert "fab_broken  " not in out  # nobody asked for it
     assert "breaks fabrication rules" in Path("s.svg").read_text(encoding="utf-8")
     out = good(capsys, "--vary", "array.pitch_mm=6,7", *SPAN, *ONE)
-    assert "2 of 2 points break fabrication rules (fab_broken in the file): all the same in the table" in out
+    assert "2 of 2 points break fabrication rules (fab_broken in the file): still in the table" in out
 
 
 BAD = ("--vary", "circuit.tank=coil,nowhere")  # every other point gives no design
