@@ -83,7 +83,8 @@ def impedance(
     ]
     if limits.rows and not lines:
         without = " without the target (coilarray target has it with)" if opened.target else ""
-        lines = [f"LDC1614: all limits are kept{without}"]
+        so_far = "as far as these numbers go, " if scan.attrs["left_out"] else ""
+        lines = [f"LDC1614: {so_far}all limits are kept{without}"]
     if close:
         lines.append(circuit_tables.close_line(close))
     if scan.attrs["left_out"]:

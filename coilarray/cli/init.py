@@ -224,7 +224,9 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         f"board: {x_max - x_min:.4g} × {y_max - y_min:.4g} mm, {len(design.array.stackup.names)} copper layers; "
         f"every limit of {values['fab.profile']} is kept"
     )
-    return [*lines, _read_by_converter(broken_limits(scan), len(scan.state))]
+    if left_out := scan.attrs["left_out"]:
+        lines.append(f"not in these numbers: {left_out}")
+    return [*lines, _read_by_converter(broken_limits(scan), len(scan.state), whole=not left_out)]
 
 
 def _why_not_met(design: Design) -> str:
@@ -236,10 +238,11 @@ def _why_not_met(design: Design) -> str:
     return "; the nearest that whole turns, and traces that can be made, give"
 
 
-def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int) -> str:
+def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whole: bool) -> str:
     """Say as the last word whether an LDC1614 can read the coils, and what would help where it cannot."""
     if not broken:
-        return "converter: every limit of an LDC1614 is kept"
+        kept = "every limit of an LDC1614 is kept"
+        return f"converter: {kept if whole else f'as far as these numbers go, {kept}'}"
     state, limit = broken[0]
     too = "low" if limit.value < limit.low else "high"
     which = state if states == 1 else f"{len({name for name, _ in broken})} of {states} coils, as {state}"

@@ -59,7 +59,8 @@ _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
 _SMALL = {"check", "docs"}
 _LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
-_MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9}  # bytes of address space where pictures in three dimensions are drawn
+# bytes of address space: for pictures in three dimensions, and for Optuna beside processes that are started
+_MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9, "optimize": 1.2e9}
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
 # It reads these when NumPy is first imported, which no module here does before a command runs.

@@ -113,9 +113,19 @@ def _parsed(text: str) -> object:
     if not text.strip():
         raise LocalizeError("the line is empty.")
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_named_once)
+    except LocalizeError:
+        raise
     except (ValueError, RecursionError):
         raise LocalizeError(f"a reading must be JSON; got {shown(text.strip())}.") from None
+
+
+def _named_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        again = next(name for k, (name, _) in enumerate(pairs) if name in dict(pairs[:k]))
+        raise LocalizeError(f"a reading must name a coil once; got {shown(again)} again.")
+    return found
 
 
 def _from_text(name: str, value: str) -> float:

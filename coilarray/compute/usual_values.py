@@ -1,7 +1,7 @@
 """Usual ranges of lengths, capacitances, resistances and frequencies, and the likely slip of a unit outside of them.
 
 A value is called unusual only where a thousandth or the thousandfold of it would be usual: millimetres for metres,
-micrometres for millimetres. The ranges reach from coils on chips, 0.1 mm wide, to those of wireless chargers, 1 m wide.
+micrometres for millimetres. The ranges reach from coils 0.1 mm wide to those of wireless chargers, 1 m wide.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ USUAL: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(("trace_width_mm", "gap_mm"), _TRACE),
     **dict.fromkeys(("drill_mm", "pad_mm", "terminal_drill_mm", "terminal_pad_mm"), _PAD),
     **dict.fromkeys(("copper_thickness_um", "plating_um", "terminal_plating_um"), _COPPER),
-    "dielectric_thickness_mm": (0.0004, 20),
+    "dielectric_thickness_mm": (0.003, 20),
+    "youngs_modulus_kPa": (1, 20000),
     **dict.fromkeys(("length_mm", "spacing_mm"), (0.01, 1000)),
     "margin_mm": (0.01, 100),
     **dict.fromkeys(("pitch_mm", "diameter_mm", "inner_diameter_mm", "width_mm", "height_mm"), _BODY),
@@ -50,9 +51,13 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "resistivity_ohm_m": (5e-9, 3e-6),
     "conductivity_MS_per_m": (1e-3, 100),
     "clock_MHz": (0.5, 500),
+    **dict.fromkeys(("dielectric_epsilon_r", "elastomer_permittivity"), (1, 200)),
 }  # fmt: skip
 """Least and largest usual value of each key of a design file, in the unit at the end of its name."""
-_UNITS = {"mm": "mm", "um": "µm", "pF": "pF", "nH": "nH", "ohm": "Ω", "ohm_m": "Ω·m", "MHz": "MHz", "MS_per_m": "MS/m"}
+_UNITS = {
+    "mm": "mm", "um": "µm", "pF": "pF", "nH": "nH", "ohm": "Ω", "ohm_m": "Ω·m", "MHz": "MHz", "MS_per_m": "MS/m",
+    "kPa": "kPa", "r": "", "permittivity": "",
+}  # fmt: skip
 LARGEST_COIL = 10.0
 """Size in m above which no coil is made."""
 THINNEST_COPPER, THICKEST_DIELECTRIC = 1e-6, 50e-3
@@ -77,7 +82,7 @@ def slip(key: str, value: float) -> str:
     if least <= value <= most or not least <= meant <= most:
         return ""
     unit = next(words for end, words in _UNITS.items() if name.endswith(f"_{end}"))
-    return f"{value:g} {unit} is unusual: {meant:.4g} {unit}?"
+    return f"{value:g} {unit}".rstrip() + f" is unusual: {meant:.4g} {unit}".rstrip() + "?"
 
 
 def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -27,6 +27,7 @@ _RIBBONS = 4, 16  # at most, a layer and on all layers
 _GROWTH = 1.15  # of the pieces of a lead, beginning with a pitch at the winding
 _MOST_BESIDE = 8  # wires of a wide lead
 _GRAIN = 1e-9  # of a length; what is less is rounding
+_GUIDING = 50.0  # relative permittivity above which layers hold the field beyond the farthest image
 _IMAGES = 16  # err by 1e-4, and 2 % between planes that other copper layers lie between
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -148,6 +149,7 @@ def _images(medium: LayeredMedium, p: int, q: int, smallest: float) -> tuple[Flo
     height = np.cumsum((0.0, *medium.thicknesses))
     apart = abs(float(height[p] - height[q]))
     near, far = apart or min((*medium.thicknesses, smallest)), max(float(height[-1]), smallest)
+    far *= max(1.0, max(medium.epsilon_r) / _GUIDING)  # how far a field runs along a layer
     k = np.geomspace(1e-3 / far, 10 / near, 300)
     green = medium.green(k)[:, p, q] * k
     depth = apart + np.append(0.0, np.geomspace(near / 2, 100 * far, _IMAGES - 1))

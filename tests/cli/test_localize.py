@@ -454,10 +454,12 @@ def test_the_example_of_the_help_is_located(capsys):
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "the model has coil1. A map at one place, as of coilarray"),
     (("coil1=1e-4,coil2=0,coil3=0", "--noise", "0"), "--noise must be above 0"),
+    (("twice.jsonl",), "name a coil once; got 'coil1' again"),
     (("two.json",), "there is no reading in two.json: a reading must have one δ for each of 3 states"),
 ])  # fmt: skip
 def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
     Path("two.json").write_text("[[1e-4], [2]]", encoding="utf-8")
+    Path("twice.jsonl").write_text('{"coil1": 1e-4, "coil1": 2e-4, "coil2": 0, "coil3": 0}\n', encoding="utf-8")
     monkeypatch.setattr("coilarray.cli.locate.kept_table", lambda *_: pytest.fail("the table comes last"))
     assert message in refused(capsys, "locate", "--model", "starter", *arguments)
 
