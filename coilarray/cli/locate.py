@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -227,8 +228,9 @@ def _with_all_coils(
         require_states(others, response.unknowns)
     except LocalizeError as error:
         raise LocalizeError(f"{error} {_FEWER_UNKNOWNS}") from None
-    if unknown := [name for name in typed_names(readings) if given and name not in every]:
-        raise LocalizeError(f"a reading must name coils of the model, {', '.join(every)}; got {shown(unknown[0])}.")
+    for name in typed_names(readings) if given else []:
+        if name not in every and get_close_matches(name, every):  # a time, for example, is left alone
+            raise LocalizeError(f"a reading must name coils of the model, {', '.join(every)}; got {shown(name)}.")
     wrong = []
     for one in given:
         try:

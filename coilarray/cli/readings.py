@@ -42,7 +42,7 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
 
 
 def typed_names(texts: Iterable[str]) -> list[str]:
-    """Return the names in readings on the command line; a file may hold more than coils, a time for example."""
+    """Return the names in readings on the command line."""
     pairs = (text for text in texts if Path(text).suffix.lower() not in _FILES)
     return [part.partition("=")[0].strip() for text in pairs for part in text.split(",")]
 

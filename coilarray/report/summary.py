@@ -90,8 +90,8 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
     for name in dict.fromkeys(limit.name for _, limit in broken):
         state, limit = next(one for one in broken if one[1].name == name)
         lines.append(f"The converter cannot read {state}: {limit.words}.")
-    if scan is not None and scan.attrs["left_out"] and "readable" in scan:
-        lines.append(f"Limits of the converter were checked without the {scan.attrs['left_out'].rstrip('.')}.")
+    if scan is not None and "readable" in scan and (left_out := scan.attrs.get("left_out")):
+        lines.append(f"Limits of the converter were checked without the {left_out.rstrip('.')}.")
     # of a map of the flat board alone, over its states, the scan has said it
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 

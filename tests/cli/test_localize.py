@@ -471,7 +471,7 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("coil1=a",), "δ of coil1 must be a number; got 'a'"),
         (("coil1=1e-4,coil1=1e-4",), "must name a coil once; got 'coil1' again"),
         (("coil1=1e-4",), "every state; coil2, coil3"),
-        (("coil9=1e-4",), "every state; coil1, coil2, coil3"),
+        (("coil9=1e-4",), "got 'coil9'"),
         (("none.csv",), "cannot read none.csv: No such file"),
         *(((name,), f"there is no reading in {name}") for name in ("empty.csv", "names.csv", "list.json")),
         (("twice.csv",), "the first line must name every coil once"),

@@ -33,3 +33,13 @@ def test_commands_go_on_without_capacitance_and_name_it(command, tmp_path, monke
     code, out, _ = run(capsys, name, "loop.toml", *options)
     assert code == 0
     assert "capacitance of the windings" in out
+
+
+@pytest.mark.slow
+def test_init_names_it_and_says_how_far_the_limits_are_known(tmp_path, monkeypatch, capsys):
+    """A coil of 0.2 m by a new design, in thin traces: its frequency is a quarter lower with its capacitance."""
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run(capsys, "init", "wide.toml", "--coils", "1", "--size-mm", "200", "--no-elastomer")
+    assert code == 0
+    assert "not in these numbers: capacitance of the windings: coil1" in out
+    assert "converter: as far as these numbers go, every limit" in out

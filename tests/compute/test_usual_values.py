@@ -27,8 +27,12 @@ def every_key(of=Table):
     """Keys of lengths, capacitances, inductances, resistances and frequencies of all tables of a design file."""
     for table in of.__subclasses__():
         if table.__module__.startswith("coilarray.design"):
-            units = {"mm", "µm", "pF", "nH", "ohm", "ohm m", "MS/m", "MHz"}
-            yield from (key for key in table.model_fields if entry_unit(key) in units)
+            units = {"mm", "µm", "pF", "nH", "ohm", "ohm m", "MS/m", "MHz", "kPa"}
+            yield from (
+                key
+                for key in table.model_fields
+                if entry_unit(key) in units or key.endswith(("epsilon_r", "permittivity"))
+            )
         yield from every_key(table)
 
 
