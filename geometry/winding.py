@@ -24,6 +24,7 @@ _PARALLEL = 0.985  # of one turn in ten at 30° from the others, or all spread o
 _STEEPEST = 0.35  # cosine to a ray's normal below which a trace runs along the ray: a stub
 _WITHIN = (3 - math.sqrt(5)) / 2  # golden section: a place on a side, or along a path, where symmetry puts nothing
 _GRAIN = 1e-9  # of the size of a path
+_SAME = 1e-6  # of a distance: places of a symmetric coil are as far out but for rounding
 _NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
 _POLE = 1 / 3  # of the most turns; a pole has more
 _RAYS = 180
@@ -153,9 +154,13 @@ class Turns:
 
     def about(self, pole: Pole, rays: int) -> list[Cut]:
         """Cut the turns by rays from one pole, as `cuts`, with those that cross no turns."""
-        place = self.path.at(np.array([self.begin + _WITHIN * (self.end - self.begin)]))[0]
-        first = math.atan2(place[1] - pole.y, place[0] - pole.x)
-        # the angle from the pole to a place of the path, so that the rays turn and mirror with it
+        inset = _WITHIN * (self.end - self.begin)
+        places = self.path.at(np.array([self.begin + inset, self.end - inset])) - (pole.x, pole.y)
+        away = np.hypot(*places.T)
+        x, y = places[1] if away[1] > (1 + _SAME) * away[0] else places[0]
+        first = math.atan2(y, x)
+        # the angle from the pole to a place of the path, so that the rays turn and mirror with it; of two, one as far
+        # from either end, the outer one, so that it is no matter at which end the path begins
         sense = math.copysign(1.0, pole.turns)
         return [self._cut(pole, first + sense * 2 * math.pi * ray / rays) for ray in range(rays)]
 

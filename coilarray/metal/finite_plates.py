@@ -585,6 +585,11 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shor
     inscribed = inscribed_radius(plate.outline)
     largest = ModelError()
     magnetic, material, thickness = plate.material.relative_permeability != 1, plate.material, plate.thickness
+    if thickness > 2 * inscribed:  # its currents are those of a rod, of which no error is known
+        raise GeometryError(
+            f"a finite plate must be thinner than it is wide; {plate.name!r} is {thickness * 1e3:.3g} mm thick and "
+            f"{2 * inscribed * 1e3:.3g} mm wide."
+        )
     for f in frequencies.tolist():
         if magnetic:
             errors = [model_error(material, thickness, f, 0.0, kappa) for kappa in (3 / inscribed, 2 / scale)]
