@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli import shared
-from coilarray.errors import ClusterError, GeometryError, OutputError
+from coilarray.errors import GeometryError
 from coilarray.viz.offscreen import require_pyvista
 
 if TYPE_CHECKING:
@@ -19,12 +19,10 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
 
     Axes = tuple[FloatArray, FloatArray, FloatArray]
-    _Processes = tuple[int | None, str | None]  # of --workers and --cluster
 
 _LARGEST_MA = 1e9
 _SPACING = shared.number_option(("--spacing-mm",), shared.SMALLEST_MM, shared.LONGEST_MM, "Distance of the points.")
 _MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
-_MOST_LARGE = 100_000_000_000  # 4.8 TB
 
 
 def field(
@@ -42,11 +40,6 @@ def field(
             ("--distance-mm",), shared.SMALLEST_MM, shared.LONGEST_MM, "Distance of an infinite target; without it."
         ),
     ] = None,
-    large: Annotated[
-        bool, typer.Option("--large", help="Write block by block (.nc), for more points than fit into memory.")
-    ] = False,
-    workers: shared.Workers = None,
-    cluster: shared.Cluster = None,
     out: shared.FieldFile = Path("field.nc"),
     force: shared.Force = False,
     as_json: shared.AsJson = False,
@@ -59,20 +52,10 @@ def field(
     currents. Traces are taken as thin wires along their middle lines, so that B is not that of the trace nearer to it
     than its width.
 
-    With --large the file is written block by block, by local processes or a cluster; after an interruption the same
-    command resumes from the folder FILE.parts.
-
     Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
-
-    Example: coilarray field gast2020 --z-mm 1:9 --spacing-mm 0.05 --large --out volume.nc
     """
     if not abs(current_mA) <= _LARGEST_MA:
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g}; got {current_mA:g}.")
-    if large and (out is None or out.suffix.lower() != ".nc"):
-        raise OutputError(f"--large writes .nc; got {out or 'no --out'}.")
-    if not large and (workers is not None or cluster is not None):
-        raise ClusterError("--workers and --cluster are for --large.")
-    shared.check_workers(workers, cluster)
     heights = None if z_mm is None else _heights(z_mm)
     if out is not None and out.suffix.lower() == ".vtr":
         require_pyvista("files for ParaView")
@@ -83,17 +66,13 @@ def field(
     active = opened.array.middle_coil if coil is None else coil
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
-    axes = _axes(opened, heights, spacing_mm, large=large)
+    axes = _axes(opened, heights, spacing_mm)
     if distance_mm is not None:
         from coilarray.response.target import with_target_as_plate
 
         opened = with_target_as_plate(opened, (0.0, 0.0), distance_mm * 1e-3)
-    setting = {"current": current_mA * 1e-3, "terminated": not others_open}
     coupling = couple_design(opened)
-    if large and out is not None:
-        peak = _write_large(opened, coupling, active, axes, out, (workers, cluster), **setting)
-    else:
-        peak = _write(opened, coupling, active, axes, out, **setting)
+    peak = _write(opened, coupling, active, axes, out, current=current_mA * 1e-3, terminated=not others_open)
     shape = [len(axis) for axis in axes]
     data = {
         **shared.design_record(opened), "file": out and str(out), "coil": active,
@@ -106,7 +85,7 @@ def field(
     shared.print_result(data, as_json=as_json, lines=[line])
 
 
-def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float, *, large: bool) -> Axes:
+def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float) -> Axes:
     """x, y and z of the grid in m."""
     import numpy as np
 
@@ -115,10 +94,9 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
     ranges = ((x_min, x_max), (y_min, y_max), (low, high))
     # at most a step apart
     counts = [math.ceil((end - start) / (spacing_mm * 1e-3) * (1 - 1e-12)) + 1 for start, end in ranges]
-    count, most = math.prod(counts), _MOST_LARGE if large else _MOST_POINTS
-    if count > most:
-        instead = "widen the spacing" if large else "widen the spacing, or write block by block with --large"
-        raise GeometryError(f"--spacing-mm {spacing_mm:g} gives {count} points; at most {most} are allowed: {instead}.")
+    count = math.prod(counts)
+    if count > _MOST_POINTS:
+        raise GeometryError(f"--spacing-mm {spacing_mm:g} gives {count} points; at most {_MOST_POINTS} are allowed.")
     x, y, z = (np.linspace(start, end, n) for (start, end), n in zip(ranges, counts, strict=True))
     return x, y, z
 
@@ -139,24 +117,6 @@ def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: P
         grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)
         write_text(out, vtk_text(grid))
     return float(abs(result.B.sel(component="z")).max())
-
-
-def _write_large(
-    design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, processes: _Processes, **setting: Any
-) -> float:
-    """Write the field block by block; return the largest |B_z| in T."""
-    from coilarray.circuit.field_volume import block_count, bytes_needed, write_field_volume
-    from coilarray.compute.large_file import parts_folder
-
-    blocks = block_count(design, axes)
-    with (
-        shared.resumable(lambda done: f"{done} of {blocks} blocks are kept in {parts_folder(out)}") as counting,
-        shared.open_pool(*processes, blocks) as pool,
-    ):
-        on_disk, in_memory = (size / 1e9 for size in bytes_needed(design, axes, pool))
-        text = f"{blocks} blocks, {on_disk:.3g} GB on the disk, {in_memory:.2g} GB of memory"
-        with shared.progress_bar(text) as show:
-            return write_field_volume(out, design, coupling, active, *axes, pool, **setting, progress=counting(show))
 
 
 def _heights(text: str) -> tuple[float, float]:

@@ -7,7 +7,6 @@ import functools
 import os
 import re
 import sys
-import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -50,7 +49,6 @@ from coilarray.cli import (
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
 from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
-from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
@@ -101,21 +99,8 @@ def summary(name: str) -> str:
     return (COMMANDS[name].__doc__ or "").split("\n", 1)[0]
 
 
-class _EndOfFile(Exception):  # noqa: N818 - it carries the error
-    def __init__(self, cause: EOFError) -> None:
-        super().__init__()
-        self.cause = cause
-
-
 class _Grouped(typer.core.TyperGroup):
     """A program whose help shows all commands in their groups, whichever of them it was made of."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run a command so that typer does not take an EOFError in it for the end of the user's input."""
-        try:
-            return super().invoke(ctx)
-        except EOFError as error:
-            raise _EndOfFile(error) from error
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         width = max(map(len, COMMANDS))
@@ -205,7 +190,7 @@ def _answer_to(error: Exception, command: str) -> int:
     # typer brings its own copy of click in some versions; both kinds of usage error have this method
     format_message = getattr(error, "format_message", None)
     if format_message is None:
-        return _refuse_damaged(error.cause if isinstance(error, _EndOfFile) else error)
+        raise error
     help_for = f" {command}" if command in COMMANDS else ""
     words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
     return _refuse(f"{words} (try: coilarray{help_for} --help)")
@@ -247,20 +232,11 @@ def _telling_unusual_values() -> Iterator[None]:
 def run() -> None:
     """Entry point of the installed program."""
     prepare_output()
-    leave_out_dask()
     with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
         code = main()
         if code == INTERRUPTED:
             end_interrupted()
     sys.exit(code)
-
-
-def _refuse_damaged(error: Exception) -> int:
-    """Report a compiled file that Python could not read; any other error is a fault of the program."""
-    for frame, _ in traceback.walk_tb(error.__traceback__):
-        if frame.f_code.co_name == "_compile_bytecode":  # of importlib
-            return _refuse(f"{frame.f_locals.get('bytecode_path')} is damaged; delete it, and Python makes a new one.")
-    raise error
 
 
 def _flush() -> None:

@@ -21,11 +21,9 @@ if TYPE_CHECKING:
 
     from coilarray.hardware.record.recording import Recording
     from coilarray.hardware.record.recording_summary import RecordingSummary
-    from coilarray.hardware.record.recovery import Damage
 
 FORMATS = ("nc", "csv")
 """Endings of the files that a recording is converted to."""
-_MOST_NAMED = 20  # damaged scans of which a message gives the number
 _SEALED = (".nc", ".toml", ".csv")
 
 
@@ -51,9 +49,6 @@ def scan_info(
     verify: Annotated[
         bool, typer.Option("--verify", help="Only check the file against its checksums; also .nc, .toml and .csv.")
     ] = False,
-    recover: Annotated[
-        Path | None, typer.Option(metavar="OUT", help="Write a new recording of the intact scans of a damaged one.")
-    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -61,22 +56,14 @@ def scan_info(
 
     A campaign becomes a response, as `coilarray response` writes it: netCDF, or a CSV with a line for every position
     and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
-    coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if the checksum of one scan
-    is wrong. --verify names all such scans, and --recover writes a new recording without them.
+    coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if a checksum is wrong.
 
     Example: coilarray scan-info run.sqlite
 
     Example: coilarray scan-info campaign.sqlite --to nc --out measured.nc
-
-    Example: coilarray scan-info campaign.sqlite --recover whole.sqlite
     """
-    if verify and recover is not None:
-        raise HardwareError("--verify and --recover cannot be given together.")
     if verify:
         _verify(run, as_json=as_json)
-        return
-    if recover is not None:
-        _recover(run, recover, force=force, as_json=as_json)
         return
     target = _target(run, to, out)
     if baseline < 1:
@@ -102,15 +89,14 @@ def scan_info(
 
 
 def _verify(path: Path, *, as_json: bool) -> None:
-    """Check a file against its checksums, and say what was found; HardwareError names damaged scans."""
+    """Check a file against its checksums, and say what was found; HardwareError names what is damaged."""
     if is_recording(str(path)) or path.suffix.lower() not in _SEALED:
-        from coilarray.hardware.record.recovery import find_damage
+        from coilarray.hardware.record.recording import open_recording
 
-        damage = find_damage(path)
-        if damage.damaged or damage.others:
-            raise HardwareError(f"{path} is damaged: {_named(damage)}.")
-        scans = f"{damage.scans} scans, which "
-        checksums, without = damage.checksums, "can be read; an older version wrote them, without checksums"
+        with open_recording(path) as recording:
+            recording.check()
+            scans, checksums = f"{recording.count()} scans, which ", recording.has_checksums
+        without = "can be read; an older version wrote them, without checksums"
     else:
         from coilarray.compute.checksum import check_seal, checked_rows, has_checksums
 
@@ -125,31 +111,6 @@ def _verify(path: Path, *, as_json: bool) -> None:
     right = "are as their checksums say" if scans else "is as its checksum says"
     line = f"{path}: {scans}{right if checksums else without}"
     print_result({"file": str(path), "checksums": checksums}, as_json=as_json, lines=[line])
-
-
-def _recover(path: Path, target: Path, *, force: bool, as_json: bool) -> None:
-    """Write a new recording of the intact scans of another one, and say how many were lost."""
-    from coilarray.hardware.record.recovery import recover_recording
-
-    if target.resolve() == path.resolve():
-        raise OutputError(f"--recover must name another file than the recording {path}.")
-    with replacing("scan-info", target, force=force):
-        damage = recover_recording(path, target)
-    kept = damage.scans - len(damage.damaged)
-    lost = f"lost: {_named(damage)}" if damage.damaged or damage.others else "nothing is lost"
-    lines = [f"wrote {target}: {kept} of {damage.scans} scans; {lost}"]
-    if damage.unfinished:
-        lines.append(f"{damage.unfinished} positions of the campaign lack a scan: coilarray campaign --resume")
-    data = {"file": str(target), "scans": kept, "lost_scans": list(damage.damaged), "lost_others": list(damage.others)}
-    print_result({**data, "unfinished_positions": damage.unfinished}, as_json=as_json, lines=lines)
-
-
-def _named(damage: Damage) -> str:
-    """Return a text with the numbers of the damaged scans."""
-    count, some = len(damage.damaged), ", ".join(map(str, damage.damaged[:_MOST_NAMED]))
-    more = f" and {count - _MOST_NAMED} more" if count > _MOST_NAMED else ""
-    scans = [f"scan{'s' if count > 1 else ''} {some}{more} of {damage.scans}"] if count else []
-    return "; ".join([*scans, *damage.others])
 
 
 def summary_lines(summary: RecordingSummary) -> list[str]:

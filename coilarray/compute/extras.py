@@ -31,22 +31,6 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
         raise MissingDependencyError(line) from None
 
 
-def leave_out_dask() -> None:
-    """Let this process find no Dask: xarray imports it to ask of every array whether it is Dask's, and none of ours is.
-
-    That takes an eighth of a short command's time. For processes that are ours alone. Nothing where xarray is imported
-    already: it remembers from then on whether there is Dask.
-    """
-    if "xarray" not in sys.modules:
-        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # the import then says that there is none
-
-
-def find_dask() -> None:
-    """Let this process find Dask, which a cluster needs, where `leave_out_dask` has hidden it."""
-    if sys.modules.get("dask", sys) is None:
-        del sys.modules["dask"]
-
-
 def not_installed(purpose: str, package: str, extra: str) -> str:
     """Return the line that says how to install `package` by an extra of coilarray; `purpose` is in the plural."""
     return f"{purpose} need {package}, which is not installed: {_install_command(extra)}."

@@ -27,7 +27,7 @@ _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
 # memory beside the points: the field and the mask of finite points; for a grid, its coordinates and the points
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
 _LARGEST_CURRENT = 1e30  # A; with `LARGEST` no field leaves the range of float64
-_IN_PIECES = "compute it in pieces, or write it block by block with coilarray.circuit.field_volume"
+_IN_PIECES = "compute it in pieces"
 
 
 def magnetic_field(

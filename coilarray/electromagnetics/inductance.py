@@ -335,7 +335,7 @@ def _require_memory(paths: int, pairs: int) -> None:
     require_memory(
         BYTES_A_PAIR * pairs + 8.0 * paths**2,
         f"the inductance matrix of {paths} paths",
-        "compute it in pieces, or write it block by block with coilarray.electromagnetics.large_matrix",
+        "compute it in pieces",
     )
 
 

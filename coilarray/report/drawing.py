@@ -17,7 +17,6 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, TypeVar
 
-from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.threads import cores
 
 Result = TypeVar("Result")
@@ -160,7 +159,6 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
 if __name__ == "__main__":
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
-    leave_out_dask()
     with suppress(BrokenPipeError, KeyboardInterrupt):
         _draw(sys.stdin.buffer, replies)
     os._exit(0)  # ends at once, whatever threads still wait

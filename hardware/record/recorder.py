@@ -37,7 +37,6 @@ from coilarray.hardware.record.recording_file import (
     require_recording,
     sign_row,
 )
-from coilarray.hardware.record.write_ahead_log import require_whole_log
 from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
@@ -228,8 +227,6 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
         with writing(path, ValueError):
             there = path.exists()
             taken = there and path.stat().st_size > 0
-        if taken and resume:
-            require_whole_log(path)  # before SQLite takes the log into the file, up to where it is damaged
         with closing(_connected(path)) as connection:
             recorder = Recorder(path, connection)
             try:

@@ -28,7 +28,6 @@ from coilarray.hardware.record.recording_file import (
     scan_checksum,
     table_rows,
 )
-from coilarray.hardware.record.write_ahead_log import require_whole_log
 from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 
@@ -172,10 +171,6 @@ class Recording:
                 return scan
         raise HardwareError(f"{self.path} is damaged: scan {number} is missing.")
 
-    def session_number(self, index: int) -> int:
-        """Return the number of the row of a session, by its index in `sessions`."""
-        return next(number for number, k in self._sessions.items() if k == index)
-
     def scan_checksums(self) -> list[tuple[str, int]]:
         """Return what the checksum of every scan must be, with the number of the scan."""
         return [(expected, scan.number) for scan, expected, _ in self._scans(0, math.inf)]
@@ -291,7 +286,6 @@ def open_recording(path: Path) -> Iterator[Recording]:
     at once, what it holds when it is read.
     """
     with closing(connect_to_read(path)) as connection:
-        require_whole_log(path)
         check_pages(connection, path)
         yield Recording(path, connection)
 

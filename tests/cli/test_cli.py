@@ -1,8 +1,6 @@
 """The command line: what it prints, its exit codes, and one line for every mistake."""
 
 import csv
-import importlib
-import py_compile
 import re
 import runpy
 import subprocess
@@ -17,7 +15,7 @@ from support.command_line import mistakes, runner, successes
 
 from coilarray import couple_design, load_design, load_design_file, new_design
 from coilarray.cli.docs import find_page
-from coilarray.cli.main import COMMANDS, GROUPS, main, program, summary
+from coilarray.cli.main import COMMANDS, GROUPS, program, summary
 from coilarray.cli.shared import lengths, table_text
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
@@ -502,28 +500,6 @@ def test_the_installed_program():
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("coilarray: error: there is no design file none.toml")
-
-
-@pytest.mark.parametrize("damage", [lambda code: code[:-7], lambda code: code[:16] + b"\xff" + code[17:]])
-def test_a_damaged_compiled_file_is_named(capsys, monkeypatch, tmp_path, damage):
-    """Typer would take the end of such a file for that of the input, and say that it was interrupted."""
-    source = tmp_path / "half_written.py"
-    source.write_text("x = list(range(9))\n", encoding="utf-8")
-    compiled = Path(py_compile.compile(str(source)))
-    compiled.write_bytes(damage(compiled.read_bytes()))
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("coilarray.cli.shared.open_design", lambda *_, **__: importlib.import_module("half_written"))
-    line = refused(capsys, "matrix", "starter")
-    assert line == f"coilarray: error: {compiled} is damaged; delete it, and Python makes a new one."
-
-
-def test_an_end_of_file_that_is_ours_keeps_its_traceback(monkeypatch):
-    def ended(*_, **__):
-        raise EOFError("ours")
-
-    monkeypatch.setattr("coilarray.cli.shared.open_design", ended)
-    with pytest.raises(EOFError, match="ours"):
-        main(["matrix", "starter"])
 
 
 @pytest.mark.parametrize("width", [30, 64, 100, 200])

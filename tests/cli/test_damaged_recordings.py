@@ -1,4 +1,4 @@
-"""``scan-info --verify`` and ``--recover``: what is damaged is named, and what is whole is saved."""
+"""``scan-info --verify``: what is damaged is named."""
 
 import shutil
 from pathlib import Path
@@ -13,7 +13,6 @@ from support.recorded_boards import changed, without_checksums
 from coilarray.compute.checksum import with_checksums
 from coilarray.compute.netcdf import save_dataset
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.recorded_response import recorded_response
 from coilarray.hardware.record.recording import open_recording
 
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
@@ -51,64 +50,15 @@ def test_a_whole_recording_is_as_its_checksums_say(capsys, stream):
     assert record(capsys, stream, "--verify")["checksums"] is False
 
 
-def test_damaged_scans_are_named_and_the_others_recovered(capsys, stream, tmp_path):
-    before = scans_of(stream)
-    changed(stream, "UPDATE sample SET lsb = lsb + 1 WHERE scan = 3", "UPDATE scan SET time = time + 1e-6 WHERE id = 8",
-            "DELETE FROM sample WHERE scan = 10")  # fmt: skip
-    assert "scan 3: its checksum is wrong" in refused(capsys, stream)
-    assert f"{stream} is damaged: scans 3, 8, 10 of 12." in refused(capsys, stream, "--verify")
-    data, out = stream.read_bytes(), tmp_path / "out.sqlite"
-    assert f"wrote {out}: 9 of 12 scans; lost: scans 3, 8, 10 of 12\n" in scan_info(capsys, stream, "--recover", out)
-    assert scans_of(out) == [scan for number, scan in enumerate(before, start=1) if number not in (3, 8, 10)]
-    assert stream.read_bytes() == data
-    scan_info(capsys, out, "--verify")
-
-
-def test_a_page_that_is_overwritten_costs_its_scans(capsys, tmp_path, made):
-    """Four kilobytes of noise in the middle of the scans: all that lie on other pages are saved."""
-    path = stream_file(tmp_path / "long.sqlite", 400, noise=1e-6)
-    before, data = scans_of(path), bytearray(path.read_bytes())
-    pages = [start for start in range(0, len(data), 4096) if data.count(b"stream", start, start + 4096) > 20]
-    data[pages[1] : pages[1] + 4096] = np.random.default_rng(0).bytes(4096)
-    path.write_bytes(data)
-    assert "damaged: scans " in refused(capsys, path, "--verify")
-    found = record(capsys, path, "--recover", tmp_path / "out.sqlite")
-    kept = scans_of(tmp_path / "out.sqlite")
-    assert kept == [scan for number, scan in enumerate(before, start=1) if number not in found["lost_scans"]]
-    assert 300 < len(kept) == found["scans"] < 400
-
-
-def test_a_position_that_lost_a_scan_is_to_be_measured_again(capsys, campaign, tmp_path):
-    changed(campaign, "UPDATE scan SET depth = 2e-3 WHERE id = 8", "UPDATE self_test SET time = 0")
-    out = tmp_path / "out.sqlite"
-    printed = scan_info(capsys, campaign, "--recover", out)
-    assert "lost: scan 8 of 16" in printed
-    assert "1 positions of the campaign lack a scan: coilarray campaign --resume" in printed
-    assert "is not complete: 1 of 4 positions are not measured yet" in refused(capsys, out, "--to", "nc")
-    with open_recording(out) as recording:
-        response = recorded_response(recording, partial=True)
-    assert np.isnan(response.delta).sum() == 2  # the two coils, at one position
-
-
-def test_what_hangs_on_a_lost_row_is_lost_too(capsys, campaign, tmp_path):
-    changed(campaign, "UPDATE position SET x = x + 1e-3 WHERE id = 2")
-    assert "damaged: scans 5, 6, 7, 8 of 16; position 2." in refused(capsys, campaign, "--verify")
-    changed(campaign, "UPDATE session SET port = 'other'")
-    assert "it has no session" in refused(capsys, campaign, "--recover", tmp_path / "out.sqlite")
-    assert not (tmp_path / "out.sqlite").exists()
-
-
-def test_a_recovery_replaces_nothing_without_being_told_to(capsys, stream, tmp_path):
-    out = tmp_path / "out.sqlite"
-    out.write_text("mine")
-    assert "--force replaces it" in refused(capsys, stream, "--recover", out)
-    assert out.read_text() == "mine"
-    assert "nothing is lost" in scan_info(capsys, stream, "--recover", out, "--force")
-    assert scans_of(out) == scans_of(stream)
-    assert "must name another file than the recording" in refused(capsys, stream, "--recover", stream, "--force")
-    assert "cannot be given together" in refused(capsys, stream, "--recover", out, "--verify")
-    assert "there is no file" in refused(capsys, tmp_path / "none.sqlite", "--recover", tmp_path / "x.sqlite")
-    assert "cannot write" in refused(capsys, stream, "--recover", tmp_path / "none" / "x.sqlite")
+@pytest.mark.parametrize(("statement", "damage"), [
+    ("UPDATE sample SET lsb = lsb + 1 WHERE scan = 3", "scan 3: its checksum is wrong"),
+    ("UPDATE scan SET time = time + 1e-6 WHERE id = 8", "scan 8: its checksum is wrong"),
+    ("DELETE FROM sample WHERE scan = 10", "scan 10"),
+])  # fmt: skip
+def test_a_damaged_scan_is_named(capsys, stream, statement, damage):
+    changed(stream, statement)
+    for option in ((), ("--verify",)):
+        assert damage in refused(capsys, stream, *option)
 
 
 def test_files_with_one_checksum_at_their_end(capsys, tmp_path):

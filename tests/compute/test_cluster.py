@@ -1,28 +1,21 @@
 """A real Dask scheduler with real worker processes on the loopback, started as a user starts them."""
 
 import contextlib
-import importlib
 import os
 import signal
 import socket
 import sys
 import threading
 
-import numpy as np
 import pytest
-import xarray as xr
 from support import worker_tasks as tasks
 from support.dask_cluster import PATIENCE, Dask
 from support.patience import lasting, until
 
-from coilarray import couple_design, inductance_matrix, load_design
-from coilarray.circuit import field_volume
-from coilarray.circuit.operating_field import operating_field
+from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.compute.code_version import code_version
-from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.workers import IN_FLIGHT, cluster, workers
-from coilarray.electromagnetics.large_matrix import write_inductance_matrix
 from coilarray.errors import ClusterError, MissingDependencyError
 from coilarray.studies.evaluate import evaluate_points
 
@@ -130,20 +123,6 @@ def test_numbers_are_those_of_this_process_to_the_last_bit(pool):
     expected, found = both
     assert found == expected
     assert [type(outcome) for _, outcome in sorted(expected.items())] == [dict, dict, dict, str]
-
-
-def test_large_files_are_those_of_this_process(pool, tmp_path, monkeypatch):
-    monkeypatch.setattr(field_volume, "_MOST_POINTS", 512)  # four blocks of the grid of 2001 points
-    grid = [np.linspace(-20e-3, 20e-3, 29), np.linspace(-10e-3, 12e-3, 23), np.array([1e-3, 3e-3, 4e-3])]
-    design = load_design("starter")
-    coupling = couple_design(design, ideal=True)
-    field_volume.write_field_volume(tmp_path / "v.nc", design, coupling, "coil1", *grid, pool)
-    write_inductance_matrix(tmp_path / "L.nc", design.array, pool)
-    written = [xr.load_dataset(tmp_path / name, engine="h5netcdf") for name in ("v.nc", "L.nc")]
-    assert written[0].identical(operating_field(design, coupling, "coil1", *grid))
-    L = inductance_matrix(design.array)
-    # a worker has one thread, so that sums are cut in other places: rounding
-    assert written[1].inductance.values == pytest.approx(L, abs=1e-14 * L.max())
 
 
 def test_a_sweep_on_the_cluster_from_the_command_line(dask, tmp_path, capsys):
@@ -264,16 +243,6 @@ def test_a_stranger_at_the_address_is_no_scheduler(impatient, answer):
 def test_the_address_must_have_its_form():
     for address in ("", "host:8786", "http://host:8786", "tcp://host", "tcp://:1", "tcp://host:0", "tcp://h:x"):
         assert refused(address) == f"the address of a cluster must be tcp://HOST:PORT; got {address!r}."
-
-
-def test_a_program_that_left_out_dask_finds_it_for_a_cluster(monkeypatch):
-    monkeypatch.delitem(sys.modules, "dask")
-    monkeypatch.delitem(sys.modules, "xarray")  # a program leaves out Dask before it imports xarray
-    leave_out_dask()
-    with pytest.raises(ModuleNotFoundError):
-        importlib.import_module("dask")
-    assert cluster._distributed().__name__ == "distributed"
-    assert "dask" not in sys.modules  # the next import looks for it
 
 
 def test_without_the_package_one_line_names_it(monkeypatch):

@@ -3,7 +3,6 @@
 import importlib
 import importlib.metadata
 import json
-import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError
 
@@ -86,16 +85,6 @@ def test_a_library_that_breaks_is_not_called_missing(monkeypatch):
     monkeypatch.setattr(importlib, "import_module", broken)
     with pytest.raises(MissingDependencyError, match=r"^films need json, which cannot be loaded: libGL"):
         extras.import_extra("json", "films", package="json", extra="movie")
-
-
-@pytest.mark.parametrize("first", ["import xarray", "pass"])
-def test_datasets_are_made_whether_dask_is_left_out_before_xarray_or_after(first):
-    lines = (
-        first, "from coilarray.compute.extras import leave_out_dask", "leave_out_dask()", "import xarray",
-        "print(xarray.Dataset({'a': ('x', [1.0])}, {'x': [2.0]}).a.values)",
-    )  # fmt: skip
-    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True, capture_output=True, text=True)
-    assert done.stdout == "[1.]\n"
 
 
 def test_an_interrupt_while_a_library_is_loaded_is_an_interrupt(monkeypatch):

@@ -148,7 +148,6 @@ TABLE = "--x-mm -20:20:1000 --y-mm -6:6:1000"
     (f"tolerance gast2020 {TABLE} --samples 8", "4", "the matrix of shifts at 1000000 positions"),
     ("impedance gast2020 --points 10000", "2e-4", "the circuit of 6 coils at 17 frequencies"),
     ("field gast2020 --spacing-mm 0.05", "0.02", "a grid of 1231012 points"),
-    ("field gast2020 --spacing-mm 0.05 --large --workers 1", "0.02", "a volume with 1 blocks in flight"),
 ])  # fmt: skip
 def test_commands_refuse_in_one_line_what_needs_too_much(command, limit, what, tmp_path, monkeypatch, capsys):
     design_circuit(load_design("gast2020"))  # is kept from now on: the capacitance would meet the limit before

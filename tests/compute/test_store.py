@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 from support.no_room import file_limit
 
 from coilarray.compute import code_version as versions
-from coilarray.compute.large_file import Variable
 from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.store import FOLDER_VARIABLE, Store, content_key, locked_database, open_store
 from coilarray.errors import OutputError
+from coilarray.geometry import Sheet
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 PLAIN = st.recursive(
@@ -126,8 +126,15 @@ def test_a_dataset_that_finds_no_room_is_computed_all_the_same(tmp_path):
 
 
 def test_arrays_and_dataclasses_are_part_of_a_key_by_their_values():
-    one = Variable("B", ("x",), "T", "flux density")
-    parts = [np.zeros(2), np.zeros((2, 1)), np.zeros(2, complex), np.ones(2), one, dataclasses.replace(one, name="H")]
+    one = Sheet("base", 6e-3)
+    parts = [
+        np.zeros(2),
+        np.zeros((2, 1)),
+        np.zeros(2, complex),
+        np.ones(2),
+        one,
+        dataclasses.replace(one, thickness=5e-3),
+    ]
     keys = {content_key(part) for part in parts}
     assert len(keys) == len(parts)
     assert {content_key(copy.deepcopy(part)) for part in parts} == keys

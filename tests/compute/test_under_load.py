@@ -31,7 +31,6 @@ from threadpoolctl import threadpool_limits
 
 from coilarray.cli import optimize
 from coilarray.cli.main import main
-from coilarray.compute.large_file import parts_folder
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import run_blocks
@@ -233,14 +232,6 @@ def whole_parts(folder, told):
     assert load_part(part).change.shape == (2, 2, 2)
 
 
-def whole_blocks(folder, told):
-    assert files(folder / "f.nc.parts") == ["data.nc", "journal.db"]
-    blocks = rows_of(parts_folder(folder / "f.nc") / "journal.db", "SELECT number FROM block")
-    (line,) = told
-    assert line.startswith(f"coilarray: {len(blocks)} of ")
-    assert line.endswith(" blocks are kept in f.nc.parts; the same command continues from there")
-
-
 def whole_points(folder, told, what="of 5 points"):
     (line,) = told
     number, rest = line.removeprefix("coilarray: ").split(" ", 1)
@@ -263,7 +254,6 @@ def whole_trials(folder, told):
 
 @pytest.mark.parametrize(("command", "after", "check", "result"), [
     ("response small.toml --depth-mm 0.5,1 --x-mm 0,1 --y-mm 0 --out r.nc", 101, whole_parts, "r.nc"),
-    ("field small.toml --z-mm 1:5 --spacing-mm 0.15 --large --workers 1 -o f.nc", 1, whole_blocks, "f.nc"),
     ("sweep small.toml --vary array.pitch_mm=12:16:5 -q worst_k --workers 1 -o s.nc", 2, whole_points, "s.nc"),
     ("tolerance small.toml etch.toml --samples 8 --workers 1 --out t.nc", 2, whole_boards, "t.nc"),
     ("optimize small.toml goal.toml --trials 5 --workers 1 --out o", 2, whole_trials, "o/trials.csv"),

@@ -387,14 +387,12 @@ def steady_board(request, send, orders):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.compute.extras import leave_out_dask
     from coilarray.viz.studio import new_panel, numbers_panel, server, view
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
     from coilarray.viz.studio.work import work_on
 
-    leave_out_dask()  # as the program does
     parser = argparse.ArgumentParser()
     parser.add_argument("design")
     parser.add_argument("--folder", type=Path, default=Path())

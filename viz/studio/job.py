@@ -16,7 +16,6 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
-from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
 from coilarray.compute.workers.processes import starting
 from coilarray.errors import CoilarrayError
@@ -158,7 +157,6 @@ def time_left(part: float, since: float) -> str:
 def _serve(connection: Connection, payload: bytes, patience: float) -> None:
     """Run the task; the process ends with the connection at the latest."""
     collect_seldom()
-    leave_out_dask()
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _leave)
     orders = _Orders()

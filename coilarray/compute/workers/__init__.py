@@ -22,9 +22,7 @@ A worker has at most two tasks in flight, one that it computes and one that wait
 some names, and its result some numbers, so memory does not grow with the number of points. For the six coils of
 gast2020 a worker needs 0.25 GB for shapes and couplings, 0.3 GB for the circuit, 0.4 GB for responses and 0.5 GB for
 the error of positions; a worker of Dask needs 0.1 GB more. Dask ends a worker that exceeds its ``--memory-limit``, by
-default its share of the machine. Results of blocks of field volumes and of large matrices
-(`coilarray.circuit.field_volume`, `coilarray.electromagnetics.large_matrix`) are 13 MB and 0.5 MB; they are written to
-the file as they come.
+default its share of the machine.
 """
 
 from __future__ import annotations

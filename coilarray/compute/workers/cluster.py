@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from coilarray.compute.code_version import code_version
-from coilarray.compute.extras import find_dask, import_extra
+from coilarray.compute.extras import import_extra
 from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
 from coilarray.errors import ClusterError
 
@@ -155,7 +155,6 @@ def compute(version: str, payload: bytes) -> Any:
 
 
 def _distributed() -> Any:
-    find_dask()
     return import_extra("distributed", "Dask clusters", package="distributed", extra="cluster")
 
 

@@ -16,7 +16,6 @@ from multiprocessing.context import BaseContext
 from threading import Thread, current_thread, main_thread
 from typing import Any
 
-from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
 from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
 from coilarray.errors import ClusterError
@@ -185,7 +184,6 @@ def _begin(environment: dict[str, str]) -> None:
     os.environ.clear()
     os.environ.update(environment)
     collect_seldom()
-    leave_out_dask()
     Thread(target=_end_with_parent, daemon=True).start()
     one_thread_for_good()
 

@@ -13,14 +13,14 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.filaments import parallel_filaments
 
 _GAUSS_16 = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarray(_GAUSS_16[1])
 
 
-@inner_kernel
+@kernel
 def _corner_cell(
     x_end: float, y_end: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
@@ -63,7 +63,7 @@ def _corner_cell(
     return math.copysign(1.0, x_end) * math.copysign(1.0, y_end) * total
 
 
-@inner_kernel
+@kernel
 def _cell(
     x0: float, x1: float, y0: float, y1: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
@@ -90,7 +90,7 @@ def _cell(
     return 0.25 * (x1 - x0) * (y1 - y0) * total
 
 
-@inner_kernel
+@kernel
 def _offset_density(
     start_1: float, size_1: float, start_2: float, size_2: float, edges: FloatArray, lines: FloatArray
 ) -> None:

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 MOST_NODES = 32
@@ -42,7 +42,7 @@ def least_distances(log_tolerance: float) -> FloatArray:
         return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
 
 
-@inner_kernel
+@kernel
 def node_count(distance: float, length: float, least: FloatArray) -> int:
     """Nodes along a segment at a distance by `least_distances`; MOST_NODES + 1 where they are too few."""
     for n in range(2, MOST_NODES + 1):
@@ -51,7 +51,7 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
     return MOST_NODES + 1
 
 
-@inner_kernel
+@kernel
 def add_nodes(
     count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
 ) -> int:
@@ -70,7 +70,7 @@ def add_nodes(
     return count
 
 
-@inner_kernel
+@kernel
 def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
     """Weighted sum of the potential of a segment, row `a` of a table, over the collected nodes."""
     x, y, z, weight = batch[0], batch[1], batch[2], batch[3]

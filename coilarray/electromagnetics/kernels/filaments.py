@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 Point = tuple[float, float, float]
@@ -27,20 +27,20 @@ _GAUSS_12 = np.polynomial.legendre.leggauss(12)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAUSS_12[1])
 
 
-@inner_kernel
+@kernel
 def _second_integral(z: float, rho2: float) -> float:
     """Give z asinh(z/ρ) − √(z² + ρ²) for z ≥ 0 and ρ > 0: the second antiderivative of 1/√(z² + ρ²), even in z."""
     r = math.sqrt(z * z + rho2)
     return 0.5 * z * log_of_ratio((r + z) * (r + z), rho2, z / r) - r
 
 
-@inner_kernel
+@kernel
 def _second_integral_on_the_line(z: float) -> float:
     """Give the same for ρ → 0, less what cancels."""
     return abs(z) * math.log(abs(z)) - abs(z) if z != 0.0 else 0.0
 
 
-@inner_kernel
+@kernel
 def parallel_filaments(rho: float, offset: float, length_1: float, length_2: float) -> float:
     """∬ dz dz'/R of two filaments along z, [0, length_1] and [offset, offset + length_2], a distance `rho` apart."""
     z0, z1, z2, z3 = offset + length_2, offset, offset + length_2 - length_1, offset - length_1
@@ -56,20 +56,20 @@ def parallel_filaments(rho: float, offset: float, length_1: float, length_2: flo
     )  # fmt: skip
 
 
-@inner_kernel
+@kernel
 def _is_near(r1: float, r2: float, length: float) -> bool:
     """Whether a point r1 and r2 from the ends of a segment is so near that `_line_potential` would lose digits."""
     return r1 + r2 - length < _NEAR * (r1 + r2)
 
 
-@inner_kernel
+@kernel
 def _line_potential(r1: float, r2: float, length: float) -> float:
     """∫ dl/R along a segment at a point r1 and r2 from its ends that is not near it."""
     total = r1 + r2
     return log_of_ratio(total + length, total - length, length / total)
 
 
-@inner_kernel
+@kernel
 def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
     """∫ dl/R along a segment, from the origin along the unit vector u, at a point (x, y, z) near or on it.
 
@@ -87,12 +87,12 @@ def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: floa
     return log_of_ratio(total + length, gap if gap > smallest else smallest, length / total)
 
 
-@inner_kernel
+@kernel
 def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
     return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz))
 
 
-@inner_kernel
+@kernel
 def _graded(
     p0: Point, u: Point, length_1: float, q0: Point, v: Point, start: float, end: float, finest: float
 ) -> float:
@@ -122,7 +122,7 @@ def _graded(
     return total
 
 
-@inner_kernel
+@kernel
 def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
     """∬ dl dl'/R for nearly parallel filaments: closed inner integral, outer Gauss rule on graded panels.
 
@@ -153,7 +153,7 @@ def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2:
     return total
 
 
-@inner_kernel
+@kernel
 def _angle_between(x1: float, y1: float, x2: float, y2: float) -> float:
     """Give atan2(y1, x1) − atan2(y2, x2) for x1, x2 > 0, where the difference is less than π."""
     return math.atan2(y1 * x2 - y2 * x1, x1 * x2 + y1 * y2)
@@ -220,7 +220,7 @@ def filament_pair(
     return cosine * total
 
 
-@inner_kernel
+@kernel
 def _nearly_parallel(
     p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
@@ -251,7 +251,7 @@ def _nearly_parallel(
     )
 
 
-@inner_kernel
+@kernel
 def filament_pair_far(
     p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,

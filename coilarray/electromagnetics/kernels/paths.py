@@ -20,7 +20,7 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.bars import parallel_bars
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.far_pairs import (
     APART,
     CAPACITY,
@@ -83,19 +83,19 @@ _NODES, _WEIGHTS = gauss_tables(MAX_NODES)
 _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
-@inner_kernel
+@kernel
 def _normal(a: FloatArray) -> Vector:
     """Direction across the thickness of a bar."""
     return a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
 
 
-@inner_kernel
+@kernel
 def _same_side(a: FloatArray, b: FloatArray) -> float:
     """1 where the lateral directions of two nearly parallel bars agree, −1 where they oppose each other."""
     return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
 
 
-@inner_kernel
+@kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
     """Vector from start to start of two bars, the second moved, and the distance of their middles."""
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
@@ -104,7 +104,7 @@ def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, fl
     return dx, dy, dz, math.sqrt(mx * mx + my * my + mz * mz)
 
 
-@inner_kernel
+@kernel
 def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
     """Shortest vector from the first segment to the second; (dx, dy, dz) leads from start to start."""
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
@@ -120,7 +120,7 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
     return (dx + t * b[3] - s * a[3], dy + t * b[4] - s * a[4], dz + t * b[5] - s * a[5])
 
 
-@inner_kernel
+@kernel
 def _log_bernstein(x: float, y: float) -> float:
     """Give ln ρ of the Bernstein ellipse of [−1, 1] through x + iy: a Gauss rule of n nodes errs like ρ^(−2n)."""
     return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
@@ -128,7 +128,7 @@ def _log_bernstein(x: float, y: float) -> float:
     ))  # fmt: skip
 
 
-@inner_kernel
+@kernel
 def _set_offset(
     rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
 ) -> None:
@@ -139,7 +139,7 @@ def _set_offset(
     rule[k, 3] = t * b[9] - s * a[9] + h * normal[2]
 
 
-@inner_kernel
+@kernel
 def _parallel_rule(
     a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
@@ -176,7 +176,7 @@ def _parallel_rule(
     return count
 
 
-@inner_kernel
+@kernel
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     """Offset, to both sides, that stands for parallel bars far apart against their size.
 
@@ -190,7 +190,7 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     return step * direction[0], step * direction[1], step * direction[2]
 
 
-@inner_kernel
+@kernel
 def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
     """Offsets of parallel bars far apart, see `_two_node_offset`."""
     offset = _two_node_offset(a, b)
@@ -199,7 +199,7 @@ def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
     return 2
 
 
-@inner_kernel
+@kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle, or of parallel ones of different size.
 
@@ -223,7 +223,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     return count
 
 
-@inner_kernel
+@kernel
 def _add_layers(
     rule: FloatArray, count: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, thickness: float,
     sides: int, n_z: int, normal: Vector,
@@ -238,7 +238,7 @@ def _add_layers(
     return count
 
 
-@inner_kernel
+@kernel
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle that meet, as neighbours in a path do.
 
@@ -266,7 +266,7 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
     return count
 
 
-@inner_kernel
+@kernel
 def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at a wide angle that meet and are short, so that their corner counts for much.
 
@@ -303,7 +303,7 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
     return count
 
 
-@inner_kernel
+@kernel
 def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
     """Exact bars in the first one's frame, a tilt left out; (dx, dy, dz) leads from start to start."""
     sign = 1.0 if cosine > 0.0 else -1.0
@@ -322,7 +322,7 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
     )  # fmt: skip
 
 
-@inner_kernel
+@kernel
 def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, tolerance: float) -> bool:
     """Say whether an end of one segment is within `tolerance` of an end of the other."""
     for i in range(2):
@@ -398,7 +398,7 @@ def bar_pair(
     return total / weights
 
 
-@inner_kernel
+@kernel
 def _collect(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, count: int, batch: FloatArray
 ) -> int:

@@ -15,14 +15,14 @@ from __future__ import annotations
 import math
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 NEAR = 6.0
 """Distance, in sides of the larger cell, up to which the closed form is used."""
 
 
-@inner_kernel
+@kernel
 def _antiderivative(x: float, z: float) -> float:
     """Return −24 F of the module's text; even in x and z, zero at the origin."""
     x, z = abs(x), abs(z)
@@ -35,7 +35,7 @@ def _antiderivative(x: float, z: float) -> float:
     return quartic - 4.0 * x * z * (x2 * angle + z2 * (0.5 * math.pi - angle))
 
 
-@inner_kernel
+@kernel
 def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
     """Difference of the variances, and fourth cumulants, of the offset between a point of each: halved, quartered."""
     a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
@@ -44,7 +44,7 @@ def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
     return 0.5 * (sx - sz), 0.25 * fourth
 
 
-@inner_kernel
+@kernel
 def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
     """Mean of ln r between cells (x, z) apart by `_moments`; without a branch, so that many are computed at once."""
     r2 = x * x + z * z
@@ -54,7 +54,7 @@ def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
     return 0.5 * logarithm - spread * cosine * inverse - fourth * (cosine * cosine - sine * sine) * (inverse * inverse)
 
 
-@inner_kernel
+@kernel
 def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
     """Mean of ln r between two cells w1 × t1 and w2 × t2 that are (x, z) apart, in closed form."""
     total = 0.0

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 
 ON_WIRE = 1e-12
 """A point nearer to a segment than this fraction of its length counts as on it; the segment then adds nothing."""
@@ -66,7 +66,7 @@ def add_magnetic_field(
                 bz[i] += factor * cz
 
 
-@inner_kernel
+@kernel
 def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
     """Give ln(top/bottom) without a branch, so that many are computed at once; `ratio` is tanh of half of it.
 

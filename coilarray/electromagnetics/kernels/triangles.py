@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 
 _NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of one pair
 _A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
@@ -66,7 +66,7 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
                 integrals[i, j] = 0.5 * (_near_pair(corners[i], other[j]) + _near_pair(other[j], corners[i]))
 
 
-@inner_kernel
+@kernel
 def _normal(t: FloatArray) -> tuple[float, float, float, float]:
     """Return the unit normal of a triangle, and twice its area."""
     ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
@@ -76,12 +76,12 @@ def _normal(t: FloatArray) -> tuple[float, float, float, float]:
     return nx / double, ny / double, nz / double, double
 
 
-@inner_kernel
+@kernel
 def _area(t: FloatArray) -> float:
     return 0.5 * _normal(t)[3]
 
 
-@inner_kernel
+@kernel
 def _moments(t: FloatArray, out: FloatArray) -> None:
     """Centroid, second moments xx, yy, zz, xy, yz, zx over the area, and the radius about the centroid."""
     for a in range(3):
@@ -99,7 +99,7 @@ def _moments(t: FloatArray, out: FloatArray) -> None:
     out[9] = math.sqrt(farthest)
 
 
-@inner_kernel
+@kernel
 def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
     total = 0.0
     for q in range(_RULE.shape[0]):
@@ -111,7 +111,7 @@ def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
     return total * _area(outer)
 
 
-@inner_kernel
+@kernel
 def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
     """∫ dA'/|x − x'| of one triangle: Σ over its edges of p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (their angles at x)."""
     nx, ny, nz, _ = _normal(t)
@@ -123,7 +123,7 @@ def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
     return total
 
 
-@inner_kernel
+@kernel
 def _edge(
     t: FloatArray, k: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, d: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -148,7 +148,7 @@ def _edge(
     return mx, my, mz, p, _along(start, stop, ra, rb, away2), angle
 
 
-@inner_kernel
+@kernel
 def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> float:
     """∫ dl/r along an edge, of ends at `start` and `stop` on its line and at `ra` and `rb` from the point."""
     if start > 0.0:
@@ -193,7 +193,7 @@ def double_layers(
                     integrals[i, nodes[j, corner]] += share * part[corner]
 
 
-@inner_kernel
+@kernel
 def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
     """∫ λ_c n·(x − x')/|x − x'|³ dA' of the three linear functions of one triangle; 0 in its plane."""
     nx, ny, nz, double = _normal(t)

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, closest_offset
 
 BoolArray = npt.NDArray[np.bool_]
@@ -101,13 +101,13 @@ def series_members(
     return np.concatenate(rows), np.concatenate([weights[n, : counts[n]] for n in series[:, 2]])
 
 
-@inner_kernel
+@kernel
 def _distance(a: FloatArray, b: FloatArray, shift: FloatArray) -> float:
     x, y, z = closest_offset(b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2], a, b)
     return math.sqrt(x * x + y * y + z * z)
 
 
-@inner_kernel
+@kernel
 def _width(path: FloatArray, series: IntArray) -> float:
     """Distance of the last member of a series from its first."""
     last = series[0] + (series[2] - 1) * series[1]
@@ -117,7 +117,7 @@ def _width(path: FloatArray, series: IntArray) -> float:
     return math.sqrt(square)
 
 
-@inner_kernel
+@kernel
 def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
