@@ -55,8 +55,7 @@ class BoardOptions:
             "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), "
             "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate. Without switches, "
             "coils at the channels of a converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz or "
-            "i2c:1?board=grove-ldc1612; also after ftdi://... and emulator. TI's LDC1614EVM by its own "
-            "firmware, not verified: evm:/dev/ttyACM0?channels=0,1."
+            "i2c:1?board=grove-ldc1612; also after ftdi://... and emulator."
         ),
     ] = EMULATOR
     wiring: WiringName = None

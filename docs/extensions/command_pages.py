@@ -76,7 +76,7 @@ def _table(lines: list[str], first: str) -> list[str]:
 
 _TYPED = re.compile(
     r"(?<![\w-])--\w[\w-]*(?:=[^\s;)]*[^\s;,.:)])?"
-    r"|(?<![^\s(])(?:[\w.]+=|/dev/|(?:i2c|ftdi|evm|usb|grbl|marlin):)[^\s;)]*(?:\.\.\.|[^\s;,.:)])"
+    r"|(?<![^\s(])(?:[\w.]+=|/dev/|(?:i2c|ftdi|usb|grbl|marlin):)[^\s;)]*(?:\.\.\.|[^\s;,.:)])"
 )
 
 

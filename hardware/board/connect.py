@@ -16,13 +16,11 @@ from coilarray.hardware.scan.reader import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
 from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.converter_boards import ChannelBoard
-from coilarray.hardware.wire.evm import open_evm
 from coilarray.hardware.wire.ft232h import open_ft232h, open_ft232h_bus
 from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
 from coilarray.hardware.wire.ports import (
     EMULATOR,
     EmulatorPort,
-    EvmPort,
     FtdiPort,
     LinuxPort,
     Port,
@@ -186,11 +184,6 @@ def open_board(
             reader = open_microcontroller(name, bauds=bauds, times=times)
         case LinuxPort() | FtdiPort():
             reader = _direct_reader(place, wired)
-        case EvmPort():
-            module = open_evm(place.name, place.address)
-            seal = "with" if module.sealed else "without"
-            kind = f"LDC1614EVM by {module.commands.title}, answers {seal} checksums, not verified"
-            reader = AutoscanReader(module, ComputerClock(), kind=kind)
     return Board(reader, port, wired, emulator)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
@@ -13,7 +13,6 @@ from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE, SLOWEST_BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.converter_boards import ChannelBoard, channel_board
-from coilarray.hardware.wire.evm import EVM_BUS_RATE, EVM_SOURCE, EVM_USB
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
 from coilarray.hardware.wire.linux_host import i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
@@ -25,15 +24,12 @@ ADDRESSES = (0x2A, 0x2B)
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
 _LINUX_BUS_RATE = 100e3  # Hz, of a bus for which the system sets none: standard mode, as on a Raspberry Pi
 _LONGEST = 200  # characters shown of a port's name
-_EVM_BOARD = "ldc1614evm"
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000
 _ALLOWED = (
-    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE], ftdi://…/1 "
-    "or evm:/dev/ttyACM0"
+    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE] or ftdi://…/1"
 )
 _SERIAL = re.compile(r"/dev/\S+|COM\d{1,3}|usb:\S+", re.IGNORECASE)
-_EVM = re.compile(rf"evm:({_SERIAL.pattern})", re.IGNORECASE)
 _LINUX = re.compile(r"i2c:(\d{1,3})(?::(0x[0-9a-f]{1,2}|\d{1,3}))?(?:,spi:(\d{1,3})\.(\d{1,3}))?", re.IGNORECASE)
 _SPI_IN_OPTIONS = re.compile(r",spi:[^,&]*", re.IGNORECASE)
 _FTDI_PATH = re.compile(r"/[1-4]")
@@ -84,16 +80,7 @@ class FtdiPort:
     board: ChannelBoard | None = None
 
 
-@dataclass(frozen=True)
-class EvmPort:
-    """TI's evaluation module, read by its own firmware over a serial port. Not verified on a module."""
-
-    name: str  # for `coilarray.hardware.wire.serial_ports.choose_serial_port`
-    address: int = ADDRESSES[0]
-    board: ChannelBoard | None = None
-
-
-Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort | EvmPort
+Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
 
 
 def parse_port(text: str) -> Port:
@@ -108,8 +95,7 @@ def parse_port(text: str) -> Port:
 
     Without switches, coils at the channels of the converter, these two and the emulator have instead the options
     ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as
-    `coilarray.hardware.wire.converter_boards.channel_board` reads them. TI's evaluation module by its own firmware is
-    ``evm:`` and its serial port, with the same options; coils are at the channels 0 and 1 by default.
+    `coilarray.hardware.wire.converter_boards.channel_board` reads them.
 
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
@@ -125,8 +111,6 @@ def parse_port(text: str) -> Port:
         port = EmulatorPort(_board(options, text))
     elif _SERIAL.fullmatch(name):
         port = SerialPort(name, _bauds(options, text))
-    elif module := _EVM.fullmatch(name):
-        port = _evm_port(module[1], options, text)
     elif linux := _LINUX.fullmatch(name):
         port = _linux_port(linux, options, text)
     elif name.lower().startswith("ftdi://"):
@@ -155,8 +139,7 @@ class BusRate(NamedTuple):
 def bus_rate(port: Port) -> BusRate:
     """Return the clock of the I²C bus of a board at a port.
 
-    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, 15 kHz of
-    a bus as slow as the commands of TI's evaluation module may be (an estimate, not verified), and what
+    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, and what
     the system has set for a bus of this computer; 100 kHz, which is then not known, where the system does not say.
 
     >>> bus_rate(parse_port("COM5"))
@@ -167,8 +150,6 @@ def bus_rate(port: Port) -> BusRate:
             return BusRate(_FIRMWARE_BUS_RATE)
         case FtdiPort():
             return BusRate(I2C_SPEED)
-        case EvmPort():
-            return BusRate(EVM_BUS_RATE)
         case LinuxPort():
             clock = port.rate or i2c_clock(port.bus)
             return BusRate(_LINUX_BUS_RATE, known=False) if clock is None else BusRate(clock)
@@ -184,9 +165,7 @@ def _serial_ports() -> tuple[str, ...]:
     from coilarray.hardware.wire.serial_ports import list_serial_ports
 
     try:
-        return tuple(
-            f"evm:{port}" if (port.vendor, port.product) == EVM_USB else str(port) for port in list_serial_ports()
-        )
+        return tuple(map(str, list_serial_ports()))
     except MissingDependencyError:
         return ()
 
@@ -215,14 +194,6 @@ def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
         return FtdiPort(name, address, board=board)
     pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
     return FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
-
-
-def _evm_port(name: str, options: dict[str, str], text: str) -> EvmPort:
-    if options.setdefault("board", _EVM_BOARD).lower() != _EVM_BOARD:
-        raise _refused(text, f"board must be {_EVM_BOARD} after evm:, or not given")
-    options.setdefault("channels", "0,1")
-    board, address = _board(options, text), _address(options.pop("address", None), text)
-    return EvmPort(name, address, board and replace(board, source=EVM_SOURCE))
 
 
 def _board(options: dict[str, str], text: str) -> ChannelBoard | None:

@@ -69,7 +69,6 @@ def test_the_address_is_that_of_the_board_or_stated():
     ("i2c:1?chip=LDC1612", "chip and clock need channels= or board="),
     ("emulator?clock=40MHz", "chip and clock need channels= or board="),
     ("i2c:1?board=grove-ldc1612,spi:0.0", "spi comes before the options"),
-    ("evm:COM3?board=btt-eddy", "board must be ldc1614evm after evm:"),
     ("COM5?channels=0", "there is no option 'channels'"),
 ])  # fmt: skip
 def test_what_is_not_valid_is_one_line(text, message):

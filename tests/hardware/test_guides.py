@@ -15,14 +15,12 @@ from types import SimpleNamespace
 
 import pytest
 from support.command_line import runner
-from support.emulated_evm import EmulatedEvm
 from support.firmware_host import COMPILER, FirmwareHost
 
 from coilarray import load_design
 from coilarray.hardware.board import connect, microcontroller
 from coilarray.hardware.emulator import emulated_board
-from coilarray.hardware.scan.wiring import load_wiring, wired_to_channels
-from coilarray.hardware.wire.evm import EvmRegisterBus
+from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.ports import parse_port
 
 pytestmark = pytest.mark.slow
@@ -63,15 +61,11 @@ def _said():
 
 @pytest.fixture
 def ports(monkeypatch):
-    """Let every port but the emulator's lead to an emulated board, with switches or an evaluation module without."""
+    """Let every port but the emulator's lead to an emulated board with switches."""
     board = emulated_board(load_design("gast2020"), load_wiring())
-    pair = wired_to_channels(("coil1", "coil2"), (0, 1))
-    module = emulated_board(load_design("starter"), pair, clkin=40e6, clock=board.clock)
-    evm = EvmRegisterBus(EmulatedEvm(module.bus, module.clock), 0x2A, module.clock)
     monkeypatch.setattr(connect, "LinuxRegisterBus", lambda *_: board.bus)
     monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_: board.switches)
     monkeypatch.setattr(connect, "open_ft232h", lambda *_, **__: (board.bus, board.switches))
-    monkeypatch.setattr(connect, "open_evm", lambda *_: evm)
     monkeypatch.setattr(connect, "ComputerClock", lambda: board.clock)
     with ExitStack() as hosts:
 
@@ -99,7 +93,7 @@ def test_every_command_prints_what_the_page_shows(page, tmp_path, monkeypatch, c
 @pytest.mark.parametrize("page", PAGES)
 def test_every_port_link_and_message_of_a_page_exists(page):
     text = (DOCS / page).read_text("utf-8")
-    named = re.findall(r"`((?:i2c:|ftdi:|evm:|usb:|emulator\?)[^` ]+|/dev/tty[^` ]+|COM5)`", text)
+    named = re.findall(r"`((?:i2c:|ftdi:|usb:|emulator\?)[^` ]+|/dev/tty[^` ]+|COM5)`", text)
     for port in [port.strip('"') for port in re.findall(r'--port ("[^"]+"|[^\s`"]+)', text)] + named:
         if port != "PORT":
             parse_port(port)
