@@ -86,9 +86,9 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
-    """One more than there are cores, as some of the slow tests only wait; each has to read all files of tests."""
+    """Two more than there are cores, as many of the slow tests only wait; each has to read all files of tests."""
     alone = config.option.markexpr or not hasattr(os, "sched_getaffinity")
-    return None if alone else len(os.sched_getaffinity(0)) + 1
+    return None if alone else len(os.sched_getaffinity(0)) + 2
 
 
 @pytest.fixture(scope="session", autouse=True)
