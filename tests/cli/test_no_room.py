@@ -104,19 +104,3 @@ def test_output_that_cannot_be_written_is_one_line():
         )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr == "coilarray: error: cannot write the output: No space left on device.\n"
-
-
-def test_a_kernel_that_cannot_be_kept_is_compiled_all_the_same(own_folder, monkeypatch):
-    numba = pytest.importorskip("numba")
-    if numba.config.DISABLE_JIT:
-        pytest.skip("numba is switched off")
-    from coilarray.electromagnetics.kernels.compiled import kernel
-
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(own_folder))
-
-    def twice(x):
-        return 2 * x
-
-    with file_limit(0):
-        assert kernel(twice)(21.0) == 42.0
-    assert not [path for path in own_folder.rglob("*") if path.is_file()]
