@@ -1,4 +1,7 @@
-"""A design's circuit: its inductance matrix, its network with all losses and strays, and the coupling of its coils."""
+"""Circuit of a design and the coupling of its coils.
+
+The circuit consists of the inductance matrix and the network with all losses and strays.
+"""
 
 from __future__ import annotations
 
@@ -33,25 +36,26 @@ from coilarray.geometry import CoilArray
 from coilarray.metal.finite_plates import worst_attributes
 
 LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
-"""What an ideal network leaves out."""
+"""Effects that an ideal network leaves out."""
 _RESISTANCE_POINTS = 9
-_MARGIN = 0.05  # of a frequency; alternating-current resistance shifts a resonance by far less
-_MOST_TOGETHER = 24  # coils whose currents heat each other's copper: the work grows with their square
+_MARGIN = 0.05  # relative margin of a frequency; alternating-current resistance shifts a resonance by far less
+_MOST_TOGETHER = 24  # coils whose currents heat each other's copper; the work grows with their square
 _OTHERS_COPPER = "losses in the copper of other coils"
 _PLATES_LEFT_OUT = ("change of the losses in the copper by the plates", "capacitance of the plates")
 _KEPT = 4  # designs whose circuit is kept in memory
-_PLATES_MARGIN = 0.2  # of a frequency; strays seldom lower a resonance by more
-_STEP = 0.0125  # of log f, between samples of what plates do and of resistance beyond the resonances
+_PLATES_MARGIN = 0.2  # relative margin of a frequency; strays seldom lower a resonance by more
+_STEP = 0.0125  # of log f, between samples of the plates' effect and of resistance beyond the resonances
 _ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class CircuitParts:
-    """The network of a design with all losses and strays, and what it was made of.
+    """Network of a design with all losses, and its parts.
 
-    `direct` is the network with direct-current resistances. `capacitance` is the result of
-    `coilarray.electromagnetics.capacitance.coil_capacitance`, None if a coil has no model of it; `resistance` that of
-    `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's frequencies.
+    The network includes all strays. `direct` is the network with direct-current resistances. `capacitance` is the
+    result of `coilarray.electromagnetics.capacitance.coil_capacitance`, or None if a coil has no capacitance model.
+    `resistance` is the result of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's
+    frequencies.
     """
 
     network: Network
@@ -62,14 +66,17 @@ class CircuitParts:
 
 @dataclass(frozen=True, eq=False)
 class Plates:
-    """What the plates of a design do over frequency, and the frequency in Hz at which its coils work."""
+    """Effect of a design's plates over frequency.
+
+    `working` is the frequency in Hz at which the coils work.
+    """
 
     effect: PlateEffect
     working: float
 
     @property
     def inductance(self) -> FloatArray:
-        """Change of the inductance matrix in H at the working frequency."""
+        """Change of the inductance matrix in H at working frequency."""
         return np.asarray(self.effect.at(np.array([self.working]))[0].real)
 
     @property
@@ -79,11 +86,11 @@ class Plates:
 
     @property
     def resistance(self) -> FloatArray:
-        """Resistance matrix in Ω that the plates add at the working frequency."""
+        """Resistance matrix in Ω of the plates at working frequency."""
         return np.asarray(self.effect.resistance(np.array([self.working]))[0])
 
 
-# by what they depend on: designs that differ in their circuit alone share them
+# Keyed by their inputs, so designs that differ only in their circuit share them.
 _INDUCTANCES: Recent[tuple[FloatArray, FloatArray]] = Recent(_KEPT)
 _CAPACITANCES: Recent[xr.Dataset] = Recent(_KEPT)
 _PARTS: Recent[CircuitParts] = Recent(_KEPT)
@@ -93,15 +100,17 @@ _PLATES: Recent[Plates] = Recent(_KEPT)
 def design_circuit(
     design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> Network:
-    """Make the network of a design: coils, switches and tank.
+    """Make the network of a design.
+
+    It consists of the coils, the switches and the tank.
 
     Parameters
     ----------
     design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     ideal : bool
-        Leave out alternating-current resistance of the copper, the capacitance of the windings and all strays of the
-        switches. What plates do remains, their losses too.
+        Leave out the alternating-current resistance of the copper, the capacitance of the windings and all strays of
+        the switches. The effect of plates remains, including their losses.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
@@ -110,8 +119,8 @@ def design_circuit(
     Returns
     -------
     Network
-        Its ``left_out`` says what it lacks. The resistance matrix is interpolated around the resonances of the
-        design's scan plan. Kept in memory: asking again for the same design costs nothing.
+        Its ``left_out`` lists the effects that it lacks. The resistance matrix is interpolated around the resonances of
+        the design's scan plan. The network is kept in memory, so a second call for the same design costs nothing.
 
     Raises
     ------
@@ -120,9 +129,9 @@ def design_circuit(
 
     Notes
     -----
-    A coil without turns beside each other has no model of its capacitance; the network then has none at all. In
-    an array of more than 24 coils the losses that a coil's field has in the copper of others (1 % of its resistance in
-    gast2020) are left out.
+    A coil without turns beside each other has no capacitance model. The network then has no winding capacitance at all.
+    In an array of more than 24 coils the losses of a coil's field in the copper of other coils (1 % of its resistance
+    in gast2020) are left out.
 
     Examples
     --------
@@ -144,10 +153,10 @@ def design_circuit(
 
 
 def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
-    """Make a network of coils, closed switches and a tank across the converter, and nothing else.
+    """Make a network of coils, closed switches and tank only.
 
-    The inductance matrix (n, n) is in H; the resistance of each coil (n,) in Ω is the same at all frequencies, and the
-    strays of the switches are left out.
+    The tank lies across the converter. The inductance matrix (n, n) is in H. The resistance of each coil (n,) in Ω is
+    the same at all frequencies. The strays of the switches are left out.
     """
     none = np.zeros_like(inductance)
     plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
@@ -168,12 +177,13 @@ def circuit_parts(design: Design, *, accuracy: Accuracy = "full", progress: Prog
 
 @serial_algebra()
 def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None) -> CircuitParts:
+    """Compute the network of a design and its parts."""
     names, circuit = design.array.names, design.circuit
     winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
     capacitance, problem = design_capacitance(design)
     if capacitance is not None:
         winding, between = capacitance.coil_capacitance.values, -capacitance.capacitance.values
-        between = np.maximum(0.5 * (between + between.T), 0.0)  # rounding
+        between = np.maximum(0.5 * (between + between.T), 0.0)  # removes rounding
     R = dc_resistance(design.array.conductors(), circuit.resistivity)
     plates = design_plates(design, accuracy=accuracy)
     counted = None if progress is None else lambda done, total: progress(done, 2 * total)
@@ -219,7 +229,10 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
 
 
 def design_capacitance(design: Design) -> tuple[xr.Dataset | None, str]:
-    """Return the result of `coil_capacitance` for a design, or None and why it has no model."""
+    """Return the result of `coil_capacitance` for a design.
+
+    If it has no model, return None and the reason.
+    """
     try:
         above = permittivity_above(design)
         digest = digest_of(design.array, design.sheets, above)
@@ -235,7 +248,10 @@ def design_capacitance(design: Design) -> tuple[xr.Dataset | None, str]:
 
 
 def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: Plates | None) -> Network:
-    """Return a network with the resistance R (f, n, n) in Ω of its coils, and with what plates do, at frequencies."""
+    """Return a network with sampled resistance and plate effect.
+
+    The resistance R (f, n, n) of its coils is in Ω, at the given frequencies.
+    """
     resistance, dispersion = _samples(frequencies, R, plates)
     return replace(network, resistance=resistance, dispersion=dispersion)
 
@@ -243,7 +259,10 @@ def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: P
 def _samples(
     frequencies: FloatArray, R: FloatArray, plates: Plates | None
 ) -> tuple[SampledMatrix, SampledMatrix | None]:
-    """Resistance and dispersion of a network, see `_sampled`."""
+    """Resistance and dispersion of a network.
+
+    See `_sampled`.
+    """
     if plates is None:
         return SampledMatrix(frequencies, R), None
     resistance = SampledMatrix(frequencies, R + plates.effect.resistance(frequencies))
@@ -251,20 +270,26 @@ def _samples(
 
 
 def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
-    """Lowest and highest frequency in Hz at which states oscillate, and a margin."""
+    """Frequency band in Hz of states, with a margin.
+
+    It reaches from the lowest to the highest frequency at which the states oscillate.
+    """
     found = [one.frequency for one in resonances(network, states)]
     return (1 - margin) * min(found), (1 + margin) * max(found)
 
 
 def _close_together(low: float, high: float) -> FloatArray:
-    """Frequencies in Hz a `_STEP` apart or less: a quantity linear between them errs by 2e-5 of its curvature."""
+    """Frequencies in Hz a `_STEP` apart or less.
+
+    A quantity linear between them errs by 2e-5 of its curvature.
+    """
     return np.geomspace(low, high, math.ceil(math.log(high / low) / _STEP) + 1)
 
 
 def swept_circuit(design: Design, frequencies: FloatArray, accuracy: Accuracy = "full") -> Network:
-    """Return the network of `design_circuit` with its resistance matrix at given frequencies (f,) in Hz, rising.
+    """Return the network of `design_circuit` at given frequencies.
 
-    Between them it is linear, beyond them constant.
+    Its resistance matrix is computed at rising frequencies (f,) in Hz. It is linear between them and constant beyond.
     """
     R = _circuit_resistance(design, frequencies).resistance.values
     plates = design_plates(design, accuracy=accuracy)
@@ -274,15 +299,19 @@ def swept_circuit(design: Design, frequencies: FloatArray, accuracy: Accuracy = 
 
 
 def _plates_at(design: Design, plates: Plates, frequencies: FloatArray, accuracy: Accuracy = "full") -> Plates:
-    """Return what plates do at rising frequencies (f,) in Hz and at the working one."""
+    """Return the plates' effect at rising frequencies (f,) in Hz.
+
+    The band includes the working frequency.
+    """
     low, high = (extreme(*frequencies[[0, -1]].tolist(), plates.working) for extreme in (min, max))
     return replace(plates, effect=plate_effect(design, low, high, accuracy))
 
 
 def widened(design: Design, network: Network, low: float, high: float, accuracy: Accuracy = "full") -> Network:
-    """Return a network of a design with more samples, from a frequency `low` to one `high` in Hz; its own remain.
+    """Return a network of a design with more samples.
 
-    An ideal network without plates is the same at all frequencies. The `accuracy` is that of the network's inductance.
+    The samples reach from a frequency `low` to a frequency `high` in Hz. The network's own samples remain. An ideal
+    network without plates is the same at all frequencies. The `accuracy` is the accuracy of the network's inductance.
     """
     own = network.resistance
     if not isinstance(own, SampledMatrix) or len(own.frequencies) == 1:
@@ -305,20 +334,26 @@ def widened(design: Design, network: Network, low: float, high: float, accuracy:
 
 
 def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
-    """Return the samples of two matrices at different frequencies together."""
+    """Join the samples of two matrices at different frequencies."""
     frequencies = np.concatenate((one.frequencies, other.frequencies))
     order = frequencies.argsort()
     return SampledMatrix(frequencies[order], np.concatenate((one.matrices, other.matrices))[order])
 
 
 def _circuit_resistance(design: Design, frequencies: FloatArray) -> xr.Dataset:
-    """Resistance matrix of a design's coils; that of each alone in an array of more than `_MOST_TOGETHER`."""
+    """Resistance matrix of a design's coils.
+
+    In an array of more than `_MOST_TOGETHER` coils, each coil is computed alone.
+    """
     every = len(design.array.names) <= _MOST_TOGETHER
     return (resistance_matrix if every else _own_resistance)(design.array, frequencies, design.circuit.resistivity)
 
 
 def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
-    """As `resistance_matrix`, each coil without the copper of the others: equal coils are computed once."""
+    """Resistance matrix without losses in the copper of others.
+
+    The format is as of `resistance_matrix`. Equal coils are computed once.
+    """
     conductors = array.conductors()
     known: dict[bytes, xr.Dataset] = {}
     own = []
@@ -339,13 +374,16 @@ def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> x
 
 
 def _key_of(state: ScanState) -> Hashable:
-    """Return what identifies a state but for its name."""
+    """Return a key of a state without its name."""
     exceptions = frozenset((name, passive) for name, passive in state.exceptions.items() if passive != state.others)
     return state.measured, state.connection, state.others, exceptions, state.load_resistance
 
 
 def permittivity_above(design: Design) -> float:
-    """Relative permittivity above the board: air where no elastomer lies there."""
+    """Relative permittivity above the board.
+
+    It is the permittivity of air if the board has no elastomer.
+    """
     return design.circuit.elastomer_permittivity if design.sheets else 1.0
 
 
@@ -367,13 +405,14 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
         The variables of `couple`, under the flat sheets and as the converter sees them, and
 
         - ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil): the same with the direct-current
-          resistance of the copper and without strays;
-        - ``sheet_inductance`` (coil, other): in H, the part of the inductance that is due to the magnetic sheets;
-        - ``x`` and ``y`` (coil): centres in m;
-        - with plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): what they add at the
-          frequency of the attribute ``working_frequency_Hz``, for which inductance and coupling then hold;
-        - with plates that have an outline the attributes ``plate_error_inductance`` and ``plate_error_resistance``,
-          relative errors of ΔL and ΔR by mesh and model, and ``plate_skin_depths``, the thickness in skin depths;
+          resistance of the copper and without strays,
+        - ``sheet_inductance`` (coil, other): in H, the part of the inductance due to the magnetic sheets,
+        - ``x`` and ``y`` (coil): centres in m,
+        - with plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): the contribution of the
+          plates at the frequency of the attribute ``working_frequency_Hz``, for which inductance and coupling then
+          hold,
+        - with plates that have an outline, the attributes ``plate_error_inductance`` and ``plate_error_resistance``,
+          relative errors of ΔL and ΔR by mesh and model, and ``plate_skin_depths``, the thickness in skin depths,
         - the attributes of `provenance`.
 
     Raises
@@ -418,10 +457,10 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
 
 
 def plate_errors(design: Design) -> dict[str, float]:
-    """Return the attributes that state the errors of plates with an outline, none if there is no such plate.
+    """Return the attributes for errors of plates with outline.
 
-    ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates at the working frequency, where
-    the plate with the largest is ``plate_skin_depths`` thick.
+    They are empty if there is no such plate. ``plate_error_inductance`` and ``plate_error_resistance`` are relative
+    estimates at the working frequency. There the plate with the largest errors is ``plate_skin_depths`` thick.
     """
     plates = design_plates(design)
     errors = {} if plates is None else plate_errors_by_name(design, plates.working)
@@ -431,9 +470,10 @@ def plate_errors(design: Design) -> dict[str, float]:
 def design_inductance(
     design: Design, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Inductance matrix of a design under its flat sheets in H, and the part of it that the magnetic sheets make.
+    """Inductance matrix in H of a design under flat sheets.
 
-    With plates it is that at the frequency at which the coils work, see `design_plates`.
+    The part due to the magnetic sheets is returned with it. With plates, the matrix holds for the working frequency of
+    the coils, see `design_plates`.
     """
     inductance, by_sheets = _without_plates(design, accuracy, progress)
     plates = design_plates(design, accuracy=accuracy)
@@ -451,16 +491,17 @@ def _without_plates(
 def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | None) -> tuple[FloatArray, FloatArray]:
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
-    # copper in copper is one of the rules that a search breaks on its way and a command may allow
+    # Overlapping copper is a rule that a search breaks on its way and that a command may allow.
     L = inductance_matrix(conductors, accuracy=accuracy, allow_overlaps=True, progress=progress)
     return L + by_sheets, by_sheets
 
 
 def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | None:
-    """Return what the plates of a design do, around the frequencies at which its coils oscillate; None without plates.
+    """Return the effect of a design's plates on its coils.
 
-    The working frequency is the geometric mean of the resonances of the scan plan without strays. Errors as
-    of `plate_effect`; NetworkError for a state without a resonance.
+    It is computed around the frequencies at which the coils oscillate. The result is None without plates. The working
+    frequency is the geometric mean of the resonances of the scan plan without strays. The errors are as in
+    `plate_effect`, and a NetworkError for a state without a resonance.
     """
     if not design.plates:
         return None
@@ -469,6 +510,7 @@ def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | No
 
 @serial_algebra()
 def _design_plates(design: Design, accuracy: Accuracy) -> Plates:
+    """Compute the plates around the resonances without strays."""
     names, switches = design.array.names, design.circuit.switches
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
     L = _without_plates(design, accuracy)[0]
@@ -484,10 +526,11 @@ def _design_plates(design: Design, accuracy: Accuracy) -> Plates:
 def _followed(
     design: Design, network: Network, effect: PlateEffect, accuracy: Accuracy, working: float | None = None
 ) -> tuple[PlateEffect, Network]:
-    """Compute plates around the resonances that a network has with them, beginning with what is known of them.
+    """Compute plates around the resonances of a network.
 
-    Returns the network with the plates' part in the inductance, at the working frequency in Hz where one is given.
-    NetworkError if there are no such resonances.
+    The resonances include the plates. The search begins with a known effect of the plates. The network is returned with
+    the plates' part in the inductance, at the working frequency in Hz if given. A NetworkError is raised if there are
+    no such resonances.
     """
     states = (*design.plan, *design.coils_in_turn)
     for _ in range(_ROUNDS):
@@ -507,12 +550,18 @@ def _followed(
 
 
 def terminations_of(design: Design) -> list[str]:
-    """Return what closes each coil while another one is measured: "short" for both ends grounded, else as designed."""
+    """Return the termination of each coil while another is measured.
+
+    It is "short" if both ends are grounded, else as designed.
+    """
     return ["short" if passive == "ground" else passive for passive in design.terminations.values()]
 
 
 def provenance(design: Design) -> dict[str, str]:
-    """Return the attributes that tell where a result comes from: design, its hash and the package's version."""
+    """Return the attributes that identify the source of a result.
+
+    These are the design, its hash and the package's version.
+    """
     return {"design": design.name, "design_hash": design.digest, "coilarray_version": metadata.version("coilarray")}
 
 
@@ -524,7 +573,9 @@ def couple(
     terminations: Sequence[Termination] | None = None,
     short_resistance: float = 0.0,
 ) -> xr.Dataset:
-    """Make each coil active in turn, the others closed by their terminations.
+    """Solve the network with each coil active in turn.
+
+    The other coils are closed by their terminations.
 
     Parameters
     ----------
@@ -537,28 +588,33 @@ def couple(
     capacitance : float
         Capacitance of the tank in F.
     terminations : sequence of {"short", "open"}, length n, optional
-        Termination of each coil while it is passive; all shorted by default (the plan of Gast & Zimmermann 2020).
+        Termination of each coil while it is passive. By default all are shorted (the plan of Gast & Zimmermann 2020).
     short_resistance : float
-        Resistance in Ω of the two switches that ground a coil; the measured coil has two of them as well.
+        Resistance in Ω of the two switches that ground a coil. The measured coil has two of them as well.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions ``coil`` (the active one) and ``other``, in SI units, which are in the attributes. Over (coil, other)
+        Dimensions ``coil`` (the active coil) and ``other``, in SI units, which are in the attributes. Over (coil,
+        other)
 
-        - ``inductance`` and ``coupling``;
-        - ``current_real`` and ``current_imag``: in A per A of the active coil;
-        - ``contribution``: the part of each other coil in the inductance of the active one, Re(M i).
+        - ``inductance`` and ``coupling``,
+        - ``current_real`` and ``current_imag``: in A per A of the active coil,
+        - ``contribution``: the part of each other coil in the inductance of the active coil, Re(M i).
 
         Over (coil)
 
-        - ``resistance``: at direct current; ``open_inductance``: with all others open;
-        - ``effective_inductance``: 1/(ω²C); ``open_effective_inductance``: the same with all others open;
-          ``inductance_change``: by which the others change it;
-        - ``effective_resistance``: Re Z; ``quality_factor``: Im Z/Re Z;
-        - ``frequency`` and ``open_frequency``; ``termination`` of the coil while another one is active.
+        - ``resistance``: at direct current,
+        - ``open_inductance``: with all others open,
+        - ``effective_inductance``: 1/(ω²C),
+        - ``open_effective_inductance``: the same with all others open,
+        - ``inductance_change``: the change by the other coils,
+        - ``effective_resistance``: Re Z,
+        - ``quality_factor``: Im Z/Re Z,
+        - ``frequency`` and ``open_frequency``,
+        - ``termination`` of the coil while another coil is active.
 
-        The attribute ``left_out`` says what of the circuit is not in these numbers.
+        The attribute ``left_out`` lists the effects of the circuit that are not in these numbers.
 
     Raises
     ------
@@ -583,7 +639,10 @@ def couple(
 
 
 def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequence[str], R: FloatArray) -> xr.Dataset:
-    """Solve a network in the states that measure each coil in turn: the dataset of `couple`."""
+    """Solve a network in the states that measure each coil.
+
+    The result is the dataset of `couple`.
+    """
     names, L = network.names, network.inductance
     solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])

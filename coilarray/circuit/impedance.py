@@ -1,4 +1,4 @@
-"""The states of a design's scan where the converter oscillates, and their impedance over frequency."""
+"""Resonances and impedance of the states of a scan."""
 
 from __future__ import annotations
 
@@ -36,16 +36,21 @@ from coilarray.electromagnetics.capacitance import elastomer_effect, self_resona
 from coilarray.electromagnetics.inductance import Accuracy
 
 CLOSE_CHANNELS = 0.03
-"""Relative distance of two frequencies below which simultaneous channels would pull each other."""
-# resonances without the tank beside plates are looked for among samples so far around the last guess, and how often
+"""Relative frequency distance below which channels pull each other.
+
+This concerns channels that are active at the same time.
+"""
+# Resonances without the tank beside plates are sought among samples this far around the last guess, this many times.
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`
-_TOWARDS = np.geomspace(0.02, 0.3, 14)  # distances from a self-resonance where a curve gets more points, of it
-_BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
+_TOWARDS = np.geomspace(0.02, 0.3, 14)  # relative distances from a self-resonance at which a curve gets more points
+_BYTES_A_RESISTANCE = 24.0  # per entry and frequency: as computed, as interpolated, and as copied on the way
 
 
 def part_switches(design: Design) -> Switches:
-    """Return the switches of a design with the capacitances of the part that it names; its own where it names none.
+    """Return the switches with the capacitances of the named part.
+
+    If the design names no part, its own switches are returned.
 
     >>> from coilarray import load_design
     >>> round(part_switches(load_design("gast2020")).across_coil * 1e12)
@@ -65,15 +70,15 @@ def scan_design(
     accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Solve every state of a design's scan plan where the converter oscillates.
+    """Solve every scan state where the converter oscillates.
 
     Parameters
     ----------
     design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     elastomer : bool
-        Compute also what the elastomer's permittivity does, which takes as long as all the rest; nothing on a board
-        without elastomer.
+        Compute also the effect of the elastomer's permittivity, which takes as long as all the rest. It has no effect
+        on a board without elastomer.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
@@ -84,26 +89,30 @@ def scan_design(
     xarray.Dataset
         Dimensions ``state`` and ``coil``, units in the attributes. For each state
 
-        - ``frequency``; ``effective_inductance``: 1/(ω²C); ``effective_resistance``: Re Z; ``parallel_resistance``;
-        - ``quality_factor``: Im Z/Re Z, without the tank; ``loaded_quality_factor``: that of the resonator;
-        - ``state_self_resonance``: without the tank;
-        - ``resistance_ratio``: R_eff relative to the same with DC resistances;
-        - ``readable`` and the others of `coilarray.circuit.readability.readability`, for a design with a converter;
+        - ``frequency``,
+        - ``effective_inductance``: 1/(ω²C),
+        - ``effective_resistance``: Re Z,
+        - ``parallel_resistance``,
+        - ``quality_factor``: Im Z/Re Z, without the tank,
+        - ``loaded_quality_factor``: quality factor of the resonator,
+        - ``state_self_resonance``: without the tank,
+        - ``resistance_ratio``: R_eff relative to the same with DC resistances,
+        - ``readable`` and the others of `coilarray.circuit.readability.readability`, for a design with a converter,
         - ``current_real`` and ``current_imag`` (state, coil): in A per A of the first measured coil.
 
         For each coil
 
-        - ``winding_capacitance`` and ``self_resonance``;
-        - ``ac_resistance``, at the mean frequency of the states, and its ``resistance_model``;
-        - the effect of the elastomer's permittivity, if it is asked for: ``bare_winding_capacitance``, without the
-          elastomer; ``elastomer_delta``, the apparent change of L when it is laid on; ``dent_delta_bound``, which no
-          dent through the topmost sheet exceeds (`coilarray.electromagnetics.capacitance.elastomer_effect`).
+        - ``winding_capacitance`` and ``self_resonance``,
+        - ``ac_resistance``, at the mean frequency of the states, and its ``resistance_model``,
+        - the effect of the elastomer's permittivity, if requested: ``bare_winding_capacitance``, without the elastomer,
+          ``elastomer_delta``, the apparent change of L when it is laid on, and ``dent_delta_bound``, an upper bound for
+          any dent through the topmost sheet (`coilarray.electromagnetics.capacitance.elastomer_effect`).
 
-        ``capacitance`` (coil, other) is the Maxwell matrix. Where a coil's capacitance has no model
+        ``capacitance`` (coil, other) is the Maxwell matrix. If a coil has no capacitance model
         (`coilarray.electromagnetics.capacitance.coil_capacitance`), all capacitances of the windings are left out, and
-        the attribute ``left_out`` says why. For a design that names the part of its switches but gives other
-        capacitances, ``part_frequency`` (state) is the frequency with those of the part, which are typical and not
-        verified.
+        the attribute ``left_out`` gives the reason. For a design that names the part of its switches but gives other
+        capacitances, ``part_frequency`` (state) is the frequency with the capacitances of the part, which are typical
+        and not verified.
 
     Raises
     ------
@@ -189,7 +198,10 @@ def scan_design(
 def _self_resonances(
     design: Design, network: Network, results: Sequence[StateResult], accuracy: Accuracy
 ) -> list[float]:
-    """Self-resonances in Hz of the states, with what plates and copper do there and not where the states oscillate."""
+    """Self-resonances of the states in Hz.
+
+    The effect of plates and copper is evaluated at these frequencies, not at the oscillation of the states.
+    """
     found = [self_resonance_of(network, one) for one in results]
     for _ in range(_ROUNDS if design.plates else 0):
         finite = [one for one in found if math.isfinite(one)]
@@ -205,11 +217,12 @@ def _self_resonances(
 
 @serial_algebra()
 def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
-    """Return what decides whether a converter can read the flat board, in a part of the time of `scan_design`.
+    """Return the quantities that decide whether a converter reads.
 
-    Dimension ``state``: ``frequency``, ``parallel_resistance``, ``loaded_quality_factor``, and those of
-    `coilarray.circuit.readability.readability`, as there; ``state_self_resonance`` is infinite where it is too far
-    above the frequency to count, and without what plates do there. NetworkError as there.
+    They hold for the flat board and take a part of the time of `scan_design`. The dimension is ``state``. The variables
+    are ``frequency``, ``parallel_resistance``, ``loaded_quality_factor``, and those from
+    `coilarray.circuit.readability.readability`, with the same meaning. ``state_self_resonance`` is infinite if it is
+    too far above the frequency to count, and leaves out the effect of plates there. NetworkError as in `scan_design`.
     """
     network = circuit_parts(design, accuracy=accuracy).network
     results = [resonate(network, state) for state in design.plan]
@@ -229,7 +242,7 @@ def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
 def sweep_design(
     design: Design | DesignFile, frequencies: npt.ArrayLike, *, progress: Progress | None = None
 ) -> xr.Dataset:
-    """Impedance of every state of a design's scan plan over frequency.
+    """Compute the impedance of every scan state over frequency.
 
     Parameters
     ----------
@@ -243,8 +256,9 @@ def sweep_design(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``frequency`` and ``state``: ``impedance_real`` and ``impedance_imag`` in Ω between the sides of the
-        converter without the tank's capacitor, ``apparent_inductance`` Im Z/ω in H, ``quality_factor`` Im Z/Re Z.
+        Dimensions ``frequency`` and ``state``. ``impedance_real`` and ``impedance_imag`` in Ω are between the sides of
+        the converter without the tank's capacitor. ``apparent_inductance`` is Im Z/ω in H, ``quality_factor`` is Im
+        Z/Re Z.
 
     Raises
     ------
@@ -284,10 +298,11 @@ def sweep_design(
 
 
 def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
-    """Frequencies in Hz to sweep a design between, from those of its `scan_design`.
+    """Range of frequencies in Hz to sweep a design.
 
-    From a tenth of the resonance with the tank to four times that; on to 1.25 times the highest self-resonance where
-    that is below ten times the resonance, beyond which the coil is used by nobody.
+    It follows from the frequencies of its `scan_design`. It reaches from a tenth of the resonance with the tank to four
+    times this resonance. It extends to 1.25 times the highest self-resonance if that is below ten times the resonance.
+    Nobody uses a coil above that frequency.
     """
     middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
     own = float(scan.state_self_resonance.max())
@@ -296,10 +311,11 @@ def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
 
 
 def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float] | None = None) -> FloatArray:
-    """Return frequencies in Hz for curves `between` two, by default over the range of `sweep_range`, rising.
+    """Return rising frequencies in Hz for curves.
 
-    So many `points` evenly on a logarithmic scale, and some more at the lowest and the highest self-resonance in the
-    range and on both sides of them, where a curve bends most.
+    They lie `between` two frequencies, by default in the range of `sweep_range`. The number of `points` is spaced
+    evenly on a logarithmic scale. More points lie at the lowest and the highest self-resonance in the range and on both
+    sides of them, where a curve bends most.
     """
     low, high = between or sweep_range(scan)
     own = scan.state_self_resonance.values
@@ -310,9 +326,11 @@ def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:
-    """Pairs of states whose frequencies in Hz are closer than `CLOSE_CHANNELS`, and how close, the closest first.
+    """Find pairs of states with close frequencies in Hz.
 
-    It matters for channels that oscillate at the same time; a multiplexer that grounds all others has only one.
+    Their relative distance is below `CLOSE_CHANNELS`. It is returned as well, with the closest pair first. It matters
+    for channels that oscillate at the same time. A multiplexer that grounds all other channels has only a single active
+    channel.
 
     Examples
     --------

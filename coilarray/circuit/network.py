@@ -1,23 +1,23 @@
-"""The array behind its switches: nodal analysis of any termination of every coil.
+"""Nodal analysis of the array behind its switches.
 
-Each coil is a branch of the coupled impedance Z(ω) = R(ω) + jωL between its two terminals, with its winding
-capacitance across. A terminal goes through a closed switch to one net (converter side A or B, ground, or a link
-between coils in series) and through open switches, as capacitors, to the others. In the modified nodal analysis of Ho,
-Ruehli & Brennan (IEEE Trans. Circuits Syst. 22, 504, 1975), with the node voltages v, the coils' currents i and those
-of the closed switches s,
+Any termination of every coil is treated. Each coil is a branch of the coupled impedance Z(ω) = R(ω) + jωL between its
+two terminals, with its winding capacitance across. A terminal goes through a closed switch to one net (converter side A
+or B, ground, or a link between coils in series) and through open switches, as capacitors, to the others. The modified
+nodal analysis of Ho, Ruehli & Brennan (IEEE Trans. Circuits Syst. 22, 504, 1975) is used. With the node voltages v, the
+coils' currents i and the currents s of the closed switches,
 
     Y v + A i + B s = j,    Aᵀv = Z i,    Bᵀv = R s.
 
-The voltage of a terminal behind a closed switch is that of its net plus R s, so that s takes its place among the
-unknowns: exact for any R, zero included.
+The voltage of a terminal behind a closed switch is the voltage of its net plus R s, so that s replaces it among the
+unknowns. This is exact for any R, zero included.
 
-First comes what is around the coils: the impedances N between the coils' places c and the converter p of all the rest,
-with the tank's capacitance C across each coil, so that nothing floats. With the capacitances C_w across the coils the
-currents for one ampere from the converter are those of
+The surroundings of the coils come first. These are the impedances N between the coils' places c and the converter p of
+all the rest, with the tank's capacitance C across each coil, so that nothing floats. With the capacitances C_w across
+the coils, the currents for one ampere from the converter follow from
 
     (Z + N_cc (1 + jω(C_w − C) Z)) i = N_cp.
 
-Capacitors and resistors have no resonance: N is as smooth over ω as 1/ω, and a few frequencies serve thousands of
+Capacitors and resistors have no resonance, so N is as smooth over ω as 1/ω. A few frequencies serve thousands of
 circuits that differ in their inductances and, a little, in their frequency.
 """
 
@@ -40,31 +40,41 @@ from coilarray.compute.threads import ranges
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.errors import NetworkError
 
-# how far from the bare coil a resonance is looked for, and in what steps
+# Range around the frequency of the bare coil in which a resonance is sought, and the steps of the search.
 _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
-_BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
-_ROUNDING = 1e-17  # error of what is interpolated
-_MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once: more do not fit into the caches of a processor
-_AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
+_BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: the matrix, its copy without the references, and its factors
+_ROUNDING = 1e-17  # error of the interpolated values
+_MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once; more do not fit into the caches of a processor
+_AT_ONCE = 16  # frequencies; many at once save time, but a search seldom needs all
 SLOPE_STEP = 1e-4
-"""Of the frequency: step of the differences that give a slope; they err by 1e-8."""
+"""Relative frequency step of the differences for a slope.
+
+Their error is 1e-8.
+"""
 NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
-"""Most steps of Newton's method, and the relative one at which it ends."""
-# of the secant method: the least slope that is followed, of the first, and the longest step, of the frequency
+"""Most Newton steps, and the relative step of convergence."""
+# Secant method: the least slope to follow, relative to the first slope, and the longest step, relative to the
+# frequency.
 _LEAST_SLOPE, _LONGEST_STEP = 0.1, 0.3
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMatrix:
-    """Matrices (f, n, n) in Ω or H at rising frequencies (f,) in Hz: linear between them, constant beyond."""
+    """Matrices in Ω or H at rising frequencies.
+
+    The frequencies (f,) are in Hz. The matrices (f, n, n) are linear between them and constant beyond.
+    """
 
     frequencies: FloatArray
     matrices: FloatArray
 
     def __call__(self, frequency: float | FloatArray) -> FloatArray:
-        """Return the matrices at frequencies in Hz, shape (…, n, n); one of a single sample is that of all."""
+        """Return the matrices at frequencies in Hz.
+
+        They have shape (…, n, n). A single sample holds for all frequencies.
+        """
         f, values = self.frequencies, self.matrices
         if len(f) == 1:
             return np.asarray(values[0])
@@ -75,21 +85,22 @@ class SampledMatrix:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Coils and switches, to be solved in any state at any frequency.
+    """Coils and switches, to be solved at any frequency.
 
-    `names` are those of the n coils. The inductance matrix (n, n) is in H; `resistance` takes frequencies in Hz and
-    returns the resistance matrices (…, n, n) in Ω, or one (n, n) for all; `winding_capacitance` (n,) lies across each
-    coil, in F; `mutual_capacitance` (n, n) C_ij in F between two coils, each at one potential, is symmetric, its
-    diagonal is not used. `left_out` says what of the board's circuit is not in it. `dispersion` is the inductance at a
-    frequency minus `inductance`, in H; None if it is the same at all frequencies. Shapes that do not fit, or a
-    capacitance that is negative or not finite, are a NetworkError.
+    Any state can be solved. `names` are the names of the n coils. The inductance matrix (n, n) is in H. `resistance`
+    takes frequencies in Hz and returns the resistance matrices (…, n, n) in Ω, or a single matrix (n, n) for all.
+    `winding_capacitance` (n,) lies across each coil, in F. `mutual_capacitance` (n, n) C_ij in F between two coils,
+    each at one potential, is symmetric, and its diagonal is not used. `left_out` lists the parts of the board's circuit
+    that are not included. `dispersion` is the inductance at a frequency minus `inductance`, in H, or None if it is the
+    same at all frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, raise a
+    NetworkError.
 
     Notes
     -----
-    The voltage of a coil runs linearly from end to end, and where two coils lie above each other their turns cross in
-    all combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12) with the mean m and the difference d
-    of a coil's two ends. Four capacitors C_ij/4 from end to end have d²/4 in place of d²/12; C_ij/6 less across each
-    coil makes that good.
+    The voltage of a coil runs linearly from end to end. If two coils lie above each other, their turns cross in all
+    combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12) with the mean m and the difference d of a
+    coil's two ends. Four capacitors C_ij/4 from end to end have d²/4 in place of d²/12. Reducing the capacitance across
+    each coil by C_ij/6 corrects this.
     """
 
     names: tuple[str, ...]
@@ -102,6 +113,7 @@ class Network:
     dispersion: SampledMatrix | None = None
 
     def __post_init__(self) -> None:
+        """Check shapes and values."""
         n = len(self.names)
         if self.inductance.shape != (n, n):
             raise NetworkError(f"{n} coils need an inductance matrix ({n}, {n}); got {self.inductance.shape}.")
@@ -116,10 +128,10 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class StateResult(PortImpedance):
-    """What the converter sees in one state at one frequency.
+    """Impedance seen by the converter in one state.
 
-    The `impedance` in Ω is that between the sides of the converter without the tank's capacitor, the `admittance` in S
-    that with it. `currents` (n,) flow through every coil in A per A in the first measured one.
+    It holds for one frequency. The `impedance` in Ω is between the sides of the converter without the tank's capacitor.
+    The `admittance` in S includes it. `currents` (n,) flow through every coil in A per A in the first measured coil.
     """
 
     state: ScanState
@@ -128,18 +140,26 @@ class StateResult(PortImpedance):
 
     @property
     def quality_factor(self) -> float:
-        """Q = Im Z/Re Z without the tank; infinite without losses. See `loaded_quality`."""
+        """Q = Im Z/Re Z without the tank.
+
+        It is infinite without losses. See `loaded_quality`.
+        """
         return self.impedance.imag / self.impedance.real if self.impedance.real > 0 else math.inf
 
     @property
     def parallel_resistance(self) -> float:
-        """R_p = 1/Re Y in Ω, the loss that the converter makes up for; infinite without losses."""
+        """Parallel resistance R_p = 1/Re Y in Ω.
+
+        It represents the loss that the converter compensates, and is infinite without losses.
+        """
         return 1 / self.admittance.real if self.admittance.real > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Resonance(StateResult):
-    """One state where the converter oscillates, Im Y = 0, with the capacitance of the tank in F.
+    """State at the frequency where the converter oscillates.
+
+    There Im Y = 0. The capacitance of the tank is in F.
 
     Notes
     -----
@@ -151,7 +171,10 @@ class Resonance(StateResult):
 
     @property
     def effective_inductance(self) -> float:
-        """L_eff = 1/(ω²C) in H: what the converter takes for the inductance."""
+        """Effective inductance L_eff = 1/(ω²C) in H.
+
+        The converter takes it for the inductance.
+        """
         return 1 / ((2 * math.pi * self.frequency) ** 2 * self.tank_capacitance)
 
 
@@ -159,7 +182,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     """Solve one state at one frequency in Hz.
 
     A coil that is unknown or occurs twice in the state, a frequency that is not positive and finite, or a singular
-    network is a NetworkError.
+    network raises a NetworkError.
 
     Examples
     --------
@@ -180,9 +203,9 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
 
 
 def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> ComplexArray:
-    """Impedance (f,) in Ω of one state between the sides of the converter without the tank, at frequencies (f,) in Hz.
+    """Impedance (f,) of one state in Ω without the tank.
 
-    Errors as in `solve_state`.
+    It is measured between the sides of the converter, at frequencies (f,) in Hz. The errors are as in `solve_state`.
     """
     check_state(state, network.names)
     check_frequency(frequencies)
@@ -193,9 +216,10 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
 
 
 def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Drive one volt between the sides of the converter, the tank included, at frequencies (f,) in Hz.
+    """Compute admittance and currents at one volt.
 
-    Returns the admittance (f,) in S and the current (f, n) through every coil in A.
+    The volt drives the sides of the converter, the tank included, at frequencies (f,) in Hz. The result is the
+    admittance (f,) in S and the current (f, n) through every coil in A.
     """
     switches = network.switches
     at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
@@ -208,7 +232,10 @@ def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple
 
 
 def susceptance_slope(network: Network, state: ScanState, frequency: float) -> float:
-    """Slope of Im Y, the tank included, over the frequency: S/Hz."""
+    """Slope of Im Y over the frequency in S/Hz.
+
+    The tank is included.
+    """
     low, high = frequency * (1 - SLOPE_STEP), frequency * (1 + SLOPE_STEP)
     below, above = driven(network, state, np.array([low, high]))[0].imag
     return float((above - below) / (high - low))
@@ -221,7 +248,10 @@ def _solve_with_tank(
     inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """As `_solve`, and the admittances (f,) in S with the tank's capacitor."""
+    """Solve a state with the tank's capacitor.
+
+    In addition to the results of `_solve`, return the admittances (f,) in S with the tank.
+    """
     switches, state = network.switches, wiring.state
     measured = {name for name, _ in state.measured}
     winding = network.winding_capacitance if winding_capacitances is None else winding_capacitances
@@ -239,10 +269,12 @@ def _solve_with_tank(
 
 
 def resonate(network: Network, state: ScanState) -> Resonance:
-    """Solve one state where the converter oscillates: the resonance, Im Y = 0, that continues that of its coils alone.
+    """Solve one state where the converter oscillates.
 
-    A NetworkError as of `solve_state`, and where there is no resonance from a thirtieth of the frequency of the
-    measured coils alone with one tank capacitor to thirty times that with all others ideally shorted.
+    This resonance, Im Y = 0, continues the resonance of the coils alone. Errors are as in `solve_state`. A NetworkError
+    is also raised if there is no resonance in a search range. The range begins at a thirtieth of the frequency of the
+    measured coils alone with one tank capacitor. It ends at thirty times the frequency with all other coils ideally
+    shorted.
     """
     check_state(state, network.names)
     alone, least = _bare_inductances(network, state)
@@ -253,8 +285,8 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     def susceptance(frequencies: FloatArray) -> FloatArray:
         return _solve_with_tank(network, wiring, frequencies, network.inductance)[2].imag
 
-    # Im Y grows with frequency through a parallel resonance. It mostly lies near the start; where strays or several
-    # tanks move it far away, the lowest crossing counts.
+    # Im Y grows with frequency through a parallel resonance. It mostly lies near the start. If strays or several tanks
+    # move it far away, the lowest crossing counts.
     crossing = _upward_crossing(susceptance, start / 1.3 * np.array([1.0, 1.3**2]))
     if crossing is None:
         points = math.ceil(math.log(high / low) / _SEARCH_STEP) + 1
@@ -268,10 +300,10 @@ def resonate(network: Network, state: ScanState) -> Resonance:
 
 
 def loaded_quality(network: Network, result: StateResult) -> float:
-    """Quality factor of the whole resonator at a resonance, (ω/2) (dB/dω)/G with Y = G + jB; infinite without losses.
+    """Quality factor of the whole resonator at a resonance.
 
-    It counts what every inductance and capacitance stores, switches and bus included; `StateResult.quality_factor` is
-    that of the coils without the tank.
+    It is (ω/2) (dB/dω)/G with Y = G + jB, and infinite without losses. It counts the energy in every inductance and
+    capacitance, switches and bus included. `StateResult.quality_factor` counts the coils without the tank.
     """
     if result.admittance.real <= 0:
         return math.inf
@@ -279,16 +311,17 @@ def loaded_quality(network: Network, result: StateResult) -> float:
 
 
 def self_resonance_of(network: Network, result: StateResult, within: float = _SEARCH) -> float:
-    """Lowest frequency in Hz above a resonance at which the state without its tank turns from coil to capacitor.
+    """Self-resonance in Hz of a state without its tank.
 
-    Infinite where there is none below `within` times the resonance.
+    It is the lowest frequency above a resonance at which the state turns from coil to capacitor. It is infinite if
+    there is no such frequency below `within` times the resonance.
     """
     wiring = _wire(network, result.state)
 
     def susceptance(frequencies: FloatArray) -> FloatArray:
         return np.asarray((1 / _solve_with_tank(network, wiring, frequencies, network.inductance)[0]).imag)
 
-    # fine steps: modes of several coils lie close together
+    # Fine steps, because modes of several coils lie close together.
     points = math.ceil(_FINE_POINTS * math.log(within) / math.log(_SEARCH))
     crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, within, points))
     return math.inf if crossing is None else crossing
@@ -297,11 +330,12 @@ def self_resonance_of(network: Network, result: StateResult, within: float = _SE
 def changed_resonances(
     network: Network, result: StateResult, inductances: Callable[[FloatArray], ComplexArray], cases: int
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Follow a resonance while the inductances change by any amount, with losses that depend on frequency.
+    """Follow a resonance while the inductances change.
 
-    `inductances` gives for frequencies (cases,) in Hz the matrices (cases, n, n) in H that replace the network's own,
-    their losses as imaginary parts −ΔR/ω. Returns the frequencies (cases,) in Hz, and there the impedances in Ω and the
-    admittances with the tank in S; a NetworkError if there is no resonance.
+    The changes may be of any size, with losses that depend on frequency. `inductances` gives for frequencies (cases,)
+    in Hz the matrices (cases, n, n) in H that replace the network's own, with their losses as imaginary parts −ΔR/ω.
+    The result is the frequencies (cases,) in Hz, and at these the impedances in Ω and the admittances with the tank in
+    S. A NetworkError is raised if there is no resonance.
     """
     wiring = _wire(network, result.state)
     frequencies, _ = _followed(network, result, wiring, cases, inductances)
@@ -310,7 +344,10 @@ def changed_resonances(
 
 
 def cases_at_once(network: Network) -> int:
-    """How many changed circuits to give `changed_resonances` or `resonances_near` at once, for the sake of memory."""
+    """How many changed circuits per call fit into memory.
+
+    It applies to `changed_resonances` and `resonances_near`.
+    """
     return max(1, _MATRIX_VALUES // (2 * len(network.names) + 3) ** 2)
 
 
@@ -320,11 +357,11 @@ def resonances_near(
     inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> FloatArray:
-    """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
+    """Resonant frequencies (cases,) in Hz after small changes.
 
-    `inductances` (cases, n, n) in H, or L − jR/ω with losses, and `winding_capacitances` (cases, n) in F replace the
-    network's own; a change may make the latter negative, as the tank is in parallel. A NetworkError if it finds no
-    resonance.
+    Inductances and capacitances change. `inductances` (cases, n, n) in H, or L − jR/ω with losses, and
+    `winding_capacitances` (cases, n) in F replace the network's own. A change may make the latter negative, as the tank
+    is in parallel. A NetworkError is raised if no resonance is found.
     """
     return resonators_near(network, result, inductances, winding_capacitances)[0]
 
@@ -335,7 +372,10 @@ def resonators_near(
     inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the frequencies of `resonances_near`, and the parallel resistances R_p (cases,) in Ω there."""
+    """Return frequencies and parallel resistances after small changes.
+
+    The frequencies are those from `resonances_near`. The parallel resistances R_p (cases,) are in Ω.
+    """
     wiring, cases = _wire(network, result.state), len(inductances)
     frequencies, conductance = _followed(network, result, wiring, cases, lambda _: inductances, winding_capacitances)
     with np.errstate(divide="ignore"):
@@ -350,9 +390,10 @@ def _followed(
     inductances: Callable[[FloatArray], FloatArray | ComplexArray],
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Find Im Y(f) = 0 for all cases at once by the secant method, beginning with the slope of the given resonance.
+    """Find Im Y(f) = 0 by the secant method.
 
-    Returns the frequencies in Hz, and Re Y in S there to the tolerance.
+    All cases are solved at once, beginning with the slope of the given resonance. The result is the frequencies in Hz,
+    and Re Y in S at these to the tolerance.
     """
     f0 = result.frequency
     first = susceptance_slope(network, result.state, f0)
@@ -363,10 +404,10 @@ def _followed(
         B, last = solved[2].imag, step
         moved = last != 0
         slope[moved] = (B[moved] - before[moved]) / -last[moved]
-        slope[~(slope > _LEAST_SLOPE * first)] = first  # also where it is not a number
+        slope[~(slope > _LEAST_SLOPE * first)] = first  # also replaces NaN
         step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
         frequencies, before = frequencies - step, B
-        # steps fall faster and faster: the next is less than this one times its share of the last
+        # Steps shrink faster and faster. The next step is less than this step times its ratio to the last.
         share = np.divide(step, last, out=np.ones(cases), where=moved)
         settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
         if settled.all():
@@ -379,7 +420,10 @@ def _followed(
 
 
 def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> float | None:
-    """Lowest zero that a function crosses upwards between neighbours of a rising grid."""
+    """Lowest upward zero crossing of a function.
+
+    It is sought between neighbours of a rising grid.
+    """
 
     def at(point: float) -> float:
         return float(function(np.array([point]))[0])
@@ -395,7 +439,10 @@ def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatAr
 
 
 def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]:
-    """Inductance of the measured coils joined as in the state, all other coils open and all ideally shorted."""
+    """Inductance of the measured coils joined as in the state.
+
+    The first value has all other coils open, the second has all ideally shorted.
+    """
     chosen = [network.names.index(name) for name, _ in state.measured]
     sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
     series = state.connection == "series"
@@ -407,12 +454,13 @@ def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class _Wiring:
-    """A state's nodes; the terminals of coil k are the nodes 2k and 2k + 1.
+    """Nodes of a state, two per coil.
 
-    A switch or load joins each of the terminals `closed` (k,) to the node of `nets` (k,) with a `resistance` (k,) in Ω.
-    `capacitance` (nodes, nodes) in F is the Maxwell matrix of all capacitors, with the tank's across every coil in
-    place of those that are there; `port` the nodes of the converter. `kept` are the nodes without one of every part of
-    the circuit that nothing joins to the others: no current can leave there.
+    The terminals of coil k are the nodes 2k and 2k + 1. A switch or load joins each of the terminals `closed` (k,) to
+    the node of `nets` (k,) with a `resistance` (k,) in Ω. `capacitance` (nodes, nodes) in F is the Maxwell matrix of
+    all capacitors, with the tank's across every coil in place of the winding's own. `port` contains the nodes of the
+    converter. `kept` are the nodes after removing a reference from every part of the circuit that nothing joins to the
+    others. No current can leave such a part.
     """
 
     state: ScanState
@@ -432,10 +480,11 @@ def _solve(
     across: FloatArray,
     inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
+    """Impedances (f,) between the converter's sides in Ω.
 
-    `around` is that of `_around`. `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more
-    axis in front, (f,); imaginary parts of the former are losses, −ΔR/ω.
+    The coils' currents (f, n) in A per A fed in there are returned as well. `around` comes from `_around`.
+    `inductances` (n, n) and the capacitances `across` the coils (n,) may have a further axis (f,) in front. Imaginary
+    parts of the inductances are losses, −ΔR/ω.
     """
     jw = 2j * math.pi * frequencies[:, None]
     L = inductances if network.dispersion is None else inductances + network.dispersion(frequencies)
@@ -452,11 +501,14 @@ def _solve(
 
 
 def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> ComplexArray:
-    """Impedances (f, n + 1, n + 1) in Ω between the coils' places and, last, the converter: see the module."""
+    """Impedances of the surroundings of the coils in Ω.
+
+    They have shape (f, n + 1, n + 1) and are between the coils' places and, last, the converter. See the module.
+    """
     n, nodes = len(network.names), len(wiring.capacitance)
     low, high = float(frequencies.min()), float(frequencies.max())
     half, middle = (high - low) / 2, (high + low) / 2
-    # the nearest pole is at the frequency zero: the error is ρ to the power of −points
+    # The nearest pole is at the frequency zero. The error is ρ to the power of −points.
     rho = math.inf if high == low else (middle + math.sqrt(low * high)) / half
     points = 1 - math.floor(math.log(_ROUNDING) / math.log(rho))
     few = points < len(frequencies)
@@ -466,7 +518,7 @@ def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> Compl
         _BYTES_AN_ENTRY * (len(at) * nodes**2 + len(frequencies) * n**2),
         f"the circuit of {n} coils at {len(frequencies)} frequencies",
     )
-    # in units of the tank's reactance all entries are of order one
+    # In units of the tank's reactance all entries are of order one.
     tank, kept, closed, nets = network.switches.tank_capacitance, wiring.kept, wiring.closed, wiring.nets
     unit = 1 / (2 * math.pi * at * tank)[:, None, None]
     flat = 1j / tank * wiring.capacitance
@@ -484,7 +536,7 @@ def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> Compl
         solution[:, kept] = np.linalg.solve(matrix[:, kept[:, None], kept], source[kept])
     except np.linalg.LinAlgError:
         raise _singular(wiring, frequencies) from None
-    # from the currents of closed switches to the voltages behind them; a net is behind none
+    # Maps currents of closed switches to the voltages behind them. A net is behind no switch.
     solution[:, closed] = solution[:, nets] + solution[:, closed] * (wiring.resistance[:, None] / unit)
     found = (solution[:, plus] - solution[:, minus]) * unit
     if not few:
@@ -499,7 +551,10 @@ def _singular(wiring: _Wiring, frequencies: FloatArray) -> NetworkError:
 
 
 def _wire(network: Network, state: ScanState) -> _Wiring:
-    """Connect every element of the circuit but the capacitances across the coils."""
+    """Connect every element of the circuit except coil capacitances.
+
+    These lie across the coils.
+    """
     switches, n = network.switches, len(network.names)
     number = {_GROUND: 2 * n, _SIDE_A: 2 * n + 1, _SIDE_B: 2 * n + 2}
     nets = _nets(network.names, state)
@@ -532,21 +587,27 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
 
 
 def between_coils(mutual: FloatArray) -> FloatArray:
-    """Maxwell matrix in F of the terminals, shape (2n, 2n), for the capacitances between coils: see `Network`."""
+    """Maxwell matrix of the capacitances between coils in F.
+
+    It has shape (2n, 2n), for the terminals. See `Network`.
+    """
     apart = mutual - np.diag(np.diag(mutual))
     stamp = np.kron(np.diag(apart.sum(axis=1)), np.eye(2) / 2 - np.array([[1, -1], [-1, 1]]) / 6)
     return np.asarray(stamp - np.kron(apart, np.ones((2, 2)) / 4))
 
 
 def _passive(state: ScanState, name: str) -> Passive | None:
-    """Say what closes a coil; None if it is measured."""
+    """Return the termination of a coil, None if measured."""
     if any(name == measured for measured, _ in state.measured):
         return None
     return state.exceptions.get(name, state.others)
 
 
 def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
-    """Net of both terminals of every coil in the order of `names`; empty if the terminal is open."""
+    """Nets of both terminals of every coil.
+
+    They are in the order of `names`, and empty for an open terminal.
+    """
     nets: dict[str, tuple[str, str]] = {}
     closed: dict[Passive, tuple[str, str]] = {
         "ground": (_GROUND, _GROUND),
@@ -569,7 +630,10 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
 
 
 def _references(pairs: IntArray, nodes: int, closed: IntArray, ground: int) -> list[int]:
-    """See `_Wiring`: one node of every part that pairs of nodes (k, 2) join, the ground or one without a switch."""
+    """One node of every separate part of the circuit.
+
+    Pairs of nodes (k, 2) join the parts. The node is the ground or has no switch. See `_Wiring`.
+    """
     ends = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
     parts, label = connected_components(ends, directed=False)
     free = np.setdiff1d(np.arange(nodes), closed)

@@ -1,7 +1,8 @@
-"""Resistance of coils at alternating current: skin and proximity effect of every trace.
+"""Resistance of coils at alternating current.
 
-Two models, chosen by coil and frequency (`resistance_matrix`): traces up to `WIDE` skin depths in the local transverse
-field of all coils, and wider ones with filaments in the cross-section of the coil's bundle of turns.
+It covers the skin and the proximity effect of every trace. Two models are chosen by coil and frequency
+(`resistance_matrix`). Traces up to `WIDE` skin depths are computed in the local transverse field of all coils. Wider
+traces are computed with filaments in the cross-section of the coil's bundle of turns.
 """
 
 from __future__ import annotations
@@ -41,35 +42,53 @@ from coilarray.geometry.winding import Cut, FlatPath, find_turns
 WIDE = 2.0
 """Trace width in skin depths above which the section filaments take over."""
 MOST_SKIN_DEPTHS = 300.0
-"""Longer side of a trace in skin depths up to which the meshes resolve the skin (test_ac_resistance.py)."""
+"""Longest trace side in skin depths that the meshes resolve.
+
+Beyond it the mesh no longer resolves the skin (test_ac_resistance.py).
+"""
 SINGLE_MESH = (48, 16)
-"""Cells along the longer and (of a thin trace) the shorter side of an isolated trace."""
+"""Cells along the sides of an isolated trace.
+
+The first number is for the longer side, the second for the shorter side of a thin trace.
+"""
 SECTION_MESH = (30, 8)
 """Cells along the sides of each trace of a bundle."""
 BASIS_TOLERANCE = 3e-2
-"""Accuracy of a trace's basis of currents; the loss errs by about its square."""
+"""Accuracy of a trace's basis of currents.
+
+The loss errs by about its square.
+"""
 POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
-"""Gauss points along a segment, from a length of so many widths on; no ratio of round lengths."""
+"""Gauss points along a segment by length over width.
+
+Each number of points holds from the given length in widths on. The lengths are no ratios of round lengths.
+"""
 RAYS = 5, 16, 97.3
-"""Least and most cuts about a pole, and how many turns they cut in all; no multiple of round numbers of turns."""
+"""Least and most cuts about a pole, and turns cut.
+
+The last value is the total number of turns that the cuts meet. It is no multiple of round numbers of turns.
+"""
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
 HIGHEST = 1e15
-"""Highest frequency in Hz; that of light, where copper is not a conductor of this kind any more."""
+"""Highest frequency in Hz.
 
-_FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
+At optical frequencies copper is no longer a conductor of this kind.
+"""
+
+_FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another, independent of frequency and of other coils
 
 _INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces at places of a grid that all sections share
-_GRID = 0.04, 0.5  # step of the grid relative to the distance, and the distance in widths where it becomes even
+_GRID = 0.04, 0.5  # step relative to the distance, and the distance in widths at which the grid becomes even
 
 
 @dataclass(frozen=True, eq=False)
 class CrossSection:
     """Losses of one straight isolated trace over frequency.
 
-    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
-    uniform field of peak value H along the thickness (normal to the plane) or along the width adds the loss ½ g |H|²
-    in W/m. The two and the loss of the trace's own current add without cross terms.
+    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m. A
+    uniform field of peak value H along the thickness (normal to the plane) or along the width adds the loss ½ g |H|² in
+    W/m. The two losses and the loss of the trace's own current add without cross terms.
     """
 
     resistance_ratio: FloatArray
@@ -78,9 +97,11 @@ class CrossSection:
 
 
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
-    """Skin depth δ = √(ρ/(π f µ0)) in m of copper of a `resistivity` in Ω·m, in the shape of `frequency` in Hz.
+    """Compute the skin depth of copper in m.
 
-    A frequency that is not positive and at most `HIGHEST` is a ValueError, such a resistivity a GeometryError.
+    It is δ = √(ρ/(π f µ0)) for a `resistivity` in Ω·m, in the shape of `frequency` in Hz. A frequency that is not
+    positive or above `HIGHEST` raises a ValueError. A resistivity that is not positive and finite raises a
+    GeometryError.
 
     Examples
     --------
@@ -99,16 +120,17 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 def cross_section(
     width: float, thickness: float, frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 ) -> CrossSection:
-    """Losses of one straight, infinitely long, isolated rectangular trace: sides in m, frequencies in Hz of any shape.
+    """Compute the losses of one straight isolated rectangular trace.
 
-    A size or resistivity (Ω·m) that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`, is a
-    GeometryError, a frequency that is not positive and finite a ValueError.
+    The trace is infinitely long. Its sides are in m, the frequencies in Hz of any shape. A size or resistivity (Ω·m)
+    that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`, raises a GeometryError. A frequency that
+    is not positive and finite raises a ValueError.
 
     Notes
     -----
     Filaments in the cross-section (P. Silvester, Proc. IEEE 54, 1147, 1966; W. T. Weeks et al., IBM J. Res. Dev. 23,
-    652, 1979) with exact mean logarithms on a mesh graded towards the edges. Every eddy mode adds β²c/(1 + β²λ²), so
-    one decomposition an aspect ratio serves all frequencies; it is kept.
+    652, 1979) with exact mean logarithms on a mesh graded towards the edges. Every eddy mode adds β²c/(1 + β²λ²). One
+    decomposition per aspect ratio therefore serves all frequencies, and it is cached.
 
     Examples
     --------
@@ -140,7 +162,10 @@ def _isolated_modes(aspect: float) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
-    """Σ β²c/(1 + β²λ²), shape of beta."""
+    """Sum the eddy modes β²c/(1 + β²λ²).
+
+    The result has the shape of beta.
+    """
     values, strength = modes
     b = beta[..., None]
     return np.asarray((b**2 * strength / (1.0 + (b * values) ** 2)).sum(axis=-1))
@@ -148,13 +173,18 @@ def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _basis(width: float, thickness: float, octaves: int) -> Basis:
-    """Basis of one trace for its longer side of up to 2^octaves skin depths."""
+    """Basis of currents in one trace.
+
+    Its longer side may be up to 2^octaves skin depths.
+    """
     betas = 4.0 ** np.arange(1, octaves + 1) / (np.pi * max(width, thickness) ** 2)
     return response_basis(width, thickness, *SECTION_MESH, betas.astype(np.float64), BASIS_TOLERANCE)
 
 
 @lru_cache(maxsize=16)
 def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
+    """Decompose the eddy modes of a bundle of traces."""
+
     def at(first: tuple[float, float], second: tuple[float, float], node: int, z: float) -> FloatArray:
         x = _GRID[1] * math.sinh(_GRID[0] * node)
         return _INTERACTIONS.get(
@@ -163,7 +193,11 @@ def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
         )
 
     def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
-        """Cubic in x between places that all sections share; rounding x to them would make equal coils differ."""
+        """Interpolate a pair's interaction on a shared grid.
+
+        The interpolation is cubic in x between places that all sections share. Rounding x to them would make equal
+        coils differ.
+        """
         place = math.asinh(x / _GRID[1]) / _GRID[0]
         node = math.floor(place)
         u = place - node
@@ -188,31 +222,37 @@ def resistance_matrix(
     *,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Resistance matrix R(f) of coils: their own losses and those they induce in each other's copper.
+    """Compute the resistance matrix R(f) of coils in Ω.
 
-    Every segment of `source` (see `as_conductors`) needs a cross-section; `frequencies` in Hz have shape (n,), the
-    `resistivity` of the copper is in Ω·m. ``resistance`` (frequency, coil, other) in Ω is real, symmetric and positive
-    definite; ½ Re(iᴴ R i) is the loss in W in all copper for any peak currents i, open and grounded coils included.
-    ``dc_resistance`` (coil) in Ω; ``model`` (frequency, coil) is one of `MODELS`. Raises a GeometryError for a segment
-    without a cross-section, a resistivity that is not positive and finite, or a trace of more than `MOST_SKIN_DEPTHS`,
-    a ValueError for frequencies that are not positive and finite, or of another shape.
+    It contains the coils' own losses and the losses that they induce in each other's copper. Every segment of `source`
+    (see `as_conductors`) needs a cross-section. The `frequencies` in Hz have shape (n,), and the `resistivity` of the
+    copper is in Ω·m.
+
+    ``resistance`` (frequency, coil, other) in Ω is real, symmetric and positive definite. For any peak currents i, ½
+    Re(iᴴ R i) is the loss in W in all copper, open and grounded coils included. ``dc_resistance`` (coil) is in Ω.
+    ``model`` (frequency, coil) is an element of `MODELS`.
+
+    A segment without a cross-section, a resistivity that is not positive and finite, or a trace of more than
+    `MOST_SKIN_DEPTHS` raises a GeometryError. Frequencies that are not positive and finite, or of another shape, raise
+    a ValueError.
 
     Notes
     -----
-    *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length l in the fields h_i
-    of unit currents adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n h_j·n + g_w h_i·w h_j·w) to R_ij
-    (`cross_section`), the fields by Biot–Savart at Gauss points on it, its own left out. Eddy currents act on nothing
-    but themselves.
+    *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length l lies in the
+    fields h_i of unit currents. It adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n h_j·n + g_w h_i·w h_j·w)
+    to R_ij (`cross_section`). The fields follow from Biot–Savart at Gauss points on the segment, without its own field.
+    The field of eddy currents acts on no other copper.
 
-    *Section filaments* (wider traces): the same, each part of a turn times three factors from radial cuts through its
-    coil (`coilarray.geometry.winding.Turns.cuts`), all turns on all layers as infinite traces: heat by filaments over
-    heat by transverse field, for the coil's own current (with the mean local field where the cut alone has another),
-    and for a uniform field along the thickness and the width, as other coils make it. Along the path the factors are
-    linear from cut to cut; on leads they are 1. The part of two coils takes √ of both factors, which keeps R positive
-    definite. So turns of one coil shield each other, coils do not; corners, leads and turns shorter than a few bundle
-    widths are the weak points.
+    *Section filaments* (wider traces): the same sum, with each part of a turn multiplied by three factors. The factors
+    come from radial cuts through the coil (`coilarray.geometry.winding.Turns.cuts`), with all turns on all layers as
+    infinite traces. Each factor is the heat by filaments over the heat by transverse field. The first is for the coil's
+    own current (with the mean local field where the cut alone has another). The other two are for a uniform field along
+    the thickness and the width, as other coils make it. Along the path the factors are linear from cut to cut, and on
+    leads they are 1. The part of two coils takes √ of both factors, which keeps R positive definite. So turns of one
+    coil shield each other, but coils do not. Corners, leads and turns shorter than a few bundle widths are the weak
+    points.
 
-    Vertical segments (vias) count with their DC resistance; eddy currents in pads and planes are not there.
+    Vertical segments (vias) count with their DC resistance. Eddy currents in pads and planes are left out.
 
     Examples
     --------
@@ -222,7 +262,7 @@ def resistance_matrix(
     >>> round(float(R[1] / R[0]), 2), str(result.model[1, 0].values)
     (1.12, 'transverse field')
     """
-    # a bar's own field is left out on the whole of a straight run, however many vertices it has
+    # A bar's own field is left out on the whole of a straight run, however many vertices it has.
     conductors = [conductor.straightened() for conductor in as_conductors(source)]
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not len(f):
@@ -236,7 +276,7 @@ def resistance_matrix(
     R = np.zeros((len(f), n, n))
     wide = np.zeros((len(f), n), dtype=bool)
     shapes = [shape_key(conductor) for conductor in conductors]
-    horizontal: list[int] = []  # coils with more than vias
+    horizontal: list[int] = []  # coils that are more than vias
     for c, conductor in enumerate(conductors):
         _, flat = lateral_axes(conductor.vertices)
         R[:, c, c] += resistivity * (conductor.lengths[~flat] / conductor.areas[~flat]).sum()
@@ -261,7 +301,10 @@ def resistance_matrix(
 
 
 def shape_key(conductor: Conductor) -> bytes:
-    """Bytes that are equal for paths of one shape and cross-section, wherever they lie."""
+    """Bytes that identify the shape of a path.
+
+    They are equal for paths of the same shape and cross-section, wherever they lie.
+    """
     grain = _grain(conductor)
     places = np.round((conductor.vertices - conductor.vertices[0]) / grain).astype(np.int64)
     parts = np.array(grain), places, conductor.widths, conductor.thicknesses, conductor.areas
@@ -269,16 +312,20 @@ def shape_key(conductor: Conductor) -> bytes:
 
 
 def _grain(conductor: Conductor) -> float:
-    """Differences in m that make no other shape, the same for copies that differ by rounding."""
+    """Largest difference in m that leaves a shape unchanged.
+
+    It is the same for copies that differ by rounding.
+    """
     return float(_SAME * 2.0 ** np.round(np.log2(np.ptp(conductor.vertices, axis=0).max())))
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Gauss points on the horizontal segments of a path that begins at the origin.
+    """Gauss points on the horizontal segments of a path.
 
-    `places` (n, 3) in m, with the directions of the trace's width and thickness, `lateral` and `normal` (n, 3), the
-    number of the `segment` (n,) and the length in m that each point stands for, `weight` (n,).
+    The path begins at the origin. `places` (n, 3) are in m. `lateral` and `normal` (n, 3) are the directions of the
+    trace's width and thickness. `segment` (n,) is the number of the segment of each point, and `weight` (n,) the length
+    in m that it stands for.
     """
 
     places: FloatArray
@@ -288,9 +335,10 @@ class _Points:
     weight: FloatArray
 
     def field(self, vertices: FloatArray, *, own: bool) -> FloatArray:
-        """H of unit current in a polyline along the widths and thicknesses, shape (n, 2), in 1/m.
+        """Magnetic field H of a polyline's unit current in 1/m.
 
-        That of the path's `own` current is without the segment of the point.
+        The components along the widths and the thicknesses have shape (n, 2). The field of the path's `own` current
+        leaves out the segment of the point.
         """
         found = np.empty((len(self.places), 1, 2))
         left_out = self.segment if own else np.full(len(self.segment), -1)
@@ -310,10 +358,10 @@ class _Points:
 class _Traces:
     """Losses in the horizontal segments of coils of one shape.
 
-    `resistance` (frequencies,) in Ω without the fields of other segments. The field of unit currents adds its square
-    times the loss of each of the `groups`, the indices and lengths in m of points on traces that lose alike: `own`,
-    `mixed` and `others` (2, frequencies, groups) in Ω·m, for fields along width and thickness of the coil's own current
-    twice, once, and not at all.
+    `resistance` (frequencies,) in Ω leaves out the fields of other segments. The field of unit currents adds its square
+    times the loss of each of the `groups`. These are the indices and lengths in m of points on traces with equal
+    losses. `own`, `mixed` and `others` (2, frequencies, groups) in Ω·m are for fields along width and thickness. The
+    field of the coil's own current enters `own` twice, `mixed` once and `others` not at all.
     """
 
     points: _Points
@@ -325,7 +373,10 @@ class _Traces:
 
 
 def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
-    """Field of a coil's own current at its points, see `_Points.field`; computed once for equal coils."""
+    """Field of a coil's own current at its points.
+
+    See `_Points.field`. It is computed once for equal coils.
+    """
     return _FIELDS.get((shape, shape, POINTS), lambda: points.field(vertices, own=True))
 
 
@@ -376,13 +427,19 @@ def _traces(
 
 
 def _radial_cuts(vertices: FloatArray, widths: FloatArray) -> list[Cut]:
-    """Cuts through the turns of a path with vias; none where nothing winds."""
+    """Cuts through the turns of a path with vias.
+
+    The list is empty if the path does not wind.
+    """
     turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
     return [] if turns is None else turns.enough_cuts(*RAYS)
 
 
 def _line_numbers(vertices: FloatArray) -> IntArray:
-    """Return the number of the line between two vias that each segment belongs to, (n,); −1 for vias."""
+    """Line numbers of the segments, (n,).
+
+    A line runs from via to via. Vias have −1.
+    """
     _, flat = lateral_axes(vertices)
     return np.where(flat, np.cumsum(~flat), -1)
 
@@ -390,10 +447,11 @@ def _line_numbers(vertices: FloatArray) -> IntArray:
 def _shared_out(
     vertices: FloatArray, places: FloatArray, of_point: IntArray, cuts: Sequence[Cut]
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Points that cuts stand for, by the crossing of each (all cuts one after another), and by which share.
+    """Points that cuts stand for, with crossings and shares.
 
-    Between two crossings of a line the share of one falls linearly to that of the other; outside the turns the whole
-    share has crossing −1. Points occur once or twice, in arrays of one shape.
+    The crossing counts all cuts in sequence. Between two crossings of a line the share of the first falls linearly
+    while the share of the second rises. Outside the turns the whole share has crossing −1. Points occur once or twice,
+    in arrays of the same shape.
     """
     line = _line_numbers(vertices)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(vertices[:, :2], axis=0).T)))
@@ -419,7 +477,10 @@ def _shared_out(
 
 
 def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: int, traces: _Traces) -> FloatArray:
-    """Losses in the horizontal segments of coil c; shape (frequencies, coils, coils)."""
+    """Losses in the horizontal segments of coil c.
+
+    The result has shape (frequencies, coils, coils).
+    """
     points, start, grain = traces.points, conductors[c].vertices[0], _grain(conductors[c])
 
     def field_of(k: int) -> FloatArray:
@@ -444,7 +505,10 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
 def _mean_fields(
     h: FloatArray, weight: FloatArray, shared: tuple[IntArray, IntArray, FloatArray], crossings: int
 ) -> FloatArray:
-    """Mean field (crossings, 2) of the points that each crossing stands for, see `_shared_out`; 0 without points."""
+    """Mean field (crossings, 2) of the points of each crossing.
+
+    See `_shared_out`. The mean of no points is 0.
+    """
     point, crossing, share = (part[shared[1] >= 0] for part in shared)
     length = share * weight[point]
     total = np.bincount(crossing, length, crossings)
@@ -455,11 +519,14 @@ def _mean_fields(
 def _section_factors(
     cut: Cut, z: FloatArray, sizes: tuple[FloatArray, FloatArray], mean: FloatArray, delta: FloatArray
 ) -> FloatArray:
-    """Heat by filaments over heat by transverse field in the turns of a cut; shape (3, frequencies, turns)."""
+    """Ratio of filament to transverse-field heat in a cut.
+
+    The result has shape (3, frequencies, turns).
+    """
     w, t = sizes
     side = float(max(w.max(), t.max()))
     octaves = _octaves(side, delta)
-    grain = 1e-9 * side  # rounding: equal coils then share their section
+    grain = 1e-9 * side  # rounding lets equal coils share their section
     x, z = (grain * np.round((v - v.min()) / grain) for v in (cut.across, z))
     bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), octaves)
     alone = [_section(((0.0, 0.0, p, q),), octaves) for p, q in zip(w.tolist(), t.tolist(), strict=True)]

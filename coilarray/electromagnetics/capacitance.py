@@ -1,4 +1,4 @@
-"""Capacitance of the coils: lumped across each, between the coils, and what the elastomer adds."""
+"""Capacitance of coils and the effect of the elastomer."""
 
 from __future__ import annotations
 
@@ -26,25 +26,27 @@ from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 
 Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
 
-# Rays at equal angles: the layers of a spiral shift past each other by whole pitches a turn, so these take the mean
-# over the shift. Least and most about a pole, and how many turns they cut in all, which is no multiple of whole turns
-# that rounding could decide on; twice as many change C by 1 % at most, and by 1e-3 for ten turns and more (tests).
+# Rays at equal angles. The layers of a spiral shift past each other by whole pitches per turn, so these rays take the
+# mean over the shift. The values are the least and most rays about a pole, and the number of turns they cut in all. It
+# is no multiple of whole turns that rounding could decide on. Twice as many change C by 1 % at most, and by 1e-3 for
+# ten turns and more (tests).
 _RAYS = 5, 32, 59.3
 _MOST_PERMITTIVITY = 1e6
-_HIGHEST_FACE = 1.0  # m; of what changes no permittivity
+_HIGHEST_FACE = 1.0  # m; above it no permittivity changes
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
 
 
 @dataclass(frozen=True, eq=False)
 class WindingCapacitance:
-    """Capacitance of one coil in F, the others absent.
+    """Capacitance of one coil in F, without other coils.
 
-    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the terminals: the field's
-    energy between turns of different layers, between turns of one layer, and what the leads add. `layers` (lines,
-    lines) is the Maxwell matrix of the coil's lines, one a layer of the winding, each at one potential; rows sum to
-    zero, lines that only carry a lead have zeros. `longest_turns` is the lumped
-    capacitance if every turn were as long as the longest, with the leads: of one quadratic form, so that it grows with
-    every permittivity, and by more than `total` does.
+    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the terminals. They are the
+    field's energy between turns of different layers, between turns of one layer, and the contribution of the leads.
+
+    `layers` (lines, lines) is the Maxwell matrix of the coil's lines, one per layer of the winding, each at one
+    potential. Its rows sum to zero, and lines that only carry a lead have zeros. `longest_turns` is the lumped
+    capacitance if every turn were as long as the longest, with the leads. It comes from one quadratic form, so it grows
+    with every permittivity, and by more than `total` does.
     """
 
     interlayer: float
@@ -59,7 +61,7 @@ class WindingCapacitance:
         return self.interlayer + self.turn_to_turn + self.leads
 
 
-# by all that they depend on: designs that differ in the places of their coils alone share them
+# Keyed by all inputs, so designs that differ only in the places of their coils share the results.
 _WINDINGS: Recent[WindingCapacitance] = Recent(32)
 _PER_AREA: Recent[FloatArray] = Recent(256)
 
@@ -67,15 +69,18 @@ _PER_AREA: Recent[FloatArray] = Recent(256)
 def coil_capacitance(
     array: CoilArray, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0
 ) -> xr.Dataset:
-    """Lumped capacitance of every coil, and the capacitance matrix between coils; all in F.
+    """Compute the lumped and mutual capacitances of coils in F.
 
-    `sheets` are the elastomer on the board, upwards, with air above it; `relative_permittivity` is that of the sheets,
-    or without sheets of the whole half space above the board. This medium also fills the gaps of the top copper.
-    ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``, the field's energy between turns of
-    different layers and of one layer, and what the leads add; ``capacitance`` (coil, other) is the Maxwell matrix
-    between coils, each at one potential: symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the
-    board, so its rows sum to zero. Raises a GeometryError for a coil without turns beside each other, copper that
-    overlaps on a layer, or a permittivity below 1.
+    `sheets` are the elastomer on the board, upwards, with air above it. `relative_permittivity` belongs to the sheets,
+    or without sheets to the whole half space above the board. This medium also fills the gaps of the top copper.
+
+    ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``. These are the field's energy between
+    turns of different layers and of one layer, and the contribution of the leads. ``capacitance`` (coil, other) is the
+    Maxwell matrix between coils, each at one potential: symmetric, off-diagonal ≤ 0, diagonally dominant. No ground is
+    near the board, so its rows sum to zero.
+
+    A coil without turns beside each other, copper that overlaps on a layer, or a permittivity below 1 raises a
+    GeometryError.
 
     Returns
     -------
@@ -84,20 +89,20 @@ def coil_capacitance(
 
     Notes
     -----
-    Of one winding: the voltage rises linearly along the turns from one end to the other; the coil floats. Rays from
-    the poles that they run around cut the turns (`coilarray.geometry.winding`); the traces on a ray, unfolded to
-    perpendicular cuts, are a row of strips on each layer, mirrored at the pole, with the Maxwell matrix c per length of
-    `strip_capacitance`, two faces a trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i −
-    V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers' shift against
-    each other all count. Leads have the potential of their end of the winding
-    (`coilarray.electromagnetics.lead_capacitance`); vias and pads are left out. Two layers joined inside give
-    C_facing/3 with C_facing the capacitance between the layers; n layers Σ 4 C_i/(3n²) over adjacent ones (Zolfaghari,
-    Chan, Razavi, IEEE JSSC 36, 620 (2001)), if the fringing at the edges is small.
+    For one winding, the voltage rises linearly along the turns from one end to the other, and the coil floats. Rays
+    from the poles of the turns cut them (`coilarray.geometry.winding`). The traces on a ray, unfolded to perpendicular
+    cuts, are a row of strips on each layer, mirrored at the pole. Their Maxwell matrix per length c comes from
+    `strip_capacitance`, with two faces per trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j
+    (−c_ij)(V_i − V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers'
+    shift against each other all count. Leads have the potential of their end of the winding
+    (`coilarray.electromagnetics.lead_capacitance`). Vias and pads are left out. If the fringing at the edges is small,
+    two layers joined inside give C_facing/3 with C_facing the capacitance between the layers. Then n layers give Σ 4
+    C_i/(3n²) over adjacent layers (Zolfaghari, Chan, Razavi, IEEE JSSC 36, 620 (2001)).
 
-    Between coils: the area in which the windings (traces and gaps) lie above each other, for every set of coils that
-    does so anywhere, times the capacitance per area of crossed grids with these fill factors
-    (`crossed_grid_capacitance`; a coil in between shields). Not counted: fringing at the edges of these areas, pads,
-    coils side by side without overlap (a few 0.1 pF by estimate).
+    Between coils, the area counts in which the windings (traces and gaps) lie above each other, for every set of coils
+    that overlaps anywhere. It is multiplied by the capacitance per area of crossed grids with these fill factors
+    (`crossed_grid_capacitance`). A coil in between shields. Fringing at the edges of these areas, pads, and coils side
+    by side without overlap (a few 0.1 pF by estimate) are left out.
 
     Examples
     --------
@@ -126,9 +131,9 @@ def coil_capacitance(
 
 
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
-    """Self-resonance 1/(2π √(LC)) in Hz of coils of an `inductance` in H and a `capacitance` of their own in F.
+    """Compute the self-resonance 1/(2π √(LC)) of coils in Hz.
 
-    The shapes of the two must broadcast.
+    The coils have an `inductance` in H and a `capacitance` of their own in F. The shapes of the two must broadcast.
 
     Returns
     -------
@@ -152,23 +157,26 @@ def elastomer_effect(
     *,
     undisturbed: float = 0.0,
 ) -> xr.Dataset:
-    """Change of the coils' capacitance by the elastomer's permittivity, and the apparent change of inductance.
+    """Compute the effect of the elastomer's permittivity on coils.
 
-    `tank_capacitance` C_t in F is in parallel to the coil; without `sheets` the elastomer fills the half space above
-    the board. `undisturbed` is the height in m above the board below which an indentation changes no permittivity: the
-    deepest point that the indented surface (with layers of unlike permittivity: the deepest interface) reaches; 0 is
-    always right. For each ``coil``: ``without`` and ``with_elastomer`` (C_L in F), ``change`` ΔC in F,
-    ``apparent_delta`` (apparent relative change of L when the elastomer is laid on), ``dent_bound`` (upper bound of
-    that of a dent). A capacitance or height that is not allowed is a ValueError, coils that `coil_capacitance` refuses
-    a GeometryError.
+    It changes the coils' capacitance and with it their apparent inductance. `tank_capacitance` C_t in F is in parallel
+    to the coil. Without `sheets` the elastomer fills the half space above the board. `undisturbed` is the height in m
+    above the board below which an indentation changes no permittivity. It is the deepest point of the indented surface,
+    or of the deepest interface if the layers differ in permittivity. The value 0 is always valid.
+
+    For each ``coil`` the result has ``without`` and ``with_elastomer`` (C_L in F) and ``change`` (ΔC in F).
+    ``apparent_delta`` is the apparent relative change of L when the elastomer is laid on. ``dent_bound`` is an upper
+    bound of the apparent change by a dent. A capacitance or height that is not allowed raises a ValueError. Coils that
+    `coil_capacitance` refuses raise a GeometryError.
 
     Notes
     -----
-    The converter measures f with f² (C_t + C_L) L constant and takes the capacitance for constant, so δ = ΔC/(C_t +
-    C_L), positive and independent of f. C grows with the permittivity at every point (Thomson's principle), and a dent
-    changes it only above `undisturbed`, to something between 1 and `relative_permittivity`: no dent changes C by more
-    than full minus empty space there, the bound (taken with `longest_turns`). All of this for the coil alone and
-    floating: the field of its mean voltage against ground or neighbours is not in it.
+    The converter measures f with f² (C_t + C_L) L constant and assumes a constant capacitance. So δ = ΔC/(C_t + C_L),
+    which is positive and independent of f. C grows with the permittivity at every point (Thomson's principle). A dent
+    changes the permittivity only above `undisturbed`, to something between 1 and `relative_permittivity`. So no dent
+    changes C by more than the difference between full and empty space there. This difference is the bound (taken with
+    `longest_turns`). All of this holds for a single floating coil. The field of its mean voltage against ground or
+    neighbours is left out.
 
     Examples
     --------
@@ -227,10 +235,10 @@ def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
 
 
 def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[LayeredMedium, int]:
-    """Medium with a plane at each copper face, and the number of planes above the top one.
+    """Medium with a plane at each copper face.
 
-    The gaps of the outer copper are filled with what lies outside, those of inner copper with the mean of the
-    dielectrics on both sides.
+    The number of planes above the top face is returned with it. The gaps of the outer copper are filled with the medium
+    outside. The gaps of inner copper have the mean of the dielectrics on both sides.
     """
     inner = stackup.epsilon_r
     top = above[0][1] if above else half_space
@@ -248,6 +256,7 @@ def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[La
 
 
 def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[WindingCapacitance]:
+    """Compute every winding, equal placements only once."""
     stackup = array.stackup
     windings = []
     for placement in array.placements:
@@ -259,6 +268,7 @@ def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[Winding
 
 
 def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: float) -> WindingCapacitance:
+    """Compute the capacitance of one winding with its leads."""
     medium, first = _board_medium(stackup, above, half_space)
     coil = placement.coil
     copper = np.array([stackup.index(layer) for layer in placement.layers])
@@ -285,7 +295,7 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
         line, width = path.line[cut.piece], path.widths[cut.piece]
         layer = copper[line]
         face = first + 2 * layer
-        # turns up to the centre have their mirror image, the other side of the winding, a gap away
+        # Turns up to the centre have their mirror image, the other side of the winding, a gap away.
         across = cut.across + max(0.0, 0.5 * (coil.gap + float((width - 2 * cut.across).max())))
         period = _MIRROR_DISTANCE * float((across + width / 2).max())
         try:
@@ -325,7 +335,10 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
 
 
 def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:
-    """Whether the turns of a cut, of a width in m, are apart on every copper layer; not always beside a corner."""
+    """Check that turns of a cut are apart everywhere.
+
+    The turns of the given width in m must be apart on every copper layer. Beside a corner this is not always true.
+    """
     for number in np.unique(layer):
         on = np.flatnonzero(layer == number)
         if (np.diff(cut.across[on]) <= 0.5 * (width[on][1:] + width[on][:-1])).any():
@@ -334,14 +347,20 @@ def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:
 
 
 def _basis(stackup: Stackup, coil: Coil) -> int:
-    """Functions a strip: three for traces up to twice the gap and the thinnest dielectric, more for wider ones."""
+    """Count the functions per strip.
+
+    Three suffice for traces up to twice the gap and the thinnest dielectric. Wider traces need more.
+    """
     widest = max(float(widths.max()) for widths in coil.widths)
     nearest = min(coil.gap, *stackup.dielectric_thickness) if stackup.dielectric_thickness else coil.gap
     return max(3, math.ceil(2 * math.sqrt(widest / nearest)))
 
 
 def _shares(line: npt.NDArray[np.int64], along: FloatArray, turns: Turns) -> FloatArray:
-    """Length in m of its line that each cut trace stands for: half-way to the next, and to the ends of the turns."""
+    """Length in m of its line for each cut trace.
+
+    It reaches half-way to the next cut, and to the ends of the turns.
+    """
     shares = np.zeros_like(along)
     for i in np.unique(line):
         on = np.flatnonzero(line == i)
@@ -354,7 +373,7 @@ def _shares(line: npt.NDArray[np.int64], along: FloatArray, turns: Turns) -> Flo
 
 
 def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatArray:
-    """Maxwell matrix between coils from the areas in which their windings lie above each other."""
+    """Maxwell matrix between coils by overlapping winding areas."""
     medium, first = _board_medium(array.stackup, above, half_space)
     bands = _bands(array)
     shapes = [band.area for band in bands]
@@ -392,7 +411,10 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """Traces and gaps of a coil on one layer: indices of coil and copper layer, mean width in m, area."""
+    """Traces and gaps of a coil on one layer.
+
+    Its fields are the indices of coil and copper layer, the mean width in m and the area.
+    """
 
     coil: int
     layer: int
@@ -401,6 +423,7 @@ class _Band:
 
 
 def _bands(array: CoilArray) -> list[_Band]:
+    """Find the winding area of every coil on every layer."""
     own: dict[int, list[shapely.Geometry]] = {}
     bands = []
     for index, placement in enumerate(array.placements):
@@ -426,9 +449,10 @@ def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
 def closed_band(
     coil: Coil, traces: Sequence[tuple[FloatArray, FloatArray]], mitre_limit: float = 2.0
 ) -> shapely.Geometry:
-    """Traces of a coil and half of the gaps; slits between turns, from the slight tilt of their sides, are closed.
+    """Area of a coil's traces and half of the gaps.
 
-    `traces` are centre lines, shape (n, 2), with the widths, shape (n − 1,), of their segments in m.
+    `traces` are centre lines, shape (n, 2). The widths of their segments in m have shape (n − 1,). Slits between turns,
+    from the slight tilt of their sides, are closed.
     """
     slit = 0.05 * (coil.trace_width + coil.gap) / 2
     corners: dict[str, Any] = {"join_style": "mitre", "mitre_limit": mitre_limit}
@@ -443,6 +467,7 @@ def closed_band(
 
 
 def _refuse_touching_coils(array: CoilArray) -> None:
+    """Raise GeometryError if copper of different coils overlaps."""
     for layer in array.stackup.names:
         here = [
             (placement.name, shapely.LineString(placement.to_board(piece)), width)

@@ -20,13 +20,13 @@ from coilarray.errors import LARGEST, GeometryError
 
 Backend = Literal["cpu", "cuda"]
 
-# 512 points of seven arrays fit a 32 KiB first-level cache
+# 512 points of seven arrays fit a 32 KiB first-level cache.
 _BLOCK = 512
-# blocks a task: enough work to outweigh the hand-over to a thread; fewer where a core would get too few tasks
+# Blocks per task: enough work to outweigh the hand-over to a thread, fewer where a core would get too few tasks.
 _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
-# memory beside the points: the field and the mask of finite points; for a grid, its coordinates and the points
+# Memory beside the points: the field and the mask of finite points. A grid also needs its coordinates and points.
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
-_LARGEST_CURRENT = 1e30  # A; with `LARGEST` no field leaves the range of float64
+_LARGEST_CURRENT = 1e30  # A; with `LARGEST` every field stays in the range of float64
 _IN_PIECES = "compute it in pieces"
 
 
@@ -38,7 +38,7 @@ def magnetic_field(
     progress: Progress | None = None,
     backend: Backend = "cpu",
 ) -> FloatArray:
-    """Magnetic flux density B of current paths in free space.
+    """Compute the magnetic flux density of current paths in T.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def magnetic_field(
     Returns
     -------
     ndarray, shape (..., 3)
-        Flux density in T.
+        Flux density B in free space in T.
 
     Raises
     ------
@@ -69,8 +69,9 @@ def magnetic_field(
 
     Notes
     -----
-    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point on a segment, nearer than
-    1e-12 of its length, gets no contribution from that segment: the mean of the field around the wire.
+    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point nearer to a segment than 1e-12
+    of its length counts as on the segment and gets no contribution from it. This is the mean of the field around the
+    wire.
 
     Examples
     --------
@@ -92,7 +93,7 @@ def magnetic_field(
 def vector_potential(
     source: Source, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0, *, progress: Progress | None = None
 ) -> FloatArray:
-    """Magnetic vector potential A (Coulomb gauge for closed paths) of current paths in free space.
+    """Compute the magnetic vector potential of current paths in T·m.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def vector_potential(
     Returns
     -------
     ndarray, shape (..., 3)
-        Vector potential in T·m.
+        Vector potential A in free space in T·m, in the Coulomb gauge for closed paths.
 
     Raises
     ------
@@ -111,8 +112,8 @@ def vector_potential(
 
     Notes
     -----
-    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets
-    no contribution from that segment.
+    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets no
+    contribution from that segment.
     """
     return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
 
@@ -148,7 +149,10 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class _Paths:
-    """The polylines that carry a current, as the kernels take them, and the points (n, 3), which had `shape`."""
+    """Current paths and evaluation points as the kernels take them.
+
+    The points have shape (n, 3). Their original shape is kept in `shape`.
+    """
 
     vertices: FloatArray
     starts: npt.NDArray[np.int64]
@@ -158,6 +162,7 @@ class _Paths:
 
 
 def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _Paths:
+    """Check a source, points and currents, and flatten them."""
     conductors = as_conductors(source)
     try:
         where = np.asarray(points, dtype=np.float64)
@@ -176,7 +181,7 @@ def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _P
         raise GeometryError(
             f"currents must be one number or {len(conductors)}, one a path; got shape {np.shape(currents)}."
         ) from None
-    if not (np.abs(current) <= _LARGEST_CURRENT).all():  # also not a number
+    if not (np.abs(current) <= _LARGEST_CURRENT).all():  # also rejects NaN
         raise GeometryError(f"currents must be finite and at most {_LARGEST_CURRENT:g} A; at least one is not.")
     used = [c for c in range(len(conductors)) if current[c] != 0]
     vertices = np.concatenate([np.zeros((0, 3)), *(conductors[c].vertices for c in used)])
@@ -186,6 +191,7 @@ def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _P
 
 
 def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress | None) -> FloatArray:
+    """Run a kernel over blocks of points on all cores."""
     field = np.zeros_like(paths.points)
     if not len(paths.weights) or not field.size:
         return field.reshape(paths.shape)

@@ -23,14 +23,14 @@ from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.overlap import require_apart
 
 _SCALE = MU_0 / (4 * np.pi)
-_SHORT = (
-    1e-3  # length over distance below which closed forms lose more digits than the first terms of a series leave out
-)
-_UNLIKE = 1e8  # ratio of two sizes of bars above which no digit may be right
+_SHORT = 1e-3  # length over distance below which a short series is more accurate than the closed forms
+_UNLIKE = 1e8  # ratio of two bar sizes above which no digit may be right
 
 
 def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, q2: npt.ArrayLike) -> float:
-    """Mutual inductance of two straight thin filaments in any position.
+    """Compute the mutual inductance of two straight thin filaments.
+
+    The filaments may lie in any position.
 
     Parameters
     ----------
@@ -40,18 +40,18 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     Returns
     -------
     float
-        Mutual inductance in H; its sign follows the directions.
+        Mutual inductance in H. Its sign follows the directions.
 
     Raises
     ------
     GeometryError
-        A filament of length zero, or two that overlap on one line (infinite).
+        A filament of length zero, or two filaments that overlap on one line, for which the integral is infinite.
 
     Notes
     -----
-    Closed form of Campbell (Phys. Rev. 5, 452, 1915); Grover, Inductance Calculations (1946), ch. 7. It loses digits
-    where one filament is shorter than a thousandth of their distance: there the exact integral over the other is
-    integrated over it by Gauss's rule of two points, to 1e-11.
+    Closed form of Campbell (Phys. Rev. 5, 452, 1915). See also Grover, Inductance Calculations (1946), ch. 7. The
+    closed form loses digits if one filament is shorter than a thousandth of their distance. Then the exact integral
+    over the longer filament is integrated over the shorter by the two-point Gauss rule, to 1e-11.
 
     Examples
     --------
@@ -79,14 +79,16 @@ def rectangular_bars(
     size_2: tuple[float, float, float] | None = None,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> float:
-    """Partial inductance of two parallel rectangular bars, or of one bar, with uniform current density.
+    """Compute the partial inductance of parallel rectangular bars in H.
+
+    The bars have a uniform current density. With a single bar this is its self-inductance.
 
     Parameters
     ----------
     size_1, size_2 : tuple of float
-        Length, width and thickness in m. Without `size_2` the self-inductance of the first bar.
+        Length, width and thickness in m. Without `size_2` the self-inductance of the first bar is returned.
     offset : tuple of float
-        Vector from the corner of the first bar to that of the second, along length, width and thickness, in m.
+        Vector from the corner of the first bar to the corner of the second, along length, width and thickness, in m.
 
     Returns
     -------
@@ -96,13 +98,13 @@ def rectangular_bars(
     Raises
     ------
     GeometryError
-        A size that is not 1e-30 to 1e30 m, sizes of more than 1e8 times each other, bars that are so much shorter than
-        wide or apart, or an offset that is not finite or larger than 1e30 m.
+        A size outside 1e-30 to 1e30 m, sizes with a ratio above 1e8, bars whose longest side is below
+        about 1e-5 of the extent of the pair, or an offset that is not finite or larger than 1e30 m.
 
     Notes
     -----
-    The quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), whose closed form loses about (length/width)⁴
-    digits. Relative errors: 1e-10 where all sizes are within 10 of each other, 1e-7 within 1e4, 1e-4 at worst.
+    This is the quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), whose closed form loses about (length/width)⁴
+    digits. The relative error is 1e-10 if all sizes are within a factor of 10, 1e-7 within 1e4, and 1e-4 at worst.
 
     Examples
     --------
@@ -119,12 +121,12 @@ def rectangular_bars(
             f"the offset between two bars must be finite, three numbers up to {LARGEST:g} m; got {offset}."
         )
     sizes = np.array([size_1, size_2 or size_1], dtype=np.float64)
-    # ∬ dV dV'/R is the same along any axis: the kernel keeps its digits where the bars are longest
+    # ∬ dV dV'/R is the same along any axis. The kernel keeps its digits where the bars are longest.
     order = np.roll(np.arange(3), -int(np.argmax(sizes.prod(axis=0))))
     areas = sizes[:, 1:].prod(axis=1).prod() / sizes[:, order[1:]].prod(axis=1).prod()
     apart = np.abs(np.asarray(offset, dtype=np.float64) + (sizes[1] - sizes[0]) / 2) if size_2 else np.zeros(3)
     distance = float(np.linalg.norm(apart))
-    if distance > sizes.max() / _SHORT:  # the mean of 1/R to second order in sizes over distance
+    if distance > sizes.max() / _SHORT:  # mean of 1/R to second order in size over distance
         moments = (sizes**2).sum(axis=0) / 12
         mean = (1 + moments @ (3 * (apart / distance) ** 2 - 1) / (2 * distance**2)) / distance
         return float(_SCALE * sizes[:, 0].prod() * mean)
@@ -140,7 +142,7 @@ def rectangular_bars(
 
 
 def _distance(first: Conductor, second: Conductor) -> float:
-    """Distance of the middle of one filament from another filament."""
+    """Distance from the middle of one filament to another filament."""
     start, end = second.vertices
     middle, way = first.vertices.mean(axis=0), end - start
     part = np.clip((middle - start) @ way / (way @ way), 0.0, 1.0)
@@ -148,15 +150,18 @@ def _distance(first: Conductor, second: Conductor) -> float:
 
 
 def _short_filament(short: Conductor, long: Conductor) -> float:
-    """Integral of 1/R over two filaments of which one is much shorter than their distance."""
+    """Integrate 1/R over two filaments, one of them short.
+
+    The short filament is much shorter than their distance.
+    """
     start, end = short.vertices
-    points = (start + end) / 2 + np.array([[-1.0], [1.0]]) * (end - start) / np.sqrt(12)  # Gauss's
+    points = (start + end) / 2 + np.array([[-1.0], [1.0]]) * (end - start) / np.sqrt(12)  # Gauss points
     ways = np.linalg.norm(points[:, None] - long.vertices, axis=-1).sum(axis=1)
     return float(short.lengths[0] * (2 * np.arctanh(long.lengths[0] / ways)).mean())
 
 
 def self_inductance(source: Source) -> FloatArray:
-    """Self-inductance of every current path.
+    """Compute the self-inductance of every current path in H.
 
     Parameters
     ----------
@@ -179,7 +184,9 @@ def self_inductance(source: Source) -> FloatArray:
 
 
 def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "full") -> FloatArray:
-    """Mutual inductance between every path of one source and every path of another.
+    """Compute the mutual inductances between two sources in H.
+
+    The result holds one value for every path of the first source with every path of the second.
 
     Parameters
     ----------
@@ -214,7 +221,9 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
 
 
 def pair_inductance(source: Source, first: IntArray, second: IntArray, *, accuracy: Accuracy = "full") -> FloatArray:
-    """Mutual inductance in H of some pairs of paths of one source, given by their numbers; errors as of the matrix.
+    """Compute the mutual inductance of selected pairs in H.
+
+    The pairs are given by the numbers of two paths of one source. The errors are the same as for the whole matrix.
 
     Examples
     --------
@@ -229,7 +238,9 @@ def pair_inductance(source: Source, first: IntArray, second: IntArray, *, accura
 def inductance_matrix(
     source: Source, *, accuracy: Accuracy = "full", allow_overlaps: bool = False, progress: Progress | None = None
 ) -> FloatArray:
-    """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
+    """Compute the inductance matrix of current paths in H.
+
+    The self-inductances L_ii are on the diagonal, the mutual inductances M_ij off it.
 
     Parameters
     ----------
@@ -238,7 +249,7 @@ def inductance_matrix(
     accuracy : {"full", "screen"}
         See `Accuracy`.
     allow_overlaps : bool
-        True also computes copper in copper, as if each path were insulated.
+        If True, also compute copper that overlaps other copper, as if each path were insulated.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -251,21 +262,22 @@ def inductance_matrix(
     ------
     GeometryError
         A thin filament, whose self-inductance is infinite, an unknown accuracy, or traces that overlap on a layer, as
-        `coilarray.geometry.check_rules` measures it: those of two paths, or two turns of one.
+        `coilarray.geometry.check_rules` measures it. The overlap may be between two paths or two turns of one path.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
     Notes
     -----
-    Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once, so
-    identical coils on a lattice cost one evaluation a distinct offset, and of near ones even pairs of layers that
-    mirror each other (`coilarray.electromagnetics.neumann_near`). Pairs that lie apart are computed by
-    `coilarray.electromagnetics.neumann_far` to 3e-8 of L, windings smaller than 200 widths with the cross-section,
-    which is worth less than 3e-7 of L in larger ones. The rules are set for 1e-6 of L and of k for traces wider than
-    thick, with gaps of a quarter of their width or more and sides of a few widths;
-    `tests/electromagnetics/test_inductance_convergence.py` holds the study. Shorter sides or narrower gaps than that
-    cost up to 2e-5, in a single turn of wide copper too, copper thicker than wide more. Traces run from vertex to
-    vertex with square ends: the true, mitred corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
+    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset are computed once, so
+    identical coils on a lattice cost one evaluation per distinct offset. For near pairs, even layer pairs that mirror
+    each other are shared (`coilarray.electromagnetics.neumann_near`). Pairs that lie apart are computed by
+    `coilarray.electromagnetics.neumann_far` to 3e-8 of L. There the cross-section is included for windings smaller than
+    200 widths. In larger ones it changes L by less than 3e-7.
+
+    The rules are set for 1e-6 of L and of k. This holds for traces wider than thick, with gaps of a quarter of their
+    width or more and sides of a few widths, as a convergence study shows. Shorter sides or narrower gaps cost up to
+    2e-5, also in a single turn of wide copper. Copper thicker than wide costs more. Traces run from vertex to vertex
+    with square ends. The true, mitred corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
 
     Examples
     --------
@@ -282,7 +294,9 @@ def inductance_matrix(
 
 
 def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
-    """Coupling coefficients k_ij = M_ij/√(L_i L_j) of an inductance matrix.
+    """Compute the coupling coefficients of an inductance matrix.
+
+    They are k_ij = M_ij/√(L_i L_j).
 
     Parameters
     ----------
@@ -292,7 +306,7 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, shape (n, n)
-        Dimensionless, ones on the diagonal.
+        Dimensionless coefficients with a unit diagonal.
 
     Raises
     ------
@@ -320,10 +334,11 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
 
 
 def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
-    """Numbers and weights (n,) of segments whose weighted sum stands for that over a whole path.
+    """Numbers and weights (n,) of representative segments of a path.
 
-    ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from turn
-    to turn. The weights add up to the number of segments.
+    Their weighted sum stands for the sum over the whole path. ``full`` takes every segment once. ``screen`` takes a few
+    turns of a winding, for sums of quantities that change smoothly from turn to turn. The weights add up to the number
+    of segments.
     """
     if accuracy == "full":
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))
@@ -346,7 +361,10 @@ def _matrix(
     accuracy: Accuracy,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Symmetric matrix of the wanted pairs of paths in H, zero elsewhere."""
+    """Symmetric inductance matrix of the wanted pairs in H.
+
+    All other entries are zero.
+    """
     if accuracy not in get_args(Accuracy):
         raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
     values = _SCALE * path_sums(conductors, first, second, accuracy, progress=progress)

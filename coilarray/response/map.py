@@ -1,4 +1,4 @@
-"""The response of the sensor: what an indentation anywhere on the board does to every state of the scan."""
+"""Response of every scan state to an indentation."""
 
 from __future__ import annotations
 
@@ -57,17 +57,20 @@ __all__ = [
 
 
 Reach = float | Literal["auto"] | None
-"""Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
+"""Coils that count at a position.
+
+None counts all coils. A number is the allowed error of δ relative to its peak. "auto" chooses by the size of the map.
+"""
 
 
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
-_BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
-_BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
+_BYTES_A_VALUE = 24.0  # the change, the inductances for the circuit, and a copy on the way
+_BYTES_OF_METAL = 80.0  # more with a metal indenter: complex changes, their copies, and two variables
 _BYTES_OF_PLATES = 200.0  # more with plates: the same at some four frequencies
-_ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
+_ERRORS = (1e-4, 0.1)  # of the peak; the linear model leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
 _AUTO_ERROR = 1e-3
-_OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the frequencies at which it is computed
+_OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the computed frequencies
 
 _Changed = Callable[[float], FloatArray | ComplexArray]  # ΔL − jΔR/ω in H, (depths, places, n, n), at a frequency in Hz
 
@@ -97,25 +100,25 @@ def response_map(
     design : Design or DesignFile
         Design with an indentation.
     depths, x, y : array_like, shape (n,), optional
-        Depths and positions of the indenter in m, positions from the map's origin; those of the design by default. A
+        Depths and positions of the indenter in m, positions from the map's origin. By default those in the design. A
         depth below 0 is a height above the sheets, where only the material of an indenter counts.
     reach : float, "auto" or None
         Coils that count at a position. None: every coil, and the resonance of the whole circuit with all inductance
-        changes. A number from 1e-4 to 0.1: only the coils near the indenter, as far away as keeps the error of δ below
-        this part of its peak; the cost of a position does not grow with the array. "auto": None up to 5 million
-        inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set or the indenter
-        has a material that counts.
+        changes. A number from 1e-4 to 0.1: only the coils near the indenter, out to a distance that keeps the error of
+        δ below this part of its peak. The cost of a position then does not grow with the array. "auto": None up to 5
+        million inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set or the
+        indenter has a material that counts.
     imperfections : Imperfections, optional
-        Deviations of the experiment from the design; none by default.
+        Deviations of the experiment from the design. None by default.
     network : Network, optional
-        Coils, switches and strays; its inductance matrix is replaced. By default
+        Coils, switches and strays. Its inductance matrix is replaced. By default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
         Leave AC resistance and all strays out of the circuit, unless `network` is given.
     inductance : callable, optional
-        Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, where it is
-        known or being computed elsewhere; without `reach` it is called after the dents are solved. Computed by default
-        with `coilarray.circuit.coupling.design_inductance`.
+        Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, for a matrix
+        that is known or being computed elsewhere. Without `reach` it is called after the dents are solved. By default
+        the matrix is computed with `coilarray.circuit.coupling.design_inductance`.
     dielectric : bool
         Include the change of the coils' capacitance, which the converter takes for a change of L:
         `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L, and
@@ -124,12 +127,12 @@ def response_map(
         Count the eddy currents and the magnetisation of an indenter with a material,
         `coilarray.metal.indenter.indenter_inductance`, at the mean frequency of the states. It needs every coil.
     rest : float
-        Height in m of an indenter with a material over the sheets while L_0 is read at the same position: 0 as it just
-        touches them, as in a campaign; inf where it is far away.
+        Height in m of an indenter with a material over the sheets while L_0 is read at the same position. At 0 it just
+        touches them, as in a campaign. At inf it is far away.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
     parts : str or Path, optional
-        Folder where finished parts of a map of all coils are kept, so that an interrupted run goes on from there.
+        Folder for the finished parts of a map of all coils, so that an interrupted run goes on from there.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -138,34 +141,36 @@ def response_map(
     xarray.Dataset
         Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil`` and ``other``. The variables are
 
-        - ``delta`` (depth, y, x, state): (L_peak − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C);
-        - ``base_inductance`` (state): L_0 in H; ``inductance`` (coil, other): in H, with flat sheets;
-        - ``force`` in N and ``contact_radius`` in m (depth);
+        - ``delta`` (depth, y, x, state): (L_peak − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C),
+        - ``base_inductance`` (state): L_0 in H,
+        - ``inductance`` (coil, other): in H, with flat sheets,
+        - ``force`` in N and ``contact_radius`` in m (depth),
         - ``coil_x`` and ``coil_y`` (coil): centres in m from the map's origin, which the attributes ``origin_x`` and
           ``origin_y`` place on the board (`coilarray.response.coordinates.on_board`).
 
         With every coil also
 
-        - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat;
+        - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat,
         - ``capacitance_change`` (depth, y, x, coil): in F, zero without `dielectric`.
 
         Unless `ideal`, and for a design with a converter, ``frequency`` in Hz, ``parallel_resistance`` in Ω and
         ``quality_factor`` (depth, y, x, state), and ``readable`` and the others of
-        `coilarray.circuit.readability.readability`. With only near coils they are those of the flat board, over state.
+        `coilarray.circuit.readability.readability`. With only near coils they hold for the flat board, over state.
 
         With an indenter whose material counts, ``delta`` and ``inductance_change`` include its effect, and
 
         - ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in Ω are the share of the
-          material, relative to the indenter at rest;
+          material, relative to the indenter at rest,
         - the attributes ``indenter_material``, ``metal_frequency_Hz`` and ``rest_m`` give the material, the frequency
           of these shares and the height at rest.
 
         Beside plates
 
-        - ``resistance_change`` (depth, y, x, coil, other): in Ω, what the dent adds to the losses in the plates. It and
-          ``inductance_change`` are those at the mean frequency of the states, the attribute ``plate_frequency_Hz``;
-        - ``plate_inductance_change`` and ``plate_resistance_change``: the same over ``plate_frequency`` in Hz;
-          ``delta`` uses those at the frequency of each state.
+        - ``resistance_change`` (depth, y, x, coil, other): in Ω, the change of the losses in the plates by the dent. It
+          and
+          ``inductance_change`` hold at the mean frequency of the states, the attribute ``plate_frequency_Hz``,
+        - ``plate_inductance_change`` and ``plate_resistance_change``: the same over ``plate_frequency`` in Hz.
+          ``delta`` uses the values at the frequency of each state.
 
         Attributes: ``noise`` is the standard deviation of δ of a reading by the noise budget of the design, which is
         not in ``delta``. ``error_of_peak`` is the error that `reach` allows, 0 with every coil. With only near coils
@@ -176,13 +181,13 @@ def response_map(
     ------
     ElastomerError
         A design without an indentation, grids that are not finite and rising, a contact that is outside the sample or
-        lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
-        `indent` and `dent_inductance` refuse.
+        lost on a tilted sample, a `reach` outside its limits or together with `dielectric` or a material, and the
+        errors of `indent` and `dent_inductance`.
     MetalError
-        A `rest` below 0; plates above the sheets; and what `ball_inductance` and
-        `coilarray.metal.finite_plates.eddy_currents` refuse.
+        A `rest` below 0, plates above the sheets, and the errors of `ball_inductance` and
+        `coilarray.metal.finite_plates.eddy_currents`.
     NetworkError
-        A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
+        A state without a resonance. With `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
     MemoryLimitError
         More values than fit into memory.
@@ -192,15 +197,14 @@ def response_map(
     Notes
     -----
     Eq. 2 of Gast & Zimmermann (2020). Without `reach` every position is solved: contact, dented sheets, and the
-    resonance of the whole circuit with the changed inductance matrix. With it δ_a = Re(w_a i_aᵀ ΔL i_a) to first order
-    in ΔL, with the currents of the whole flat board, see `coilarray.response.near`. With 1e-3, δ differs from a map of
-    all coils by 8e-4 of the peak for gast2020, by 3e-4 for 4 × 4 of its coils in a hexagonal lattice
-    (tests/response/test_near_response.py), and by 9e-4 for 16 × 16, where 38 states and 110 coils are near
-    (benchmarks/large_response.py).
+    resonance of the whole circuit with the changed inductance matrix. With `reach` δ_a = Re(w_a i_aᵀ ΔL i_a) to first
+    order in ΔL, with the currents of the whole flat board, see `coilarray.response.near`. With 1e-3, δ differs from a
+    map of all coils by 8e-4 of the peak for gast2020, and by 3e-4 for 4 × 4 of its coils in a hexagonal lattice. For 16
+    × 16 coils, with 38 states and 110 coils near, it differs by 9e-4 (benchmarks/large_response.py).
 
-    Beside plates below the coils, the field of coils and dent that these send back is in every position. Their losses
-    count in the resonance. Of plates with an outline it is the field of the coils alone: that of the dent, which
-    is left out, would change ΔL by up to 2 % where a dent comes within 1.4 mm of the plate.
+    Beside plates below the coils, every position includes the field of coils and dent that the plates send back. Their
+    losses count in the resonance. For plates with an outline, only the field of the coils is included. The field of the
+    dent is left out. It would change ΔL by up to 2 % if a dent comes within 1.4 mm of the plate.
 
     Examples
     --------
@@ -231,7 +235,7 @@ def response_map(
         budget, alone = _budget_of_states(pressed.design, flat, states)
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
-        # what dents do to frequency and losses, some 1e-3, is left out of what is readable here
+        # The effect of dents on frequency and losses, some 1e-3, is left out of the readability here.
         changes: dict[str, Variable] = {} if ideal else _readability(design, flat, alone, alone, ())
         attributes: dict[str, object] = {
             "error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils
@@ -299,7 +303,9 @@ def respond(
     inductance_change: FloatArray | None = None,
     ideal: bool = False,
 ) -> xr.Dataset:
-    """Put a computed map through the circuit again, with another scan plan or other inductance changes.
+    """Put a computed map through the circuit again.
+
+    The scan plan or the inductance changes may differ from the map's.
 
     Parameters
     ----------
@@ -308,9 +314,9 @@ def respond(
     response : xarray.Dataset
         Response of all coils, from `response_map` without `reach`.
     plan : sequence of ScanState, optional
-        States of the scan; the design's by default.
+        States of the scan. By default the design's.
     inductance_change : ndarray, shape (depth, y, x, coil, other), optional
-        Changes in H; the map's own by default.
+        Changes in H. By default the map's own.
     ideal : bool
         Leave out alternating-current resistance and all strays.
 
@@ -324,7 +330,7 @@ def respond(
     ElastomerError
         A response without inductance changes.
     NetworkError
-        A state without a resonance, or one that names a coil that is not there.
+        A state without a resonance, or a state that names an unknown coil.
     """
     if "inductance_change" not in response:
         raise ElastomerError("a response of only the near coils has no inductance changes; compute it with reach=None.")
@@ -345,7 +351,7 @@ def respond(
         changed = _moved(over.at, lossy - over.at(response.attrs["plate_frequency_Hz"]).real)
     delta, sensors = _through_circuit(network, flats, changed, capacitance_change)
     base = np.array([_converted(network, one) for one in flats])
-    others = response.drop_dims("state")  # a share in δ of a material too
+    others = response.drop_dims("state")  # also the share of a material in δ
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
     others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
     if not ideal:
@@ -367,7 +373,9 @@ def with_material(
     ideal: bool = False,
     mesh: LayerMesh | None = None,
 ) -> xr.Dataset:
-    """Put an indenter of a material into a computed map of one without: what would it have done.
+    """Put an indenter with a material into a computed map.
+
+    The map was computed without a material. The result is the response that it would have had.
 
     Parameters
     ----------
@@ -378,14 +386,14 @@ def with_material(
     material : Material
         Material of the indenter.
     imperfections : Imperfections, optional
-        Those of the map.
+        Imperfections of the map.
     rest, ideal, mesh
         As for `response_map`.
 
     Returns
     -------
     xarray.Dataset
-        The response with the material in it, as `response_map` returns it.
+        The response with the material included, as `response_map` returns it.
 
     Raises
     ------
@@ -411,7 +419,7 @@ def with_material(
         ideal=ideal,
     )
     of_metal = (whole.delta - respond(design, response, ideal=ideal).delta).assign_attrs(variables["metal_delta"][2])
-    delta = (response.delta + of_metal).assign_attrs(response.delta.attrs)  # noise and drift stay as they are
+    delta = (response.delta + of_metal).assign_attrs(response.delta.attrs)  # noise and drift stay unchanged
     return whole.assign(delta=delta, metal_delta=of_metal)
 
 
@@ -424,12 +432,12 @@ def inductance_changes(
     frequency: float | None = None,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Compute the inductance changes of coils or other paths at every depth and position of a map.
+    """Compute the inductance changes of a map in H.
 
-    In H, dented minus flat, shape (depth, y, x, paths, paths); the paths are the design's coils by default. With a
-    `frequency` in Hz the material of the indenter counts, against the indenter just touching the sheets; without one it
-    does not. Plates count at the mean frequency of the states. Errors for a design, axes or a contact as
-    `response_map`.
+    They are given at every depth and position as dented minus flat, shape (depth, y, x, paths, paths). The paths are
+    the design's coils by default, but may be any. With a `frequency` in Hz the material of the indenter counts, against
+    the indenter just touching the sheets. Without a frequency it does not count. Plates count at the mean frequency of
+    the states. Errors for a design, axes or a contact are as in `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
     check_metal(axes, ball, 0.0)
@@ -468,10 +476,10 @@ def response_dataset(
     variables: Mapping[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
-    """Assemble the dataset of a computed response: δ (…, states) at the axes, for all coils and states or the named.
+    """Assemble the dataset of a computed response.
 
-    With `per_length` inductances are in H/m and forces in N/m. `variables` are more of them: dimensions, values and
-    attributes by name.
+    It holds δ (…, states) at the axes, for all coils and states or for the named. With `per_length` inductances are in
+    H/m and forces in N/m. `variables` are additional variables: dimensions, values and attributes by name.
     """
     setup, per = indentation_of(design), "/m" if per_length else ""
     names = list(design.array.names if coils is None else coils)
@@ -510,13 +518,19 @@ def response_dataset(
 
 
 def _ellipse_window(setup: Indentation, axes: MapAxes) -> dict[str, list[float]]:
-    """Return the attribute of a map at the design's own positions, of which some are for ellipses."""
+    """Return the ellipse attribute of a design's own map.
+
+    Some of the map's positions are for ellipses.
+    """
     own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
     return {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}
 
 
 def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool, metal: bool) -> float:
-    """Error of δ relative to its peak that the near coils alone may make; 0 for every coil."""
+    """Error of δ from near coils, relative to its peak.
+
+    The error is the allowed maximum. It is 0 for every coil.
+    """
     if reach == "auto":
         return 0.0 if dielectric or metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
@@ -536,7 +550,10 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
 
 
 def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: float = 0.0) -> None:
-    """Refuse a map that is too large before anything of it is computed; `more` are bytes a value that metal takes."""
+    """Refuse a map that is too large before any computation.
+
+    `more` are the bytes per value that metal takes.
+    """
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
     if error:
@@ -552,12 +569,12 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: fl
 
 
 def _at_any(change: FloatArray | ComplexArray) -> _Changed:
-    """Take a change as that at all frequencies."""
+    """Take a change as constant over frequency."""
     return lambda frequency: change
 
 
 def _moved(changed: _Changed, by: FloatArray | ComplexArray) -> _Changed:
-    """Add the same to a change at all frequencies."""
+    """Add the same value to a change at all frequencies."""
     return lambda frequency: changed(frequency) + by
 
 
@@ -568,12 +585,18 @@ def _band(flat: Network, plan: Sequence[ScanState]) -> FrequencyBand:
 
 
 def _backings(pressed: Experiment, source: Source, band: FrequencyBand) -> list[Backing]:
-    """Return what the plates of a design send back at the nodes of a band; none without plates."""
+    """Return the field that the plates send back.
+
+    It is given at the nodes of a band. There is none without plates.
+    """
     return backings_of(source, pressed.design.plates, band.nodes.tolist(), pressed.design.sheets)
 
 
 def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:
-    """Return the variables of the changes beside plates: the loss at the mean frequency, and both over frequency."""
+    """Return the variables of the changes beside plates.
+
+    These are the loss at the mean frequency, and both changes over frequency.
+    """
     matrix = ("depth", "y", "x", "coil", "other")
     each, f = np.moveaxis(over.values, 2, 0), over.band.nodes
     shape = (*axes.shape, *each.shape[3:])
@@ -591,7 +614,10 @@ def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> d
 
 
 def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:
-    """Return the changes beside plates of a map, see `_plate_variables`."""
+    """Return the changes beside plates of a map.
+
+    See `_plate_variables`.
+    """
     f, L = response.plate_frequency.values, response.plate_inductance_change.values
     loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
     low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
@@ -600,12 +626,15 @@ def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:
 
 
 def _mean_frequency(network: Network, plan: Sequence[ScanState]) -> float:
-    """Mean in Hz of the frequencies at which the states of a scan oscillate."""
+    """Mean frequency in Hz at which the scan states oscillate."""
     return float(np.mean([resonate(network, state).frequency for state in plan]))
 
 
 def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerMesh) -> FloatArray | float:
-    """δ that the sides and the seat of a finite sample add to its dents, (depths, places, states); 0 for a wide one."""
+    """Contribution to δ of a finite sample's sides and seat.
+
+    It adds to the sample's dents and has shape (depths, places, states). It is 0 for a wide sample.
+    """
     if pressed.correction is None:
         return 0.0
     design, origin, currents = pressed.design, indentation_of(pressed.design).origin_point, states.currents.T
@@ -615,14 +644,17 @@ def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerM
 
 
 def _converted(network: Network, flat: Resonance) -> float:
-    """L_0 in H as the converter sees a state."""
+    """Inductance L_0 in H of a state for the converter."""
     return 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)
 
 
 def _through_circuit(
     network: Network, flats: Sequence[Resonance], changed: _Changed, capacitance_change: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """δ of every depth, place and state, from the resonances of the states under flat sheets, and `_sensors` of all."""
+    """Compute δ of every depth, place and state.
+
+    It follows from the resonances of the states under flat sheets. `_sensors` of all are returned with it.
+    """
     shape = capacitance_change.shape[:2]
     capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
     delta, frequency, resistance = np.empty((3, *shape, len(flats)))
@@ -630,7 +662,7 @@ def _through_circuit(
         inductances = network.inductance + changed(flat.frequency).reshape(-1, *network.inductance.shape)
         parts = []
         for start, stop in ranges(len(inductances), cases_at_once(network)):
-            # the network itself first: what changes nothing then gives zero to the last digit
+            # The network itself comes first, so an unchanged network gives zero to the last digit.
             found, losses = resonators_near(
                 network,
                 flat,
@@ -644,16 +676,20 @@ def _through_circuit(
 
 
 def _sensors(flats: Sequence[Resonance]) -> FloatArray:
-    """Frequencies in Hz and parallel resistances in Ω, shape (2, states)."""
+    """Frequencies in Hz and parallel resistances in Ω.
+
+    The shape is (2, states).
+    """
     return np.array([(one.frequency, one.parallel_resistance) for one in flats]).T
 
 
 def _readability(
     design: Design, network: Network, sensors: FloatArray, flat: FloatArray, shape: tuple[int, ...]
 ) -> dict[str, Variable]:
-    """Return the variables of what a converter reads, from `_sensors` at positions of a shape and of the flat board.
+    """Return the readability variables of a converter.
 
-    With Q = R_p/(ω L_eff) = ω C R_p, as of `Resonance`.
+    They follow from `_sensors` at positions of a shape and of the flat board. Here Q = R_p/(ω L_eff) = ω C R_p, as in
+    `Resonance`.
     """
     at, base = (
         dict(zip(RESONATOR, (f, R_p, 2 * np.pi * f * network.switches.tank_capacitance * R_p), strict=True))
@@ -667,7 +703,10 @@ def _readability(
 
 
 def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
-    """Solve the states of a scan; NetworkError, or None unless required, where a state measures several coils."""
+    """Solve the states of a scan.
+
+    If a state measures several coils, raise a NetworkError, or return None unless required.
+    """
     try:
         return state_sensitivity(network, plan)
     except NetworkError:
@@ -677,7 +716,10 @@ def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool)
 
 
 def _budget_of_states(design: Design, network: Network, states: StateSensitivity) -> tuple[NoiseBudget, FloatArray]:
-    """Noise budget with the losses of every state's own coil alone, and `_sensors` with them."""
+    """Noise budget with the losses of each state's own coil.
+
+    `_sensors` with these losses are returned as well.
+    """
     L = states.base_inductance
     frequency = 1 / (2 * np.pi * np.sqrt(L * network.switches.tank_capacitance))
     resistance = np.diagonal(network.resistance(float(frequency.mean())))[states.measured]

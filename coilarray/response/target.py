@@ -1,4 +1,7 @@
-"""What a target, a body of metal or ferrite that is moved over the board, does to every state of the scan."""
+"""Response of every scan state to a moving target.
+
+A target is a body of metal or ferrite that is moved over the board.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +36,10 @@ from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
 
-_MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
+_MARGIN = (0.02, 0.2)  # margin of the band of log f: a minimum, and a part of its width
 _MOST_NODES = 16  # of bands up to a factor of fifty
 _BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
-_COARSE = 0.5  # of the fineness of the mesh by which the band of the resonances is guessed
+_COARSE = 0.5  # fraction of the mesh fineness with which the band of the resonances is guessed
 _LEFT_OUT = ("change of the losses in the copper by the target", "capacitance of the target")
 _QUANTITIES = (
     ("frequency", "Hz", "resonance frequency"),
@@ -48,7 +51,10 @@ _QUANTITIES = (
 
 
 def target_of(design: Design) -> Target:
-    """Return the target of a design; MetalError where it has none."""
+    """Return the target of a design.
+
+    A design without a target raises a MetalError.
+    """
     if design.target is None:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
@@ -60,9 +66,9 @@ def target_of(design: Design) -> Target:
 
 
 def with_target_as_plate(design: Design, place: tuple[float, float], distance: float) -> Design:
-    """Return a design in whose plates its target is one, over a place on the board at a distance, all in m.
+    """Return a design with its target as a plate.
 
-    MetalError for a sphere, which is no plate.
+    The target lies over a place on the board at a distance, all in m. A sphere is no plate and raises a MetalError.
     """
     target = target_of(design)
     height = target.height(design.top, distance)
@@ -90,7 +96,9 @@ def target_map(
     parts: str | Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute what a target does to the coils, at every distance and place.
+    """Compute the response of the coils to a target.
+
+    It is computed at every distance and place.
 
     Parameters
     ----------
@@ -98,24 +106,25 @@ def target_map(
         Design with a target.
     distances, x, y : array_like, shape (n,), optional
         Distances of the target's nearest point from the upper face of the sheets or the board, and places of its
-        centre, in m, places from the map's origin; those of the design by default.
+        centre, in m, places from the map's origin. By default those in the design.
     noise : float, optional
-        Standard deviation of δ in a reading, for range and resolution; by default by the noise budget of the design,
-        `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute ``sigma`` has it, ``noise`` the part that is
-        independent from state to state, and ``common_noise`` the rest.
+        Standard deviation of δ in a reading, for range and resolution. By default from the noise budget of the design,
+        `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute ``sigma`` holds it. The attribute ``noise``
+        holds the part that is independent from state to state, and ``common_noise`` the rest.
     network : Network, optional
-        Coils, switches and strays of this design without the target; by default
+        Coils, switches and strays of this design without the target. By default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
         Leave AC resistance of the copper and all strays out of the circuit, unless `network` is given.
     fineness : float
-        Fineness of the mesh of a plate with an outline: 2 has half the lengths of 1 and takes eight times as long.
+        Fineness of the mesh of a plate with an outline. The value 2 halves the lengths of 1 and takes eight times as
+        long.
     accuracy : {"full", "screen"}
-        Accuracy of the target's changes and of the network, which is that of a given one, see
-        `coilarray.inductance_matrix`.
+        Accuracy of the target's changes and of the network, see `coilarray.inductance_matrix`. A given network keeps
+        its own.
     parts : str or Path, optional
-        Folder where finished distances are kept, so that an interrupted map goes on from there: one by one for a plate
-        with an outline over magnetic sheets or beside plates, else all at once.
+        Folder for finished distances, so that an interrupted map goes on from there. They are kept individually for a
+        plate with an outline over magnetic sheets or beside plates, else all at once.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -125,37 +134,38 @@ def target_map(
         Dimensions ``distance``, ``y``, ``x``, ``state``, ``coil`` and ``other``. Over (distance, y, x, state), each at
         the resonance with the target:
 
-        - ``delta``: (L − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C);
-        - ``frequency`` in Hz, ``effective_inductance`` in H, ``effective_resistance`` and ``parallel_resistance`` in Ω;
+        - ``delta``: (L − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C),
+        - ``frequency`` in Hz, ``effective_inductance`` in H, ``effective_resistance`` and ``parallel_resistance`` in Ω,
         - ``quality_factor`` of the coils without the tank.
 
         Over (state), ``base_inductance`` and the others whose names begin with ``base_``: the same without the target.
         Over (distance, y, x, coil, other), at ``matrix_frequency`` (distance, y, x), the mean of the states' resonances
         there:
 
-        - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils;
+        - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils,
         - ``coupling``, the coupling coefficients with the target.
 
         Unless `ideal`, and for a design with a converter, ``readable`` and the others of
-        `coilarray.circuit.readability.readability` say what it can read, and with which drive current.
+        `coilarray.circuit.readability.readability` give the states that it can read, and the drive current.
 
-        ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are those of
+        ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are from
         `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
         origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
 
         With plates that have an outline
 
         - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are the relative errors of ΔL and ΔR
-          by mesh and model: the largest of the target and of the fixed plates; ``plate_skin_depths`` is the thickness
-          of that plate in skin depths;
-        - of a target with an outline ``delta_error`` (distance, y, x, state) is the error of δ due to those of ΔL and
-          ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.
+          by mesh and model, the largest of the target and of the fixed plates. ``plate_skin_depths`` is the thickness
+          of that plate in skin depths,
+        - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ due to the errors of
+          ΔL
+          and ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.
 
     Raises
     ------
     MetalError
-        A design without a target, axes that are not finite and rising, a distance that is not positive, and what
-        `coilarray.metal.target.target_inductance` refuses.
+        A design without a target, axes that are not finite and rising, a distance that is not positive, and the errors
+        of `coilarray.metal.target.target_inductance`.
     NetworkError
         A state without a resonance, also with the target.
     MemoryLimitError
@@ -165,10 +175,10 @@ def target_map(
 
     Notes
     -----
-    ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances lie, which follows
-    from the least distance, and every place and distance is solved in the whole circuit at its own resonance. The
-    losses in the copper of the coils are those without the target, and the target has no capacitance to the coils: the
-    attribute ``left_out`` says so, and what the network lacks.
+    ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances lie. This band follows
+    from the least distance. Every place and distance is solved in the whole circuit at its own resonance. The losses in
+    the copper of the coils are computed without the target, and the target has no capacitance to the coils. The
+    attribute ``left_out`` lists these effects and the effects that the network lacks.
     """
     design = design_of(design)
     target = target_of(design)
@@ -193,7 +203,7 @@ def target_map(
     _require_passive(network, first, nearest)
     guess = _cases(at_middle, first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
-    for _ in range(2):  # the guess is of one frequency
+    for _ in range(2):  # the guess holds for a single frequency
         band = _around(np.append(moved, resonances))
         changes, *errors = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
         _require_passive(network, changes, axes)
@@ -235,7 +245,7 @@ def target_map(
 
 
 def _moved(network: Network, alone: Sequence[Resonance], near: ChangeOverFrequency, axes: MapAxes) -> FloatArray:
-    """Effective inductance in H of all states, (cases, states)."""
+    """Effective inductances of all states in H, (cases, states)."""
     return np.stack([_through_circuit(network, one, near, axes)["effective_inductance"] for one in alone], axis=-1)
 
 
@@ -252,10 +262,13 @@ def _cases(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
 
 
 def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
-    """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
+    """Refuse changes that no passive body makes.
+
+    The inductance matrix must stay positive definite.
+    """
     least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
     for distance, values in zip(axes.depth, least, strict=True):
-        if not values.min() > 0:  # also NaN
+        if not values.min() > 0:  # also rejects NaN
             raise MetalError(
                 f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
                 "inductance negative; begin at a greater distance."
@@ -271,9 +284,10 @@ def _changes(
     fineness: float,
     accuracy: Accuracy = "full",
 ) -> ComplexArray:
-    """ΔL − jΔR/ω at all distances and places, (3, distances, places, frequencies, coils, coils) in H.
+    """ΔL − jΔR/ω in H at all distances and places.
 
-    Of the three the second is its error, the third the part of the mesh in that; 0 of other bodies than plates.
+    The shape is (3, distances, places, frequencies, coils, coils). Along the first axis are the change, its error, and
+    the part of the mesh in this error. The errors are 0 for bodies other than plates.
     """
     target = target_of(design)
     places = axes.places + target.origin_point
@@ -288,7 +302,8 @@ def _changes(
             if part is not None:
                 found[k] = part.inductance.values - 1j * part.loss.values
     missing = [k for k in range(len(keys)) if k not in found]
-    # a plate with an outline between layers is solved at every distance anew; else what costs most serves all
+    # A plate with an outline between layers is solved again at every distance. Otherwise the most costly part serves
+    # all distances.
     magnetic = any(sheet.magnetic for sheet in design.sheets)
     apart = isinstance(target.body, FinitePlate) and (magnetic or bool(design.plates))
     blocks = [[k] for k in missing] if apart or not missing else [missing]
@@ -316,7 +331,10 @@ def _changes(
 def _through_circuit(
     network: Network, alone: Resonance, near: ChangeOverFrequency, axes: MapAxes
 ) -> Mapping[str, FloatArray]:
-    """Quantities of one state at all distances and places, (cases,) each."""
+    """Quantities of one state at all distances and places.
+
+    Each has shape (cases,).
+    """
     cases = int(np.prod(axes.shape))
     parts = []
     for start, stop in ranges(cases, cases_at_once(network)):
