@@ -1,1 +1,1 @@
-"""The response of the sensor: what an indentation does to every coil."""
+"""Response of the sensor to an indentation."""

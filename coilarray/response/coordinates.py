@@ -1,4 +1,7 @@
-"""Where the positions of a response are on the board: a map counts them from an origin of its own."""
+"""Positions of a response on the board.
+
+A map counts positions from an origin of its own.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,21 @@ if TYPE_CHECKING:
     from coilarray.geometry import Target
 
 ELLIPSE_WINDOW = "ellipse_window"
-"""Attribute of a map: the window (x_min, y_min, x_max, y_max) in m to which ellipses are fitted."""
+"""Attribute of a map for the window of ellipses.
+
+The window (x_min, y_min, x_max, y_max) in m is the area to which ellipses are fitted.
+"""
 
 _BOARD = "board"
 _NEAR = 1e-9  # m
-_PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
+_PICOMETRE = 12  # digits of m, for the sum of a shift and a number of few digits
 
 
 def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
-    """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
+    """Return the attributes for the origin of a response.
+
+    They are its name, and x and y in m.
+    """
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
 
@@ -37,9 +46,10 @@ def map_coordinates(
     coils: Sequence[str],
     centres: FloatArray,
 ) -> dict[str, Any]:
-    """Return the coordinates of a map that it shares with all others: places, states and coils.
+    """Return the coordinates that a map shares with all others.
 
-    Places `x` and `y` in m count from the map's origin, the coils' `centres`, shape (coils, 2), from the board's.
+    They are places, states and coils. Places `x` and `y` in m count from the map's origin. The coils' `centres`, shape
+    (coils, 2), count from the board's origin.
     """
     return {
         "y": ("y", y, {"units": "m"}),
@@ -51,7 +61,10 @@ def map_coordinates(
 
 
 def coil_coordinates(setup: Indentation | Target | None, coils: Sequence[str], centres: FloatArray) -> dict[str, Any]:
-    """Return the coordinates of the coils in a map: their names, and their `centres` on the board from its origin."""
+    """Return the coordinates of the coils in a map.
+
+    They are their names, and their `centres` on the board from its origin.
+    """
     from_origin = centres - map_origin(setup)
     return {
         "coil": list(coils),
@@ -61,22 +74,33 @@ def coil_coordinates(setup: Indentation | Target | None, coils: Sequence[str], c
 
 
 def map_origin(setup: Indentation | Target | None) -> tuple[float, float]:
-    """Return x and y in m on the board from which a map counts; the board's own origin where there is no setup."""
+    """Return the origin of a map on the board.
+
+    The origin is x and y in m. Without a setup it is the board's own origin.
+    """
     return (0.0, 0.0) if setup is None else setup.origin_point
 
 
 def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:
-    """Return positions in m along one axis of the board as counted from a map's origin, which lies at `origin` in m."""
+    """Return positions on the board from a map's origin.
+
+    The positions are in m along one axis. The map's origin lies at `origin` in m.
+    """
     return tuple(round(float(position) - origin, _PICOMETRE) for position in positions)
 
 
 def origin_of(response: xr.Dataset) -> tuple[float, float]:
-    """Return x and y in m on the board from which the positions of a response count; zero where it does not say."""
+    """Return the origin of a response on the board.
+
+    Its x and y in m are zero if the response does not state them.
+    """
     return float(response.attrs.get("origin_x", 0.0)), float(response.attrs.get("origin_y", 0.0))
 
 
 def on_board(response: xr.Dataset) -> xr.Dataset:
-    """Return a response whose positions, and the centres of its coils, count from the board's origin.
+    """Return a response with positions from the board's origin.
+
+    The centres of its coils count from there as well.
 
     Parameters
     ----------
@@ -86,12 +110,12 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        The same values at the places on the board where they are; the response itself where it counts from there.
+        The same values at their places on the board. If the response already counts from there, it is returned itself.
 
     Raises
     ------
     LocalizeError
-        A response, as of an earlier version, that counts from a coil and does not say where that is on the board.
+        A response of an earlier version that counts from a coil and does not state the coil's place on the board.
 
     Examples
     --------
@@ -126,9 +150,9 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
 
 
 def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
-    """Return the part of a map to which ellipses are fitted.
+    """Return the part of a map for fitting ellipses.
 
-    All of it, unless the map has a window for that.
+    It is the whole map if the map has no window for ellipses.
     """
     window = response.attrs.get(ELLIPSE_WINDOW)
     if window is None:
@@ -140,14 +164,17 @@ def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
 
 
 def is_of_target(response: xr.Dataset) -> bool:
-    """Whether a response is over the distance of a target, not over the depth of an indentation."""
+    """Check whether a response is over a target's distance.
+
+    Otherwise it is over the depth of an indentation.
+    """
     return "distance" in response.dims
 
 
 def as_depths(response: xr.Dataset) -> xr.Dataset:
-    """Return a target's map in the form of an indentation's: its distances as depths, the nearest one last.
+    """Return a target's map in the form of an indentation's.
 
-    A response of an indentation is returned as it is.
+    Its distances become depths, the nearest last. A response of an indentation is returned unchanged.
     """
     if not is_of_target(response):
         return response
@@ -155,17 +182,26 @@ def as_depths(response: xr.Dataset) -> xr.Dataset:
 
 
 def over_depth(response: xr.Dataset) -> xr.Dataset:
-    """Return a target's map with its distances called depths, in their order; a response of an indentation as it is."""
+    """Return a target's map with its distances called depths.
+
+    Their order stays. A response of an indentation is returned unchanged.
+    """
     return response.rename(distance="depth").assign_attrs(over="distance") if is_of_target(response) else response
 
 
 def depth_words(response: xr.Dataset, depth: int) -> str:
-    """Write a depth of a response by its index, as "1 mm deep"; that of a target's map as "1 mm away"."""
+    """Write a depth of a response by its index.
+
+    The text is, for example, "1 mm deep", or for a target's map "1 mm away".
+    """
     return f"{MM.text(response.depth[depth])} {'away' if response.attrs.get('over') == 'distance' else 'deep'}"
 
 
 def axis_label(response: xr.Dataset, axis: str) -> str:
-    """Return the label of an axis of positions in mm, with the coil from which they count where it is not the board."""
+    """Return the label of an axis of positions in mm.
+
+    It names the coil from which they count, if they do not count from the board.
+    """
     name = response.attrs.get("origin", _BOARD)
     if name != _BOARD:
         return f"{axis} from {name} (mm)"

@@ -1,4 +1,7 @@
-"""Inductance and capacitance changes of all coils by the dents of a map, before they are put through the circuit."""
+"""Inductance and capacitance changes of all coils by dents.
+
+They are computed before the circuit is solved.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError
 from coilarray.response.setup import Experiment, Level, indentation_of, together
 
-_POSITIONS = 1000  # in a part of a resumable map, which is of one depth
+_POSITIONS = 1000  # in a part of a resumable map, which holds a single depth
 
 
 def changes_by_dents(
@@ -33,9 +36,10 @@ def changes_by_dents(
     parts: str | Path | None,
     progress: Progress | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute ΔL and ΔR/ω of all coils, (depths, places, coils, coils) in H, and ΔC of each, (…, coils) in F.
+    """Compute the changes of all coils by dents.
 
-    The loss is that in plates; without them it is a single zero.
+    These are ΔL and ΔR/ω, (depths, places, coils, coils) in H, and ΔC of each coil, (…, coils) in F. The loss is the
+    loss in plates. Without plates it is a single zero.
     """
     design, levels, points = pressed.design, pressed.levels, pressed.points
     depths, coils = len(pressed.axes.depth), len(design.array.names)
@@ -52,7 +56,7 @@ def changes_by_dents(
                 for level in levels
             ]
             on_board = points[start:stop]
-            # everything that decides the numbers of a part
+            # all inputs that decide the numbers of a part
             parts_of = [(level.shares, level.dents[0], level.coarse) for level in block]
             key = content_key(permittivity, mesh, on_board, parts_of, paths, *([] if backing is None else [backing]))
             part = None if store is None else store.get_dataset(key)
@@ -77,7 +81,10 @@ def changes_by_dents(
 def changes_by_bounds(
     pressed: Experiment, source: Source, mesh: LayerMesh, backing: Backing | None
 ) -> ComplexArray | complex:
-    """Inductance changes ΔL − jΔR/ω in H by the sides and the seat of a finite sample; 0 for a wide one."""
+    """Inductance changes in H by a sample's sides and seat.
+
+    They are ΔL − jΔR/ω, and 0 for a wide sample.
+    """
     if pressed.correction is None:
         return 0j
     origin = indentation_of(pressed.design).origin_point
@@ -93,9 +100,10 @@ def changes_by_levels(
     backing: Backing | None,
     progress: Progress | None,
 ) -> FloatArray | ComplexArray:
-    """Compute the changes in H by level samples of the same sheets, (depths, places, coils, coils).
+    """Compute the inductance changes by level samples in H.
 
-    ΔL, or ΔL − jΔR/ω with a backing.
+    The samples consist of the same sheets. The shape is (depths, places, coils, coils). The change is ΔL, or ΔL − jΔR/ω
+    with a backing.
     """
     dents = [dent for level in levels for dent in level.dents]
     accuracy = mesh.coarser() if levels[0].coarse else mesh
@@ -117,7 +125,10 @@ def _compute_part(
     backing: Backing | None,
     steps: _Steps,
 ) -> xr.Dataset:
-    """Inductance and capacitance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
+    """Inductance and capacitance changes of one depth.
+
+    They are given at some places, and beside plates with ΔR/ω in H as ``loss``.
+    """
     coils = len(design.array.names)
     change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
     loss = np.zeros_like(change) if backing is not None else np.zeros(())
@@ -139,7 +150,10 @@ def _compute_part(
 
 
 class _Steps:
-    """Counts parts of a map for a progress bar, in hundredths."""
+    """Counter of map parts for a progress bar.
+
+    It counts in hundredths.
+    """
 
     def __init__(self, progress: Progress | None, parts: int) -> None:
         self._progress, self._total, self._done = progress, 100 * parts, 0

@@ -1,12 +1,12 @@
-"""Responses between the positions and depths at which they were computed or measured.
+"""Interpolation of responses over position and depth.
 
-Values are a tensor product of cubic splines, so that they and their derivatives cost the same everywhere, and the
+The interpolant is a tensor product of cubic splines. Its values and derivatives cost the same everywhere, and the
 derivatives are exact for the interpolated function:
 
     v(x, y, h) = Σ_ijk c_ijk B_i(x) B_j(y) B_k(h).
 
-The depth may enter by its root with no slope at 0: every blunt or sharp body presses with a power of the depth of one
-or more, so that a change begins with the second power of the root or a higher one.
+The depth may enter by its root, with zero slope at 0. Every blunt or sharp body presses with a power of the depth of at
+least 1, so that a change begins with the second power of the root or a higher power.
 """
 
 from __future__ import annotations
@@ -23,9 +23,12 @@ from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
 
 PARAMETERS = ("x", "y", "depth")
-"""Unknowns of an indentation, in the order of every last axis of this package's arrays."""
+"""Unknowns of an indentation.
+
+They are in the order of the last axis of this package's arrays.
+"""
 LEAST_POSITIONS = 4
-"""Fewest positions along x and along y that carry a cubic."""
+"""Fewest positions along x and along y for a cubic."""
 
 _DEGREE = 3
 _ROUNDING = 1e-12  # m
@@ -35,9 +38,9 @@ _ROUNDING = 1e-12  # m
 class ResponseSpline:
     """Values over position and depth, with derivatives.
 
-    `x`, `y` and `depth` are the coordinates in m, shape (n,) each, at which the response is known. A coordinate of one
-    value is taken as known: then only the others are unknown, and that of a point has no effect. `spline` is over
-    those that have more, over the root of the depth where `in_root` is set.
+    `x`, `y` and `depth` are the coordinates in m, shape (n,) each, at which the response is known. A coordinate with a
+    single value is taken as known. Then only the others are unknown, and this coordinate of a point has no effect.
+    `spline` is over the coordinates with more values. It is over the root of the depth if `in_root` is set.
     """
 
     x: FloatArray
@@ -58,18 +61,25 @@ class ResponseSpline:
 
     @property
     def free(self) -> list[int]:
-        """Numbers of the coordinates that are unknown, among x, y and depth: those of more than one value."""
+        """Numbers of the unknown coordinates among x, y and depth.
+
+        These are the coordinates with more than one value.
+        """
         return [k for k, axis in enumerate((self.x, self.y, self.depth)) if len(axis) > 1]
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns: 3 for x, y and depth, or 2 where the table has one depth."""
+        """Number of unknowns.
+
+        It is 3 for x, y and depth, or 2 if the table has one depth.
+        """
         return len(self.free)
 
     def outside(self, points: FloatArray) -> tuple[int, float] | None:
-        """Return number and value in m of the first coordinate of points (…, 3) outside the table; None for none.
+        """Return the first coordinate outside the table.
 
-        A picometre beyond its edge is rounding, as of places counted from another origin.
+        Its number and value in m are returned for points (…, 3), or None if no coordinate is outside. A picometre
+        beyond the edge counts as rounding, as for places counted from another origin.
         """
         free = self.free
         low, high = self.lower[free] - _ROUNDING, self.upper[free] + _ROUNDING
@@ -79,7 +89,10 @@ class ResponseSpline:
         return free[int(np.argwhere(~inside)[0][-1])], float(points[..., free][~inside][0])
 
     def values_at(self, points: FloatArray, axis: int | None = None) -> FloatArray:
-        """Interpolate at points (…, 3) in m, or differentiate once by the unknown `axis`, as `free` counts them."""
+        """Interpolate at points (…, 3) in m, or differentiate there.
+
+        The derivative is the first by the unknown `axis`, as `free` counts them.
+        """
         orders = np.zeros(self.unknowns, dtype=int)
         if axis is not None:
             orders[axis] = 1
@@ -92,13 +105,13 @@ class ResponseSpline:
 def response_spline(
     x: FloatArray, y: FloatArray, depth: FloatArray, values: FloatArray, *, zero_plane: bool, in_root: bool = False
 ) -> ResponseSpline:
-    """Interpolate values (x, y, depth, …) along one axis after the other, at rising coordinates in m, shape (n,) each.
+    """Interpolate values (x, y, depth, …) by cubic splines.
 
-    Cubic in x and y, of one or at least 4 positions each, with C. de Boor's not-a-knot ends (A Practical Guide to
-    Splines, ch. IV); in depth cubic from four planes on, with fewer the polynomial through them. `zero_plane` adds
-    values of 0 at the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the
-    root of the
-    depth, with no slope at the first one, which must be 0.
+    The axes are treated in turn, at rising coordinates in m, shape (n,) each. In x and y, with one or at least 4
+    positions each, the spline is cubic with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch. IV). In
+    depth it is cubic from four planes on. With fewer planes it is the polynomial through them. `zero_plane` adds values
+    of 0 at the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the root of
+    the depth, with zero slope at the first root, which must be 0.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
         depth = np.concatenate(([0.0], depth))
@@ -110,7 +123,7 @@ def response_spline(
     for k, axis in enumerate(axes):
         along = np.moveaxis(values, k, 0)
         if in_root and k == len(axes) - 1:
-            ends: Any = ([(1, np.zeros(along.shape[1:]))], None)  # no slope; at the other end no knot next to it
+            ends: Any = ([(1, np.zeros(along.shape[1:]))], None)  # zero slope; not-a-knot at the other end
             t = np.concatenate((np.repeat(axis[0], _DEGREE), axis[:-2], np.repeat(axis[-1], _DEGREE + 1)))
             spline = make_interp_spline(axis, along, k=_DEGREE, t=t, bc_type=ends)
         else:
@@ -123,10 +136,16 @@ def response_spline(
 
 
 def coil_extent(design: Design) -> FloatArray:
-    """Least and greatest x and y of all coils' outlines in m from the map's origin, shape (2, 2)."""
+    """Extent of all coils' outlines in m.
+
+    These are the least and greatest x and y from the map's origin, shape (2, 2).
+    """
     return np.reshape(design.array.outline_bounds, (2, 2)) - indentation_of(design).origin_point
 
 
 def even_row(start: float, stop: float, step: float) -> FloatArray:
-    """Equal steps of at most `step` from one end to the other, for at least 4 positions."""
+    """Equal steps of at most `step` between two ends.
+
+    They give at least 4 positions.
+    """
     return np.linspace(start, stop, max(LEAST_POSITIONS, math.ceil((stop - start) / step - 1e-9) + 1))

@@ -1,4 +1,7 @@
-"""The share of an indenter's material in a response: eddy currents and magnetisation of a ball over or in the dent."""
+"""Share of an indenter's material in a response.
+
+It comes from eddy currents and magnetisation of a ball over or in the dent.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +20,14 @@ from coilarray.metal.indenter import indenter_inductance
 from coilarray.response.setup import Experiment, MapAxes
 
 Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
-"""A variable of a dataset: dimensions, values and attributes."""
+"""Variable of a dataset: dimensions, values and attributes."""
 
 
 def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
-    """Refuse a rest below the sheets, and depths that only an indenter of metal has."""
+    """Refuse invalid rests and depths of a metal indenter.
+
+    A rest must not lie below the sheets. Only an indenter of metal may have depths below 0.
+    """
     if not rest >= 0:
         raise MetalError(f"rest must be at least 0; got {rest} m.")
     if ball is None and axes.depth[0] < 0:
@@ -34,10 +40,10 @@ def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
 def metal_share(
     pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
 ) -> ComplexArray:
-    """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
+    """Share of the indenter's material in the changes in H.
 
-    The dents are those of wide sheets: what a finite sample adds to them is left out, and its effect on the share is
-    not known.
+    It has shape (depths, places, coils, coils) and is relative to the indenter at rest. The dents are for wide sheets.
+    The contribution of a finite sample to them is left out, and its effect on the share is not known.
     """
     total: ComplexArray | float = 0.0
     plates, sheets = pressed.design.plates, pressed.design.sheets
@@ -73,5 +79,8 @@ def metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequ
 
 
 def metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
-    """Return the attributes of a share: its frequency, the indenter's material, and `rest` in m."""
+    """Return the attributes of a share.
+
+    They are its frequency, the indenter's material, and `rest` in m.
+    """
     return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}

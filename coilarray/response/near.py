@@ -1,12 +1,13 @@
-"""The response of large arrays: at every position only the coils and states near the indenter.
+"""Response of large arrays from near coils and states only.
 
-A dent changes the inductances of few coils: ΔL_aa falls as the sixth power of the distance, so that far states have no
-response to speak of. In a state a that has one, the current of a far coil b meets the dent too, in 2 i_b ΔL_ab, which
-falls as the third power; so the coils whose field counts lie further away than the states that respond. What a position
-costs depends on how many are near it, not on the size of the array.
+At every position only the coils and states near the indenter are computed. A dent changes the inductances of few coils.
+ΔL_aa falls as the sixth power of the distance, so that the response of far states is negligible. In a state a with a
+response, the current of a far coil b meets the dent too, in 2 i_b ΔL_ab, which falls as the third power. So the coils
+whose field counts reach further than the states that respond. The cost of a position depends on the number of near
+coils, not on the size of the array.
 
-How far is near, is measured on the design itself: how ΔL_aa and ΔL_ab fall with the distance of a coil from the dent,
-and the currents in all other coils of every state, which say how much ΔL_ab counts there.
+The cutoff distances are measured on the design itself. They follow from the fall of ΔL_aa and ΔL_ab with the distance
+of a coil from the dent. The currents in all other coils of every state decide how much ΔL_ab counts.
 """
 
 from __future__ import annotations
@@ -35,20 +36,20 @@ from coilarray.electromagnetics.coil_spectrum import (
 from coilarray.geometry import Conductor
 from coilarray.response.setup import Experiment, Level
 
-_TOLERANCE = 0.3  # of the amplitudes, in parts of the error; δ errs by about a tenth of it
-_FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile, in radii of a coil, and of the next one where it ends too early
-_POSITIONS = 32  # at a time, which bounds the memory
+_TOLERANCE = 0.3  # of the amplitudes, relative to the error; δ errs by about a tenth of it
+_FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile in coil radii, and its growth if it ends too early
+_POSITIONS = 32  # at a time, which limits the memory
 _DIRECTIONS, _STEPS_PER_RADIUS = 8, 8  # of a profile
 _PROFILE_TOLERANCE = 1e-4  # of its amplitudes
-_LEFT = 0.9  # of the largest ΔL_aa: what the currents of the neighbours leave of it in the largest δ
+_LEFT = 0.9  # of the largest ΔL_aa that remains in the largest δ beside the currents of the neighbours
 _DIPOLE = 3  # power of the distance with which a coil's field falls
 
 
 @dataclass(frozen=True)
 class Cutoff:
-    """Distances in m from the indenter's axis beyond which something is left out.
+    """Cutoff distances in m from the indenter's axis.
 
-    States whose measured coil's centre lies beyond `states` have no response; the currents in coils whose centre lies
+    States whose measured coil's centre lies beyond `states` have no response. Currents in coils whose centre lies
     beyond `coils` are left out.
     """
 
@@ -65,11 +66,12 @@ def near_response(
     *,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, Cutoff]:
-    """Compute δ of the states near the indenter at every position, (depths, positions, states); 0 for all others.
+    """Compute δ of the states near the indenter.
 
-    δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
-    `coilarray.circuit.state_sensitivity`. Being linear leaves out 4.5e-5 of the peak for 1 mm in gast2020. The
-    distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many positions.
+    The result has shape (depths, positions, states) and is 0 for all other states. δ_a = Re(w_a i_aᵀ ΔL i_a) with the
+    currents of the flat board, to first order in ΔL, see `coilarray.circuit.state_sensitivity`. The linear model leaves
+    out 4.5e-5 of the peak for 1 mm in gast2020. The distances are chosen for an error of δ relative to its peak. Too
+    many positions raise a MemoryLimitError.
     """
     delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
     cutoff = Cutoff(0.0, 0.0)
@@ -90,7 +92,10 @@ def _add_levels(
     mesh: LayerMesh,
     progress: Progress | None,
 ) -> Cutoff:
-    """Add δ of some level samples to `delta`, (depths, positions, states)."""
+    """Add δ of some level samples to `delta`.
+
+    The shape is (depths, positions, states).
+    """
     dents = [(k, level.shares[k], dent) for level in levels for k, dent in enumerate(level.dents)]
     moving = [one for one in dents if np.isfinite(one[2].clearance)]
     if not moving:
@@ -109,7 +114,10 @@ def _add_levels(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """The solved dents, the spectra of the coils for every slope of a motion, and the distances that count."""
+    """Solved dents, coil spectra and cutoff distances.
+
+    There is a spectrum for every slope of a motion.
+    """
 
     scatterings: tuple[Scattering, ...]
     spectra: Mapping[tuple[float, float], CoilSpectra]
@@ -126,11 +134,12 @@ def _solve(
     error: float,
     mesh: LayerMesh,
 ) -> _Solved:
-    """Solve the dents for coils as far away as they count."""
+    """Solve the dents for all coils within the cutoff."""
     coils = coil_segments(conductors)
     centres, radius = segment_centres(coils)
     corners = np.array([points.min(axis=0), points.max(axis=0)])
-    farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max()) * (1 + 1e-9)  # that coil counts
+    # the factor includes the farthest coil
+    farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max()) * (1 + 1e-9)
     clearance = min(dent.clearance for dent in dents)
     width = max(dent.width for dent in dents)
     deepest = [float(np.abs(dent.displacement).max()) for dent in dents]
@@ -157,10 +166,11 @@ def _solve(
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """Fall of the inductance changes with the distance of a coil from the indenter's axis, relative to the largest.
+    """Fall of inductance changes with distance from the indenter.
 
-    `radius` are distances in m, rising from 0; `own` and `mutual`, of the same shape (n,), are the largest |ΔL_aa| of a
-    coil there in any direction, and |ΔL_ab| of one with another anywhere.
+    The changes are relative to the largest. `radius` are distances in m of a coil from the indenter's axis, rising from
+    0. `own` and `mutual`, of the same shape (n,), are the largest |ΔL_aa| of a coil there in any direction, and the
+    largest |ΔL_ab| of such a coil with a coil anywhere.
     """
 
     radius: FloatArray
@@ -168,16 +178,20 @@ class _Profile:
     mutual: FloatArray
 
     def mutual_at(self, distance: FloatArray) -> FloatArray:
-        """Mutual change at distances in m; that of a dipole where the profile ends."""
+        """Mutual change at distances in m.
+
+        Beyond the end of the profile it falls as for a dipole.
+        """
         end = self.radius[-1]
         far = np.maximum(distance, end)
         return np.asarray(np.interp(distance, self.radius, self.mutual) * (end / far) ** _DIPOLE)
 
 
 def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
-    """Measure how the changes by a dent fall with the distance of a coil, up to `farthest` in m.
+    """Measure the fall of a dent's changes with distance.
 
-    The wavenumbers must resolve that distance. The profile has the largest values of all shapes of coils.
+    The distance of a coil reaches up to `farthest` in m, and the wavenumbers must resolve it. The profile has the
+    largest values of all shapes of coils.
     """
     steps = max(int(np.ceil(_STEPS_PER_RADIUS * farthest / spectra.radius)), 1)
     radius = np.linspace(0, farthest, steps + 1)
@@ -195,11 +209,12 @@ def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _
 
 
 def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
-    """Choose how far states and coils count, for an error of δ relative to its largest value.
+    """Choose the cutoff of states and coils.
 
-    A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent under a coil b. The
-    coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the dent under its own coil; they may be
-    nearer to a dent beside it, so half of the error is for them. Infinite where the profile ends before.
+    It follows from an error of δ relative to its largest value. A state that is left out would have responded by ΔL_aa
+    + 2 i_b ΔL_ab or less, with the dent under a coil b. The coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a
+    state with the dent under its own coil. They may be nearer to a dent beside it, so half of the error is reserved for
+    them. The cutoff is infinite if the profile ends before.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
     shared = 2 * np.abs(states.currents) * profile.mutual_at(distance)
@@ -210,7 +225,10 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
 
 
 def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, error: float) -> float:
-    """Distance beyond which no state responds; infinite where the profile ends before."""
+    """Distance in m beyond which no state responds.
+
+    It is infinite if the profile ends before.
+    """
     order = np.argsort(distance, axis=None)
     beyond = np.maximum.accumulate(shared.ravel()[order][::-1])[::-1]
     most_shared = np.append(beyond, 0.0)[np.searchsorted(distance.ravel()[order], profile.radius)]
@@ -220,15 +238,21 @@ def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, e
 
 
 def _coil_cutoff(distance: FloatArray, shared: FloatArray, error: float) -> float:
-    """Distance beyond which all coils together add less than the error to any state."""
+    """Distance in m beyond which coils together are negligible.
+
+    They add less than the error to any state.
+    """
     order = np.argsort(distance, axis=0)
     beyond = np.cumsum(np.take_along_axis(shared, order, axis=0)[::-1], axis=0)[::-1]
     needed = np.where(beyond > error, np.take_along_axis(distance, order, axis=0), 0.0)
-    return float(needed.max()) * (1 + 1e-9)  # the coil there counts
+    return float(needed.max()) * (1 + 1e-9)  # includes the coil there
 
 
 def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray:
-    """Numbers of the places near every point, shape (points, most), the number of places for none."""
+    """Numbers of the places near every point.
+
+    The shape is (points, most). The number of places stands for no place.
+    """
     tree = KDTree(places)
     most = max(int(tree.query_ball_point(points, distance, return_length=True).max()), 1)
     require_memory(16.0 * len(points) * most, f"the response at {len(points)} positions", "compute it in pieces")
@@ -239,7 +263,10 @@ def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray
 def _fields(
     solved: _Solved, scattering: Scattering, motion: Motion, points: FloatArray, coils: IntArray
 ) -> tuple[FloatArray, Callable[[slice], FloatArray]]:
-    """Strengths of a dent, (n,), and what gives the amplitudes of the coils near some points, (points, coils, n)."""
+    """Dent strengths (n,) and the operator of coil amplitudes.
+
+    The operator gives the amplitudes of the coils near some points, (points, coils, n).
+    """
     spectra = solved.spectra[motion.slope]
     shapes = range(len(spectra.series))
     shape_of = np.append(spectra.shape_of, -1)[coils]
@@ -262,7 +289,10 @@ def _fields(
 
 
 def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
-    """Put the amplitudes of every shape where its coils stand, shape (points, coils, n)."""
+    """Assign the amplitudes of every shape to its coils.
+
+    The result has shape (points, coils, n).
+    """
     spread = np.zeros((*shape_of.shape, amplitudes[0].shape[1]))
     for shape, values in enumerate(amplitudes):
         spread[shape_of == shape] = values
@@ -270,7 +300,10 @@ def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
 
 
 def _padded(states: StateSensitivity) -> StateSensitivity:
-    """Add a coil without a current and a state without a response, which stand for those that are not there."""
+    """Add a coil without current and a state without response.
+
+    They stand for absent coils and states.
+    """
     return replace(states, currents=np.pad(states.currents, ((0, 1), (0, 1))), weights=np.append(states.weights, 0))
 
 
@@ -284,7 +317,10 @@ def _add_delta(
     fields: Callable[[slice], FloatArray],
     rows: slice,
 ) -> None:
-    """Add δ of the near states at some points to `delta`, (points, states): fields of all near coils, squared."""
+    """Add δ of near states at some points.
+
+    It is added to `delta`. The fields of all near coils are squared. The shape is (points, states).
+    """
     currents = states.currents[coils[rows, :, None], near[rows, None, :]]
     total = fields(rows).transpose(0, 2, 1) @ np.concatenate((currents.real, currents.imag), axis=2)
     real, imaginary = np.split(total, 2, axis=2)
@@ -294,5 +330,5 @@ def _add_delta(
 
 
 def _part(progress: Progress, turn: int, turns: int) -> Progress:
-    """Count one of several equal passes."""
+    """Count a pass of several equal passes."""
     return lambda done, total: progress(turn * total + done, turns * total)

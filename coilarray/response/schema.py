@@ -1,4 +1,7 @@
-"""What a response must have, be it computed, measured, of a target, or of another program."""
+"""Schema of a response.
+
+The response may be computed, measured, of a target, or of another program.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ from coilarray.errors import LocalizeError
 from coilarray.response.coordinates import is_of_target
 
 _OVER = ("depth", "y", "x", "state")
-_FARTHEST = 10.0  # m; more is a map in mm
-_LARGEST = 100.0  # of δ, which is −1 for no inductance at all
+_FARTHEST = 10.0  # m; larger values are a map in mm
+_LARGEST = 100.0  # of δ, which is −1 for zero inductance
 _PLACE = Entry("m", ("coil",), low=-_FARTHEST, high=_FARTHEST)
 
 RESPONSE = Schema(
@@ -40,7 +43,10 @@ RESPONSE = Schema(
         "origin_y": Entry("m", low=-_FARTHEST, high=_FARTHEST),
     },
 )  # fmt: skip
-"""Response over the depth of an indentation; δ and its deviation are NaN where a position was not measured."""
+"""Response over the depth of an indentation.
+
+δ and its deviation are NaN where a position was not measured.
+"""
 
 _OF_TARGET = tuple("distance" if dim == "depth" else dim for dim in _OVER)
 TARGET_MAP = replace(
@@ -58,7 +64,10 @@ TARGET_MAP = replace(
 
 
 def checked_response(response: xr.Dataset) -> xr.Dataset:
-    """Return a response, or the map of a target, with its numbers in float64; LocalizeError names what is wrong."""
+    """Return a response or target map in float64.
+
+    A LocalizeError names any fault.
+    """
     checked = (TARGET_MAP if is_of_target(response) else RESPONSE).checked(response, "a response")
     if bool(checked["delta"].isnull().any()):
         raise LocalizeError("delta of a response must be finite everywhere.")

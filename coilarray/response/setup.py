@@ -1,4 +1,7 @@
-"""What a response map presses: its axes, the true sheets and positions, the contacts and the dents of every depth."""
+"""Setup of a response map.
+
+It contains the axes, the true sheets and positions, the contacts and the dents of every depth.
+"""
 
 from __future__ import annotations
 
@@ -30,18 +33,18 @@ from coilarray.metal.flat_plates import plate_inductance
 
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
-_LEVEL = 1e-9  # relative difference of heights that counts as none
-# A finite sample's dent is that of a wide one at another depth, lifted and turned: the parts of the depth solved for
-# that (at 0 there is no dent), and the lift in m and the slope for which derivatives by them are taken.
+_LEVEL = 1e-9  # relative difference of heights that counts as zero
+# A finite sample's dent equals the dent of a wide sample at another depth, lifted and turned. These are the parts of
+# the depth solved for that (at 0 there is no dent), and the lift in m and the slope for the derivatives.
 _DEPTH_PARTS = (1.0, 0.85)
 _LIFT, _SLOPE = 1e-5, 1e-3
-# Thicknesses at which a tilted sample is solved; between them a cubic (tests/response/test_response.py).
+# Thicknesses at which a tilted sample is solved, with a cubic between them (tests/response/test_response.py).
 _WEDGE_NODES = 4
 
 
 @dataclass(frozen=True)
 class Imperfections:
-    """How the experiment differs from the design.
+    """Deviations of the experiment from the design.
 
     Parameters
     ----------
@@ -55,12 +58,13 @@ class Imperfections:
     thickness_errors : mapping of str to float
         True minus designed thickness in m, by the name of the sheet.
     noise : float
-        Relative standard deviation of every reading of an inductance; L_peak and L_0 are one reading each.
+        Relative standard deviation of every reading of an inductance. L_peak and L_0 are one reading each.
     seed : int
         Seed of the noise.
     drift : float
         Change of δ from the first to the last position of the map, in proportion to their number in the order of a
-        campaign (row after row, x rising, all depths at one place): a drift of the inductance since L_0 was read.
+        campaign (row after row, x rising, all depths at one place). It represents a drift of the inductance since L_0
+        was read.
     column_drift : float
         The same for a campaign that goes column after column, y rising.
 
@@ -80,6 +84,7 @@ class Imperfections:
     column_drift: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the values."""
         drifts = (self.drift, self.column_drift)
         errors = (self.depth_error, *self.thickness_errors.values(), *drifts, self.noise)
         numbers = [*self.tilt, *self.offset, *errors]
@@ -94,7 +99,10 @@ class Imperfections:
 
 @dataclass(frozen=True, eq=False)
 class MapAxes:
-    """Depths and positions of a map in m, rising, each of shape (n,); positions from the map's origin."""
+    """Depths and positions of a map in m.
+
+    They are rising, each of shape (n,). Positions count from the map's origin.
+    """
 
     depth: FloatArray
     x: FloatArray
@@ -106,9 +114,10 @@ class MapAxes:
         return len(self.depth), len(self.y), len(self.x)
 
     def order(self, along: Literal["rows", "columns"]) -> FloatArray:
-        """Return the number of every indentation in a campaign, over all of them from 0 to 1; shape (depth, places).
+        """Return the order of every indentation in a campaign.
 
-        Row after row, x rising, or column after column, y rising; all depths at one place.
+        The number over all indentations runs from 0 to 1, with shape (depth, places). The order is row after row, x
+        rising, or column after column, y rising, with all depths at one place.
         """
         depths, rows, columns = self.shape
         shape = (rows, columns, depths) if along == "rows" else (columns, rows, depths)
@@ -117,16 +126,20 @@ class MapAxes:
 
     @property
     def places(self) -> FloatArray:
-        """All positions in m, x fastest, shape (n, 2)."""
+        """Positions of the map in m, shape (n, 2).
+
+        The coordinate x varies fastest.
+        """
         return np.stack(np.meshgrid(self.x, self.y), axis=-1).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One of the level samples whose weighted sum is a tilted or a finite one.
+    """Level sample with weights.
 
-    `contact` and `dents` are those of the indenter at all depths; `shares`, shape (depths, places), is the weight of
-    this sample at every depth and position. A `coarse` one is part of a small difference: a coarser mesh will do.
+    The weighted sum of several level samples is a tilted or a finite sample. `contact` and `dents` hold for the
+    indenter at all depths. `shares`, shape (depths, places), is the weight of this sample at every depth and position.
+    A `coarse` sample is part of a small difference, so a coarser mesh suffices.
     """
 
     contact: xr.Dataset
@@ -139,11 +152,11 @@ class Level:
 class Experiment:
     """Everything that is pressed in a map.
 
-    The `design` has the true thicknesses of its sheets, `axes` the assumed depths and positions; `points` (n, 2) are
-    the true positions of the indenter on the board in m, x fastest. `contact` is that at the map's origin, at all
-    depths. `levels` is the sample; several level ones for a tilted or a finite sample. `correction` is what a finite
-    sample adds to its dents; None for a wide one. `above`, shape (depths,), is the height in m of the indenter over the
-    sheets where it does not touch them: a depth below 0.
+    The `design` has the true thicknesses of its sheets, and `axes` the assumed depths and positions. `points` (n, 2)
+    are the true positions of the indenter on the board in m, x fastest. `contact` is the contact at the map's origin,
+    at all depths. `levels` is the sample, with several level samples for a tilted or a finite sample. `correction` is
+    the contribution of a finite sample to its dents, or None for a wide sample. `above`, shape (depths,), is the height
+    in m of the indenter over the sheets at depths below 0, where it does not touch them.
     """
 
     design: Design
@@ -156,7 +169,7 @@ class Experiment:
 
 
 def no_indentation(design: Design) -> str:
-    """Return the line that says what a design without an indentation lacks."""
+    """Return the error line for a design without an indentation."""
     bundled = ", ".join(names_with("indentation"))
     return (
         f"the design {design.name} has no [indenter] and [indentation], which say what presses on the board; "
@@ -165,7 +178,10 @@ def no_indentation(design: Design) -> str:
 
 
 def indentation_of(design: Design) -> Indentation:
-    """Return how a design is indented; ElastomerError where it does not say."""
+    """Return the indentation of a design.
+
+    A design without an indentation raises an ElastomerError.
+    """
     if design.indentation is None:
         raise ElastomerError(no_indentation(design))
     return design.indentation
@@ -174,10 +190,11 @@ def indentation_of(design: Design) -> Indentation:
 def map_axes(
     design: Design, depths: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 ) -> MapAxes:
-    """Return the axes of a map; those of the design where None is given.
+    """Return the axes of a map.
 
-    ElastomerError for a design without an indentation, or values that are not finite and rising, or beyond 1 m;
-    MetalError for plates beside which no indentation is computed, see `coilarray.metal.backing.require_below`.
+    None stands for the design's own axis. A design without an indentation, or values that are not finite and rising, or
+    beyond 1 m, raise an ElastomerError. Plates beside which no indentation is computed raise a MetalError, see
+    `coilarray.metal.backing.require_below`.
     """
     setup = indentation_of(design)
     require_below(design.plates)
@@ -186,7 +203,10 @@ def map_axes(
 
 
 def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] = ElastomerError) -> FloatArray:
-    """Return the axis of a map in m, shape (n,); `error` for values that are not finite and rising, or beyond 1 m."""
+    """Return the axis of a map in m, shape (n,).
+
+    Values that are not finite and rising, or beyond 1 m, raise `error`.
+    """
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise error(f"{name} must be finite and rising, in m; got {array}.")
@@ -197,14 +217,15 @@ def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] =
 
 
 def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | None = None) -> Experiment:
-    """Solve the contacts of a map and the dents that they make; none at depths below 0 of an indenter with a material.
+    """Solve the contacts and dents of a map.
 
-    ElastomerError for sheets with more than one magnetic region, a contact that is outside the sample or lost on a
-    tilted one, and what `coilarray.elastomer.contact.indent` refuses.
+    There are no dents at depths below 0 of an indenter with a material. An ElastomerError is raised for sheets with
+    more than one magnetic region, a contact that is outside the sample or lost on a tilted sample, and the errors of
+    `coilarray.elastomer.contact.indent`.
     """
     setup, true = indentation_of(design), imperfections or Imperfections()
     sheets = _true_sheets(design.sheets, true.thickness_errors)
-    magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
+    magnetic_slab(sheets)  # refuses more than one magnetic region before the work begins
     given, places = axes.depth + true.depth_error, axes.places + true.offset
     above = np.maximum(-given, 0.0) if setup.ball is not None else np.zeros_like(given)
     depths = given + above
@@ -219,7 +240,10 @@ def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | Non
 
 
 def _sample(setup: Indentation) -> Sample | None:
-    """Return the rectangular sample of a map; None for a wide one, or one that is a disc about the indenter."""
+    """Return the rectangular sample of a map.
+
+    It is None for a wide sample, or for a disc about the indenter.
+    """
     if setup.sample_bounds is None or setup.sample_radius is not None:
         return None
     return Sample(setup.sample_bounds, setup.unevenness)
@@ -228,14 +252,14 @@ def _sample(setup: Indentation) -> Sample | None:
 def _finite(
     wide: Experiment, sample: Sample, pressed: xr.Dataset, places: FloatArray, depths: FloatArray
 ) -> Experiment:
-    """Turn the experiment with a wide sample into that with a finite one, `pressed` at all parts of its depths.
+    """Turn a wide sample's experiment into a finite sample's.
 
-    A finite sample's dent is that of the wide one at a depth that follows the rise of the top under the indenter, and
-    a rise and a slope of everything there move the dent with them, which changes what it does to the field: both are
-    weighted sums of dents, whose weights add up to zero beside those of the wide sample. A round tip presses alike on
-    a slope, so that the dent turns about the tip's centre; other tips are taken for pivots themselves. The rest,
-    `SampleCorrection.moved`, is to first order in `coilarray.elastomer.face_shift`. On a tilted sample the correction
-    is that of the level one.
+    The wide sample is `pressed` at all parts of its depths. A finite sample's dent is the dent of the wide sample at a
+    depth that follows the rise of the top under the indenter. A rise and a slope of everything there move the dent with
+    them, which changes its effect on the field. Both are weighted sums of dents, whose weights add up to zero beside
+    the weights of the wide sample. A round tip presses alike on a slope, so that the dent turns about the tip's centre.
+    Other tips are taken for pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
+    `coilarray.elastomer.face_shift`. A tilted sample has the correction of the level sample.
     """
     setup, sheets = indentation_of(wide.design), wide.design.sheets
     parts = np.array([*_DEPTH_PARTS, 0.0])
@@ -271,15 +295,16 @@ def _finite(
 
 
 def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
-    """Select the depths of a contact that are nearest to some in m."""
+    """Select the contact depths nearest to depths in m."""
     return contact.isel(depth=np.abs(contact.depth.values - depths[:, None]).argmin(axis=1))
 
 
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLike) -> xr.Dataset:
-    """Return the contact of `coilarray.elastomer.contact.indent` at depths in m, as the indentation says.
+    """Return the contact of the indentation at depths in m.
 
-    The last ones are kept in memory, for often only coils vary, and those of finite strain also on disk: in
-    `coilarray.compute.store.open_store`, where that folder can be written.
+    It comes from `coilarray.elastomer.contact.indent`. The last contacts are kept in memory, as often only coils vary.
+    Contacts of finite strain are also kept on disk, in `coilarray.compute.store.open_store`, if that folder can be
+    written.
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
     return _kept_contact(
@@ -297,6 +322,8 @@ def _kept_contact(
     strain: Strain,
     mesh: ContactMesh,
 ) -> xr.Dataset:
+    """Solve a contact, or return it from the disk."""
+
     def solve() -> xr.Dataset:
         return indent(sheets, indenter, depths, base=base, radius=radius, strain=strain, mesh=mesh)
 
@@ -309,18 +336,27 @@ def _kept_contact(
 def _kept_correction(
     sheets: tuple[Sheet, ...], base: Base, sample: Sample, places: bytes, r: bytes, pressure: bytes, slope: bytes
 ) -> SampleCorrection:
-    """Solve a finite sample, or return the last one: often only coils vary. Arrays are given as their bytes."""
+    """Solve a finite sample, or return the last result.
+
+    Often only coils vary. Arrays are given as their bytes.
+    """
     at, radii, values, slopes = (np.frombuffer(array) for array in (places, r, pressure, slope))
     return sample_correction(sheets, base, sample, at.reshape(-1, 2), radii, values.reshape(-1, len(radii)), slopes)
 
 
 def _elastic(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
-    """Return the sheets without their permeability, which decides on no contact."""
+    """Return the sheets without their permeability.
+
+    It does not affect the contact.
+    """
     return tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)
 
 
 def together(levels: Iterable[Level]) -> list[list[Level]]:
-    """Put level samples of the same sheets and the same accuracy together: their fields are computed at once."""
+    """Group level samples with the same sheets and accuracy.
+
+    The fields of a group are computed at once.
+    """
     groups: dict[object, list[Level]] = {}
     for level in levels:
         groups.setdefault((level.dents[0].thicknesses, level.coarse), []).append(level)
@@ -333,7 +369,10 @@ def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
 
 
 def _require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
-    """Refuse places, shape (n, 2) in m from the map's origin, where the contact leaves the sample."""
+    """Refuse places where the contact leaves the sample.
+
+    The places, shape (n, 2), are in m from the map's origin.
+    """
     if setup.sample_bounds is None:
         return
     x_min, y_min, x_max, y_max = setup.sample_bounds
@@ -356,7 +395,10 @@ def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[
 
 
 def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
-    """Return the sheets with the lowest one thicker by a height in m."""
+    """Return the sheets with a thicker lowest sheet.
+
+    It is thicker by a height in m.
+    """
     return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
 
 
@@ -368,7 +410,10 @@ def _levels(
     places: FloatArray,
     tilt: tuple[float, float],
 ) -> tuple[Level, ...]:
-    """Level samples whose weighted sum is the sample at every place; one where it is not tilted."""
+    """Level samples whose weighted sum is the sample.
+
+    The sum holds at every place. A sample that is not tilted needs only one.
+    """
     rise = places @ np.array(tilt)
     if not rise.any():
         return (Level(contact, dents_of(contact, sheets), np.ones((len(depths), len(places)))),)
@@ -392,9 +437,10 @@ def _levels(
 
 
 def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
-    """Change of the inductance matrix in H by the tilt of the flat sample, shape (coils, coils).
+    """Change of the inductance matrix by a flat tilted sample.
 
-    Each pair of coils takes the thickness of the sample in the middle between them.
+    The change in H has shape (coils, coils). Each pair of coils takes the thickness of the sample in the middle between
+    them.
     """
     centres = design.array.centres - indentation_of(design).origin_point
     middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
@@ -405,6 +451,7 @@ def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
     beside = [plate for plate in design.plates if isinstance(plate, Plate)]
 
     def level(height: float) -> FloatArray:
+        """Inductance matrix in H for a sample of one height."""
         sheets = _raised(design.sheets, height)
         change = layer_inductance(design.array, sheets)
         if plates is None:
@@ -426,13 +473,19 @@ def _nodes(low: float, high: float) -> FloatArray:
 
 
 def _lagrange_slope(nodes: FloatArray) -> FloatArray:
-    """Slopes of the Lagrange polynomials of the nodes at the first of them, shape (nodes,)."""
+    """Slopes of the Lagrange polynomials at the first node.
+
+    The shape is (nodes,).
+    """
     powers = np.vander(nodes - nodes[0], increasing=True)
     return np.asarray(np.linalg.inv(powers)[1])
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
-    """Lagrange polynomials of the nodes at points, shape (points, nodes)."""
+    """Lagrange polynomials of the nodes at points.
+
+    The shape is (points, nodes).
+    """
     shares = np.ones((len(at), len(nodes)))
     for k, node in enumerate(nodes):
         for other in np.delete(nodes, k):

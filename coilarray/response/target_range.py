@@ -1,4 +1,4 @@
-"""Range and resolution of a target: how far it is noticed, and which change of its distance is resolved."""
+"""Range of a target and resolution of its distance."""
 
 from __future__ import annotations
 
@@ -14,31 +14,39 @@ from coilarray.compute.netcdf import variables
 from coilarray.errors import MetalError, require_positive
 
 STEPS = (1e-6, 1e-5, 1e-4)
-"""Changes of distance in m for which the farthest distance is given at which they are resolved."""
+"""Changes of distance in m whose resolution limit is reported.
+
+For each, the farthest distance is given at which it is resolved.
+"""
 FACTOR = 3.0
-"""A target is noticed as long as |δ| is at least so many standard deviations of a reading."""
+"""Fewest standard deviations of |δ| for a target's detection.
+
+The standard deviation is of a single reading.
+"""
 _FINE = 4001  # distances between the first and the last
 
 
 def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
-    """Find range and resolution of every state, where its |δ| is the largest at the least distance.
+    """Find range and resolution of every state.
+
+    They are computed at the place of the largest |δ| at the least distance.
 
     Parameters
     ----------
     response : xarray.Dataset
-        ``delta`` (distance, y, x, state) of `coilarray.response.target.target_map`, and ``readable``, if it is there.
+        ``delta`` (distance, y, x, state) of `coilarray.response.target.target_map`, and ``readable``, if present.
     noise : float
         Standard deviation σ of δ in a reading, positive.
 
     Returns
     -------
     xarray.Dataset
-        ``best_x`` and ``best_y`` (state) in m; ``distance_deviation`` (distance, state), the standard deviation σ/|δ'|
-        of a distance in m; ``range`` (state), the distance in m at which |δ| has fallen to `FACTOR` σ; and
-        ``resolved_distance`` (step, state), that up to which a ``step`` of distance in m is no less than the standard
-        deviation. Both are NaN where that is so nowhere, and the last distance where it is so everywhere, with
+        ``best_x`` and ``best_y`` (state) are in m. ``distance_deviation`` (distance, state) is the standard deviation
+        σ/|δ'| of a distance in m. ``range`` (state) is the distance in m at which |δ| has fallen to `FACTOR` σ.
+        ``resolved_distance`` (step, state) is the distance up to which a ``step`` of distance in m is no less than the
+        standard deviation. Both are NaN if this holds nowhere, and the last distance if it holds everywhere, with
         ``range_is_least`` and ``resolved_is_least`` set. ``nearest_readable`` (state) is the least distance in m that
-        the converter reads, NaN for none. Attributes ``sigma`` and ``range_factor``.
+        the converter reads, or NaN. Attributes ``sigma`` and ``range_factor``.
 
     Raises
     ------
@@ -47,9 +55,9 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
 
     Notes
     -----
-    What the converter cannot read does not count: neither distances and places where it reads nothing, nor other
-    distances at the place where |δ| is the largest. Between the distances ln |δ| is a cubic spline, as δ falls about
-    exponentially; δ itself where it changes its sign.
+    Distances and places that the converter cannot read do not count. This applies to all places, and to other distances
+    at the place where |δ| is the largest. Between the distances ln |δ| is a cubic spline, as δ falls about
+    exponentially. If δ changes its sign, δ itself is the spline.
     """
     require_noise(noise)
     distance = response.distance.values
@@ -97,7 +105,10 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
 
 
 def require_noise(noise: float) -> None:
-    """Refuse noise of δ that is not positive and finite: MetalError."""
+    """Refuse noise of δ that is not positive and finite.
+
+    The error is a MetalError.
+    """
     require_positive("noise", noise, "", MetalError)
 
 
@@ -120,7 +131,10 @@ def _curve(distance: FloatArray, delta: FloatArray) -> tuple[Curve, Curve]:
 
 
 def _until(distance: FloatArray, margin: FloatArray) -> tuple[float, bool]:
-    """Distance up to which a margin is at least 1, and whether it is so to the end; NaN where it begins below."""
+    """Distance up to which a margin is at least 1.
+
+    A flag tells whether this holds to the end. The distance is NaN if the margin begins below 1.
+    """
     below = np.flatnonzero(margin < 1)
     if not len(below):
         return float(distance[-1]), True

@@ -1,4 +1,7 @@
-"""The response of one coil in the two-dimensional model of Gast and Zimmermann's FEM paper, beside the full one."""
+"""Two-dimensional response of a coil, beside the full model.
+
+The model is from Gast and Zimmermann's FEM paper.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +28,19 @@ def line_response(
     x: npt.ArrayLike | None = None,
     mesh: LayerMesh | None = None,
 ) -> xr.Dataset:
-    """Compute δ of one coil with its cross-section as infinite wires and the indenter as an infinite cylinder.
+    """Compute δ of one coil in a two-dimensional model.
+
+    The cross-section of the coil consists of infinite wires, and the indenter is an infinite cylinder.
 
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation; its round indenter becomes a cylinder of the same radius.
+        Design with an indentation. Its round indenter becomes a cylinder of the same radius.
     coil : str, optional
-        Name of the coil, cut at its centre along x; the first one by default. Its neighbours are left out.
+        Name of the coil, cut at its centre along x. The first coil by default. Its neighbours are left out.
     depths, x : array_like, shape (n,), optional
-        Depths and positions along x of the indenter in m, positions from the map's origin; those of the design by
-        default.
+        Depths and positions along x of the indenter in m, positions from the map's origin. By default those in the
+        design.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
 
@@ -43,22 +48,21 @@ def line_response(
     -------
     xarray.Dataset
         Response as of `coilarray.response.map.response_map` for one state, named after the coil, and at one position
-        along y, the coil's centre. ``delta`` is the change of the inductance per length divided by that inductance;
+        along y, the coil's centre. ``delta`` is the change of the inductance per length divided by that inductance.
         ``base_inductance`` and ``inductance`` are in H/m, ``force`` is in N/m, and ``contact_radius`` is half the width
         of the contact in m.
 
     Raises
     ------
     ElastomerError
-        A design that says nothing of an indentation, a coil that is not there, an indenter that is not round, or a
-        rectangular sample.
+        A design without an indentation, an unknown coil, an indenter that is not round, or a rectangular sample.
     MetalError
         A design with plates.
 
     Notes
     -----
-    What the model leaves out: the ends of the coil and of the dent along y. In the full model the dent is a small part
-    of the coil, here it is as long as the coil.
+    The model leaves out the ends of the coil and of the dent along y. In the full model the dent is a small part of the
+    coil. Here it is as long as the coil.
 
     Examples
     --------
