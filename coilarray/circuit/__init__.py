@@ -1,1 +1,1 @@
-"""Coils, switches and converter tank as one network, and the files that carry it to other programs."""
+"""Network of coils, switches and tank, and its files."""

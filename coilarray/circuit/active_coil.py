@@ -1,7 +1,8 @@
-"""Closed forms for coils of plain R and L at one frequency: the checks of `coilarray.circuit.network`.
+"""Closed forms for coils of constant R and L.
 
-One coil is active; each other one is shorted to ground through a resistance, or open. With jωL the inductance matrix,
-R the coils' resistances and Z_p the terminations of the passive coils p, the active coil a sees
+They hold at one frequency and check `coilarray.circuit.network`. One coil is active. Each other coil is shorted to
+ground through a resistance, or open. With jωL the inductance matrix, R the coils' resistances and Z_p the terminations
+of the passive coils p, the active coil a sees
 
     Z = R_a + jωL_aa + ω² M_ap (R_p + Z_p + jωL_pp)⁻¹ M_pa.
 
@@ -23,15 +24,21 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.errors import NetworkError
 
 Termination = Literal["short", "open"]
-"""What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""
+"""Termination of a passive coil.
 
-_ASYMMETRY = 1e-9  # of k; exchanged by hand, a matrix may have lost digits
-_LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; rounding of the entries is 1e-16, their rules err by 1e-6
+It is ``"short"`` to ground, or ``"open"``.
+"""
+
+_ASYMMETRY = 1e-9  # of k; a matrix exchanged by hand may have lost digits
+_LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; entries are rounded to 1e-16, their rules err by 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class PortImpedance:
-    """What is seen between two terminals at one frequency in Hz: an impedance in Ω."""
+    """Impedance in Ω between two terminals at one frequency.
+
+    The frequency is in Hz.
+    """
 
     frequency: float
     impedance: complex
@@ -49,11 +56,11 @@ class PortImpedance:
 
 @dataclass(frozen=True, eq=False)
 class ActiveCoil(PortImpedance):
-    """What one active coil sees with its passive neighbours; amounts per ampere of its current.
+    """Impedance and currents of one active coil.
 
-    `impedance` is what it sees in Ω at a `frequency` in Hz. `currents` (coils,) are 1 for the active coil and 0 for
-    open ones. `contributions` (coils,) are the parts of the passive coils in Im Z/ω − L in H: Re(M_ak i_k), 0 for the
-    active one.
+    Its neighbours are passive. Amounts are per ampere of its current. `impedance` is its impedance in Ω at a
+    `frequency` in Hz. `currents` (coils,) are 1 for the active coil and 0 for open coils. `contributions` (coils,) are
+    the parts of the passive coils in Im Z/ω − L in H: Re(M_ak i_k), and 0 for the active coil.
     """
 
     currents: ComplexArray
@@ -62,10 +69,10 @@ class ActiveCoil(PortImpedance):
 
 @dataclass(frozen=True, eq=False)
 class EveryActiveCoil:
-    """What each coil sees while it is the active one, at one frequency in Hz.
+    """Impedances and currents with each coil active in turn.
 
-    `impedances` (n,) in Ω are those of each active coil with its passive neighbours; entry (p, a) of `currents` (n, n)
-    is the current in coil p per ampere of the active coil a.
+    They hold at one frequency in Hz. `impedances` (n,) in Ω are of each active coil with its passive neighbours. Entry
+    (p, a) of `currents` (n, n) is the current in coil p per ampere of the active coil a.
     """
 
     frequency: float
@@ -84,7 +91,9 @@ class EveryActiveCoil:
 
 
 def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float) -> ComplexArray:
-    """Impedance matrix of the coils in Ω, Z = R + jωL: voltages at their terminals for the currents in them.
+    """Compute the impedance matrix of the coils in Ω.
+
+    Z = R + jωL gives the voltages at their terminals for the currents in them.
 
     Parameters
     ----------
@@ -99,7 +108,7 @@ def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequ
     Raises
     ------
     NetworkError
-        Shapes that do not fit, a matrix of no real coils, or a frequency or resistance that is not allowed.
+        Shapes that do not fit, a matrix that no real coils have, or a frequency or resistance that is not allowed.
 
     Examples
     --------
@@ -134,7 +143,7 @@ def active_coil(
     frequency : float
         Frequency in Hz.
     terminations : sequence of {"short", "open"}, length n, optional
-        Termination of each coil while it is passive; that of the active coil is not used. All shorted by default.
+        Termination of each coil while it is passive. The entry of the active coil is not used. All shorted by default.
     short_resistance : float
         Resistance in Ω of a short to ground, the switches included.
 
@@ -171,7 +180,9 @@ def active_coil(
 def every_active_coil(
     inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float, short_resistance: float = 0.0
 ) -> EveryActiveCoil:
-    """Solve the array for each coil active in turn, all others shorted to ground: one factorisation for all of them.
+    """Solve the array for each coil active in turn.
+
+    All other coils are shorted to ground. One factorisation serves all of them.
 
     Parameters
     ----------
@@ -181,7 +192,7 @@ def every_active_coil(
     Returns
     -------
     EveryActiveCoil
-        The same of every coil in turn, as arrays.
+        The same quantities for every coil in turn, as arrays.
 
     Raises
     ------
@@ -209,10 +220,10 @@ def every_active_coil(
 
 
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return an inductance matrix, shape (n, n) in H, and resistances, shape (n,) in Ω, that can belong together.
+    """Return a valid inductance matrix and resistances.
 
-    Shapes that do not fit, values that are not finite, a diagonal that is not positive, or a negative resistance are a
-    NetworkError.
+    The matrix has shape (n, n) in H, the resistances shape (n,) in Ω. Shapes that do not fit, values that are not
+    finite, a diagonal that is not positive, or a negative resistance raise a NetworkError.
     """
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
@@ -227,7 +238,8 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
             f"an inductance matrix must be symmetric; between coils {i + 1} and {j + 1} it has {L[i, j]} H "
             f"and {L[j, i]} H."
         )
-    # k and L have the same signs of eigenvalues (Sylvester), and those of k do not depend on the size of the coils
+    # k and L have the same signs of eigenvalues (Sylvester). The eigenvalues of k do not depend on the size of the
+    # coils.
     values, vectors = np.linalg.eigh((k + k.T) / 2)
     if values[0] <= _LEAST_EIGENVALUE:
         raise NetworkError(
@@ -251,7 +263,10 @@ def check_frequency(frequency: float | FloatArray) -> None:
 
 
 def checked_terminations(n: int, terminations: Sequence[Termination] | None) -> list[Termination]:
-    """Return what closes each of n coils while it is passive: all shorted by default."""
+    """Return the termination of each of n passive coils.
+
+    All coils are shorted by default.
+    """
     states: list[Termination] = ["short"] * n if terminations is None else list(terminations)
     if len(states) != n or not set(states) <= {"short", "open"}:
         raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")

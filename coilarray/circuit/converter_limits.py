@@ -1,7 +1,8 @@
-"""What a converter of the LDC1614's family can read: frequency, losses and amplitude of its sensor, and its drive.
+"""Limits of converters of the LDC1614 family.
 
-Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current), table 43 (frequencies), section
-8.1.5 (amplitude, equation 12). The FDC2214 has the same core (SNOSCZ5B).
+They concern the frequency, losses and amplitude of the sensor, and its drive. Sources are Texas Instruments SNOSCY9A:
+electrical characteristics (R_p), table 42 (drive current), table 43 (frequencies), section 8.1.5 (amplitude, equation
+12). The FDC2214 has the same core (SNOSCZ5B).
 """
 
 from __future__ import annotations
@@ -17,29 +18,43 @@ from coilarray.compute.display_units import DisplayUnit, display_unit
 from coilarray.design.readout import INTERNAL_CLOCK
 
 REFERENCE = INTERNAL_CLOCK / 2
-"""Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
+"""Reference frequency in Hz.
+
+It is the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs.
+"""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
-"""Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
+"""Allowed peak voltage of the sensor in V.
+
+Below it the sensor measures poorly, above it the input clamps act.
+"""
 _KILOHM, _KILOHERTZ = DisplayUnit("kΩ", 1e-3), DisplayUnit("kHz", 1e-3)
 DRIVE_WINDOW = "R_p (Ω)"
-"""Name of the limit of `check_channel` that holds the parallel resistance to `RESISTANCE`."""
+"""Name of the limit for the parallel resistance.
+
+It is the limit of `check_channel` by `RESISTANCE`.
+"""
 RESISTANCE = (1e3, 100e3)
-"""Allowed parallel resistance of a sensor in Ω, of the electrical characteristics; the rows of table 42 are for 0.6 to
-90 kΩ."""
+"""Allowed parallel resistance of a sensor in Ω.
+
+It is from the electrical characteristics. The rows of table 42 are for 0.6 to 90 kΩ.
+"""
 SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 AMPLITUDES = (0.99 * AMPLITUDE_LOW, 1.02 * AMPLITUDE_HIGH)
-"""The same as far as the rows of table 42, which are rounded, go beyond it."""
+"""Allowed peak voltage in V with rounding of table 42.
+
+The rows of the table, which are rounded, exceed the allowed range by this.
+"""
 DIVIDED_FROM = 8.75e6
-"""Frequency of a sensor in Hz from which FIN_DIVIDER must be at least 2."""
+"""Sensor frequency in Hz that needs a FIN_DIVIDER of 2."""
 _LARGEST_SHARE_OF_REFERENCE = 0.25
 LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
-"""Largest frequency of a sensor over the self-resonance of its coil."""
+"""Largest sensor frequency over the self-resonance of its coil."""
 _SMALLEST_QUALITY = 1.0
 LARGEST_INPUT_DIVIDER = 15
 """Largest FIN_DIVIDER."""
 
-# IDRIVE codes 0 to 31: current in µA, smallest and largest R_p in kΩ
+# IDRIVE codes 0 to 31: current in µA, smallest and largest R_p in kΩ.
 _DRIVE = (
     (16, 60.0, 90.0), (18, 51.8, 77.6), (20, 44.6, 66.9), (23, 38.4, 57.6), (28, 33.7, 49.7), (32, 29.5, 42.8),
     (40, 23.6, 36.9), (46, 20.5, 31.8), (52, 18.1, 27.4), (59, 16.1, 23.6), (72, 13.1, 20.4), (82, 11.5, 17.6),
@@ -54,7 +69,7 @@ DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
 
 @dataclass(frozen=True)
 class Drive:
-    """A setting of the sensor drive.
+    """Setting of the sensor drive.
 
     Parameters
     ----------
@@ -73,7 +88,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit of the converter.
+    """Limit of the converter.
 
     Parameters
     ----------
@@ -90,12 +105,12 @@ class Limit:
 
     @property
     def kept(self) -> bool:
-        """True if the value is in the range."""
+        """Whether the value is in the range."""
         return self.low <= self.value <= self.high
 
     @property
     def words(self) -> str:
-        """Name, value and allowed range for people, in customary units.
+        """Text of name, value and range in customary units.
 
         >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 101e3, 1e3, 100e3).words
         ('quality factor is 5; it must be at least 10', 'R_p is 101 kΩ; it must be 1 kΩ to 100 kΩ')
@@ -105,7 +120,7 @@ class Limit:
 
     @property
     def refusal(self) -> str:
-        """The same as a sentence of an error.
+        """Text of the limit as a sentence of an error.
 
         >>> Limit("clock (Hz)", 30e6, 35e6, 55e6).refusal
         'clock must be 35 MHz to 55 MHz; got 30 MHz.'
@@ -126,20 +141,25 @@ class Limit:
 
 
 def shown_unit(unit: str, value: float) -> DisplayUnit:
-    """Return the unit in which people read a value: frequencies below 1 MHz in kHz, resistances in kΩ."""
+    """Return the customary unit of a value.
+
+    Frequencies below 1 MHz are in kHz, resistances in kΩ.
+    """
     if unit == "Ω":
         return _KILOHM
     return _KILOHERTZ if unit == "Hz" and value < 1e6 else display_unit(unit)
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Return the drive setting for a `parallel_resistance` R_p of the tank at resonance in Ω.
+    """Return the drive setting for a parallel resistance in Ω.
+
+    The `parallel_resistance` R_p is of the tank at resonance.
 
     Returns
     -------
     Drive or None
-        The largest current whose row of table 42 holds R_p and whose amplitude stays below the clamps; None where
-        no row holds R_p.
+        The largest current whose row of table 42 holds R_p and whose amplitude stays below the clamps. If no row holds
+        R_p, None.
 
     Raises
     ------
@@ -157,18 +177,23 @@ def drive_for(parallel_resistance: float) -> Drive | None:
 
 
 def drive_codes(parallel_resistance: FloatArray) -> IntArray:
-    """Return the IDRIVE codes of `drive_for`, −1 where no row holds R_p, for values in Ω of any shape."""
+    """Return the IDRIVE codes of `drive_for` for an array.
+
+    The values of R_p in Ω may have any shape. The code is −1 if no row holds R_p.
+    """
     within, any_row = (np.full(parallel_resistance.shape, -1) for _ in range(2))
     for code, (current, low, high) in enumerate(_DRIVE):
         held = (parallel_resistance >= low * 1e3) & (parallel_resistance <= high * 1e3)
-        # some rows of the table exceed the clamps by a few percent; their neighbours below do not
+        # Some rows of the table exceed the clamps by a few percent. Their neighbours below do not.
         below = held & (4e-6 * current * parallel_resistance / math.pi <= AMPLITUDE_HIGH)
         within[below], any_row[held] = code, code
     return np.where(within >= 0, within, any_row)
 
 
 def drive_of(code: int, parallel_resistance: float) -> Drive:
-    """Return the current of an IDRIVE code, 0 to 31, and the amplitude that it gives an R_p in Ω (equation 12).
+    """Return the drive current and amplitude of an IDRIVE code.
+
+    The code is 0 to 31. The amplitude holds for an R_p in Ω (equation 12).
 
     >>> round(drive_of(6, 33e3).amplitude, 2)
     1.68
@@ -191,12 +216,15 @@ def decisive_limits(
     quality_factor: npt.ArrayLike,
     code: int | None = None,
 ) -> list[tuple[FloatArray, FloatArray | float, FloatArray | float]]:
-    """Return the values of the limits of `BROKEN` from 1 on, each with the ends of its range; as for `broken_limit`."""
+    """Return values and ranges of the limits in `BROKEN`.
+
+    The limits count from 1 on. Each has the ends of its range. The parameters are as for `broken_limit`.
+    """
     f, R_p, Q = (np.asarray(one, dtype=np.float64) for one in (frequency, parallel_resistance, quality_factor))
     codes = drive_codes(R_p) if code is None else np.asarray(code)
     amplitude = 4 * R_p * np.array(DRIVE_CURRENTS)[np.maximum(codes, 0)] / math.pi
     low, high = AMPLITUDES
-    # without a row the smallest current is tried, and too low an R_p has broken its own limit
+    # Without a row the smallest current is tried. Too low an R_p has broken its own limit already.
     of_amplitude = (np.where(codes < 0, 0.0, low), np.where(codes < 0, AMPLITUDE_HIGH, high))
     return [
         (f, *SENSOR_FREQUENCY), (R_p, *RESISTANCE), (amplitude, *of_amplitude), (Q, _SMALLEST_QUALITY, math.inf)
@@ -209,19 +237,22 @@ def broken_limit(
     quality_factor: npt.ArrayLike,
     code: int | None = None,
 ) -> IntArray:
-    """Decide which sensors the converter can read: the number of the first limit that each breaks.
+    """Find the first limit of the converter that sensors break.
+
+    Sensors that the converter can read break none.
 
     Parameters
     ----------
     frequency, parallel_resistance, quality_factor : array_like, shape (…)
         Frequencies in Hz, parallel resistances R_p at resonance in Ω, and quality factors.
     code : int, optional
-        IDRIVE of all, 0 to 31; by default that of `drive_for` for each, so that a limit is broken by any drive.
+        IDRIVE of all sensors, 0 to 31. By default the code from `drive_for` for each, so that a limit is broken by any
+        drive.
 
     Returns
     -------
     ndarray of int, shape (…)
-        0 where all limits are kept, else the place of the limit in `BROKEN`.
+        0 if all limits are kept, else the place of the limit in `BROKEN`.
 
     Examples
     --------
@@ -238,11 +269,11 @@ def broken_limit(
 
 
 def shared_drive(frequency: FloatArray, parallel_resistance: FloatArray, quality_factor: FloatArray) -> int:
-    """Return the IDRIVE code with which the converter reads the most sensors of one channel, one after the other.
+    """Return the IDRIVE code that reads most sensors.
 
-    Of codes that read as many, one that exceeds 1.8 V at the fewest, then the largest current: above 1.8 V the clamps
-    shift the frequency, below 0.6 V the oscillation may stop. -1 where no code reads any. All are of shape (n,), in Hz
-    and Ω.
+    The converter reads the sensors of one channel in sequence. Of codes that read equally many, the code that exceeds
+    1.8 V at the fewest is taken, then the largest current. Above 1.8 V the clamps shift the frequency, below 0.6 V the
+    oscillation may stop. The result is −1 if no code reads any sensor. All arrays are of shape (n,), in Hz and Ω.
 
     >>> both = shared_drive(np.array([2e6, 2e6]), np.array([4e3, 5e3]), np.array([20.0, 20.0]))
     >>> [round(drive_of(both, R_p).amplitude, 2) for R_p in (4e3, 5e3)]
@@ -282,16 +313,16 @@ def check_channel(
     reference : float
         Reference frequency f_ref in Hz.
     divider : int, optional
-        FIN_DIVIDER, 1 to 15; by default the least that will do, as the driver sets it.
+        FIN_DIVIDER, 1 to 15. By default the least allowed divider, as the driver sets it.
     code : int, optional
-        IDRIVE, 0 to 31; by default that of `drive_for`.
+        IDRIVE, 0 to 31. By default the code from `drive_for`.
 
     Returns
     -------
     tuple of Limit
         All limits, kept or not. An R_p that is allowed but too large for every row of table 42 breaks the limit of the
-        amplitude that the smallest drive current makes. Channel 0 alone can be driven harder than `DRIVE_WINDOW` says,
-        down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
+        amplitude with the smallest drive current. Only channel 0 can be driven harder than `DRIVE_WINDOW` allows, down
+        to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
 
     Raises
     ------
@@ -333,13 +364,19 @@ def check_channel(
 
 
 def least_divider(frequency: float, reference: float) -> int:
-    """Return the least FIN_DIVIDER, of any size, for a sensor's frequency and a reference frequency in Hz."""
+    """Return the least FIN_DIVIDER for a sensor and reference frequency.
+
+    Both are in Hz. The divider may have any size.
+    """
     least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
     return max(least, 2 if frequency >= DIVIDED_FROM else 1)
 
 
 def require_each_positive(**values: float) -> None:
-    """Refuse values that are not positive, by their names: ValueError."""
+    """Refuse named values that are not positive.
+
+    The error is a ValueError.
+    """
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name} must be positive; got {value}.")

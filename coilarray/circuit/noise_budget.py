@@ -1,8 +1,8 @@
-"""How far readings of δ scatter and drift: every cause with its size, and whether it is the same at all coils.
+"""Noise and drift of readings of δ by cause.
 
-The converter counts the oscillation of coil and tank against its clock, and L = 1/((2πf)² C) is taken with the nominal
-clock and capacitance, so that a relative error of f is twice as large in L. δ = L/L_0 − 1 has the noise of a reading
-and of its L_0, and whatever has changed from one to the other.
+Every cause has a size, and is either the same at all coils or not. The converter counts the oscillation of coil and
+tank against its clock. L = 1/((2πf)² C) is taken with the nominal clock and capacitance, so that a relative error of f
+is twice as large in L. δ = L/L_0 − 1 has the noise of a reading and of its L_0, and all changes between the two.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """One cause of errors of δ.
+    """Cause of errors of δ.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Cause:
         Standard deviation of the change of δ from L_0 to the reading by the temperature or the supply, with the sign of
         the coefficient.
     common : bool
-        Whether it is the same cause at all coils, so that a reference coil takes out what is equal.
+        Whether the cause is the same at all coils, so that a reference coil removes the equal part.
     source : str
         Source of its size.
     assumed : bool
@@ -62,29 +62,32 @@ class Cause:
 
     @property
     def counted(self) -> bool:
-        """Whether it has any size here."""
+        """Whether the cause has any size in this budget."""
         return any(values.any() for values in (self.noise, self.drift, self.change))
 
     @property
     def size(self) -> str:
-        """What is known of its size, in a word: "known", "assumed", or "none" where it has no size."""
+        """Knowledge of the cause's size in a word.
+
+        It is "known", "assumed", or "none" if the cause has no size.
+        """
         return "none" if not self.counted else "assumed" if self.assumed else "known"
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """Noise and drift of the readings of a board, by their causes.
+    """Noise and drift of a board's readings by cause.
 
     Parameters
     ----------
     states : tuple of str
         Names of the states in the order of every array.
     causes : tuple of Cause
-        Everything that counts.
+        All causes that count.
     readout : Readout
         Settings for which it holds.
     reference : tuple of str
-        Reference coils whose δ has been taken from that of the others; none by default.
+        Reference coils whose δ has been subtracted from the others. None by default.
     unread : tuple of str
         Names of the states, and reference coils, that no LDC1614 can read, so that their noise is of no use.
     """
@@ -103,6 +106,7 @@ class NoiseBudget:
         )
 
     def _repr_html_(self) -> str:
+        """Return the budget as an HTML card."""
         numbers = zip(self.noise.tolist(), self.drift.tolist(), self.sigma.tolist(), strict=True)
         rows = [(name, *(f"{number:.3g}" for number in row)) for name, row in zip(self.states, numbers, strict=True)]
         causes = [
@@ -117,54 +121,78 @@ class NoiseBudget:
 
     @property
     def scan_noise(self) -> FloatArray:
-        """Relative standard deviation of L of one scan, shape (states,): the noise of all causes in quadrature."""
+        """Relative standard deviation of L of one scan, (states,).
+
+        It is the noise of all causes in quadrature.
+        """
         return _quadrature([cause.noise for cause in self.causes])
 
     @property
     def noise(self) -> FloatArray:
-        """Standard deviation of δ by noise, shape (states,): of the averaged scans and of those of L_0."""
+        """Standard deviation of δ by noise, shape (states,).
+
+        It includes the averaged scans of the reading and of L_0.
+        """
         return self.scan_noise * math.sqrt(1 / self.readout.averaged_scans + 1 / self.readout.baseline_scans)
 
     @property
     def drift(self) -> FloatArray:
-        """Change of δ with temperature in 1/K, shape (states,): all causes in quadrature, as some signs are unknown."""
+        """Change of δ with temperature in 1/K, shape (states,).
+
+        All causes are added in quadrature, as some signs are unknown.
+        """
         return _quadrature([cause.drift for cause in self.causes])
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviation of δ, noise and changes since L_0 together, shape (states,)."""
+        """Standard deviation of δ, shape (states,).
+
+        Noise and changes since L_0 are added.
+        """
         return _quadrature([self.noise, *(cause.change for cause in self.causes)])
 
     @property
     def largest(self) -> float:
-        """The largest `sigma` of all states: the noise of δ of a single coil."""
+        """Largest `sigma` of all states.
+
+        It is the noise of δ of a single coil.
+        """
         return float(self.sigma.max())
 
     @property
     def independent(self) -> FloatArray:
-        """Standard deviation of δ by what is each coil's own, shape (states,): noise, and changes not in common.
+        """Standard deviation of δ by each coil's own causes.
 
-        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ, and its diagonal sigma².
+        It has shape (states,) and contains noise, and changes not in common. With `common` it makes the covariance of
+        readings, diag(independent²) + Σ c cᵀ, whose diagonal is sigma².
         """
         return np.hypot(self.noise, self.own_change)
 
     @property
     def own_change(self) -> FloatArray:
-        """Standard deviation of δ by the changes since L_0 that are not in common, shape (states,): without noise."""
+        """Standard deviation of δ by own changes since L_0.
+
+        It has shape (states,). Common changes and noise are left out.
+        """
         return _quadrature([np.zeros(len(self.states)), *(one.change for one in self.causes if not one.common)])
 
     @property
     def common(self) -> dict[str, FloatArray]:
-        """Changes c of δ, shape (states,), by every cause that is one random number at all coils, where it is not 0."""
+        """Common changes c of δ, shape (states,) per cause.
+
+        Each is by a cause that is one random number at all coils, if it is not 0.
+        """
         return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """Return `common` as variables of the dataset of a response: ``common_noise`` (drift_cause, state); or none.
+        """Return `common` as variables of a response dataset.
+
+        The variable is ``common_noise`` (drift_cause, state).
 
         Returns
         -------
         dict
-            Name, dimensions, values (ratios) and attributes of the variable; empty without common causes.
+            Name, dimensions, values (ratios) and attributes of the variable. It is empty without common causes.
         """
         common = self.common
         if not common:
@@ -175,7 +203,9 @@ class NoiseBudget:
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def select(self, states: Sequence[str]) -> NoiseBudget:
-        """Return the budget of some of the states, in the given order; NetworkError for one that is not there.
+        """Return the budget of some of the states.
+
+        They are in the given order. An unknown state raises a NetworkError.
 
         Returns
         -------
@@ -191,11 +221,17 @@ class NoiseBudget:
         return replace(self, states=tuple(states), causes=causes)
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
-        """Return the budget of δ less the mean δ of reference coils, of the other states.
+        """Return the budget with the mean of reference coils subtracted.
 
-        What is common goes as far as it is equal at both, as in `coilarray.hardware.record.reference_coil`; of the rest
-        that of the references is added in quadrature. NetworkError for a reference that is not there or named twice,
-        none, or no other state.
+        It holds for δ of the other states less the mean δ of the reference coils. Common changes cancel as far as they
+        are equal at both, as in `coilarray.hardware.record.reference_coil`. The remaining errors of the references are
+        added in quadrature. A reference that is unknown or named twice, no reference, or no other state raises a
+        NetworkError.
+
+        Returns
+        -------
+        NoiseBudget
+            The budget of the other states.
 
         Returns
         -------
@@ -222,7 +258,7 @@ class NoiseBudget:
         return replace(self, states=others, causes=causes, reference=tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
-        """Return everything as plain values in SI, for JSON.
+        """Return the budget as plain values in SI for JSON.
 
         Returns
         -------
@@ -262,16 +298,16 @@ class NoiseBudget:
 def noise_budget(
     design: Design | DesignFile, *, readout: Readout | None = None, network: Network | None = None
 ) -> NoiseBudget:
-    """Say how far the readings of a design scatter and drift, and why.
+    """Compute noise and drift of a design's readings by cause.
 
     Parameters
     ----------
     design : Design or DesignFile
         Design with the circuit of its coils.
     readout : Readout, optional
-        Settings and coefficients; those of the design by default.
+        Settings and coefficients. By default those of the design.
     network : Network, optional
-        Coils, switches and strays; by default `coilarray.circuit.coupling.design_circuit`.
+        Coils, switches and strays. By default `coilarray.circuit.coupling.design_circuit`.
 
     Returns
     -------
@@ -285,8 +321,8 @@ def noise_budget(
 
     Notes
     -----
-    See `budget_of`. Left out: neighbours that are warmer than others, flicker noise of clock and sensor, the change of
-    the skin depth, and the elastomer.
+    See `budget_of`. Left out are neighbours that are warmer than others, flicker noise of clock and sensor, the change
+    of the skin depth, and the elastomer.
 
     Examples
     --------
@@ -312,30 +348,30 @@ def noise_budget(
 def budget_of(
     design: Design, frequency: npt.ArrayLike, quality_factor: npt.ArrayLike, *, switches: Switches | None = None
 ) -> NoiseBudget:
-    """Return the budget of a design's states from their resonances.
+    """Compute the budget of a design's states from their resonances.
 
     Parameters
     ----------
     design : Design
         Design, of which the read-out, the tank and the switches count.
     frequency, quality_factor : array_like, shape (states,)
-        Resonance of every state in Hz and the quality factor of the whole resonator; infinite without losses.
+        Resonance of every state in Hz and the quality factor of the whole resonator, infinite without losses.
     switches : Switches, optional
-        Switches and tank of the board; those of the design by default.
+        Switches and tank of the board. By default those of the design.
 
     Notes
     -----
     Noise of f in one conversion of the duration T:
 
-    - resolution of the converter and jitter of its clock, as `Readout` has them;
+    - resolution of the converter and jitter of its clock, as `Readout` has them,
     - thermal noise of the losses. It lets the phase of an oscillator diffuse, S_φ = (4kT_K/P) (f/(2Qf_m))² at the
       offset f_m with the dissipated power P (D. B. Leeson, Proc. IEEE 54, 329, 1966, in the form of A. Hajimiri & T. H.
-      Lee, IEEE J. Solid-State Circuits 33, 179, 1998, with F = 1). That is white noise of f, S_y = kT_K/(Q²P), whose
-      mean over T has σ² = S_y/(2T) = kT_K/(QωCV²T) with P = ωCV²/(2Q). The converter's amplifier makes more.
+      Lee, IEEE J. Solid-State Circuits 33, 179, 1998, with F = 1). This is white noise of f, S_y = kT_K/(Q²P), whose
+      mean over T has σ² = S_y/(2T) = kT_K/(QωCV²T) with P = ωCV²/(2Q). The converter's amplifier adds more.
 
-    Changes with temperature: L is taken from the square of the clock, the capacitance and the size of the board. A coil
-    with a series resistance R has L_eff = L (1 + 1/Q²) where Im Y = 0, which changes by 2/(Q² + 1) times the relative
-    change of R, the switches' included; R is taken to change as at direct current, an upper bound where the skin effect
+    Changes with temperature: L follows from the square of the clock, the capacitance and the size of the board. A coil
+    with a series resistance R has L_eff = L (1 + 1/Q²) at Im Y = 0, which changes by 2/(Q² + 1) times the relative
+    change of R, the switches' included. R is taken to change as at direct current, an upper bound if the skin effect
     counts. The delay of 5 ns in the converter's drive (SNOSCY9A, equation 1) adds 5 ns · ω/Q times that change.
     """
     readout = design.readout
@@ -350,7 +386,7 @@ def budget_of(
         for given, default in ((readout.clock_per_kelvin, known.per_kelvin), (readout.clock_per_volt, known.per_volt))
     )
     closed = np.array([_closed_switches(state) for state in design.plan])
-    resistance = 1 / (susceptance * Q)  # in series; that of the switches is a share of it
+    resistance = 1 / (susceptance * Q)  # in series; the switches are a share of it
     of_switches = np.zeros_like(f)
     np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
     of_switches = np.minimum(of_switches, 1.0)
@@ -419,7 +455,10 @@ def budget_of(
 
 @dataclass(frozen=True)
 class _Clock:
-    """What is known of a kind of clock: relative changes in 1/K and 1/V, and where they are from."""
+    """Known temperature and supply coefficients of a clock.
+
+    They are relative changes in 1/K and 1/V, with their sources.
+    """
 
     name: str
     per_kelvin: float
@@ -448,7 +487,10 @@ _RESOLUTION = (
 
 
 def _closed_switches(state: ScanState) -> float:
-    """Return how many closed switches are in series from side to side of the converter."""
+    """Return the number of closed switches in series.
+
+    They are between the sides of the converter.
+    """
     coils = len(state.measured)
     return 2.0 * coils if state.connection == "series" else 2.0 / coils
 

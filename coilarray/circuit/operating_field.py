@@ -1,4 +1,7 @@
-"""The field of an array in operation: one active coil and the currents it induces in the others."""
+"""Magnetic field of an array in operation.
+
+It is the field of one active coil and of the currents that it induces in the others.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,9 @@ from coilarray.metal.plate_field import plate_field
 def operating_currents(
     design: Design | DesignFile, coupling: xr.Dataset, active: str, *, terminated: bool = True
 ) -> ComplexArray:
-    """Currents of all coils while one is measured, per ampere of the active one.
+    """Compute the currents of all coils while one is measured.
+
+    They are per ampere of the active coil.
 
     Parameters
     ----------
@@ -31,7 +36,7 @@ def operating_currents(
     active : str
         Name of the measured coil.
     terminated : bool
-        False: all other coils open.
+        If False, all other coils are open.
 
     Returns
     -------
@@ -56,7 +61,10 @@ def operating_currents(
 
 
 def require_endless(design: Design) -> tuple[Plate, ...]:
-    """Return the plates of a design, all of which must be infinite for their field to be computed: MetalError."""
+    """Return the plates of a design, all infinite.
+
+    The field of a plate with an outline is not computed and raises a MetalError.
+    """
     for plate in design.plates:
         if isinstance(plate, FinitePlate):
             raise MetalError(
@@ -67,7 +75,7 @@ def require_endless(design: Design) -> tuple[Plate, ...]:
 
 
 def _half(progress: Progress, k: int) -> Progress:
-    """Count one of two equal passes as half of the work."""
+    """Count each of two equal passes as half."""
     return lambda done, total: progress(k * total + done, 2 * total)
 
 
@@ -83,14 +91,16 @@ def operating_field(
     terminated: bool = True,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """B on a line, plane or volume while one coil carries the measuring current.
+    """Compute the flux density of an active coil in T.
+
+    It is computed on a line, plane or volume while the coil carries the measuring current.
 
     Parameters
     ----------
     design, coupling, active, terminated
-        Design, coupling, measured coil and whether the others are terminated: see `operating_currents`.
+        Design, coupling, measured coil and whether the others are terminated. See `operating_currents`.
     x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
-        Grid in m; z = 0 is the top of the board.
+        Grid in m. z = 0 is the top of the board.
     current : float
         Current of the active coil in A.
     progress : callable, optional
@@ -100,8 +110,8 @@ def operating_field(
     -------
     xarray.Dataset
         ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the active coil's
-        current and 90° ahead of it, in free space, or beside the design's plates at the active coil's
-        frequency; magnetic sheets change the currents alone, with plates as without.
+        current and 90° ahead of it. The field is in free space, or beside the design's plates at the active coil's
+        frequency. Magnetic sheets change the currents only, with and without plates.
 
     Raises
     ------

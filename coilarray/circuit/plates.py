@@ -1,4 +1,7 @@
-"""What the plates of a design add to its circuit: their eddy currents and their iron, over frequency."""
+"""Effect of a design's plates on its circuit.
+
+It comes from their eddy currents and iron, over frequency.
+"""
 
 from __future__ import annotations
 
@@ -24,29 +27,42 @@ _ERRORS: Recent[dict[str, PlateError]] = Recent(_KEPT)
 
 @dataclass(frozen=True, eq=False)
 class PlateEffect:
-    """Change of the impedance over jω by plates: complex samples (f, n, n) in H at the nodes of a band."""
+    """Change of the impedance over jω by plates.
+
+    The samples are complex (f, n, n) in H, at the nodes of a band.
+    """
 
     band: FrequencyBand
     samples: ComplexArray
 
     def at(self, frequencies: FloatArray) -> ComplexArray:
-        """Change (f, n, n) at frequencies (f,) in Hz; MetalError outside the band."""
+        """Change (f, n, n) at frequencies (f,) in Hz.
+
+        A frequency outside the band raises a MetalError.
+        """
         return np.asarray(np.tensordot(self.band.shares(frequencies), self.samples, axes=1))
 
     def dispersion(self, frequencies: FloatArray, working: float) -> SampledMatrix:
-        """Inductance in H at frequencies (f,) against that at the working one, in Hz."""
+        """Inductance minus its value at the working frequency in H.
+
+        Both the frequencies (f,) and the working frequency are in Hz.
+        """
         own = self.at(np.array([working])).real
         return SampledMatrix(frequencies, self.at(frequencies).real - own)
 
     def resistance(self, frequencies: FloatArray) -> FloatArray:
-        """Resistance matrices (f, n, n) in Ω at frequencies (f,) in Hz."""
+        """Resistance matrices (f, n, n) in Ω over frequency.
+
+        The frequencies (f,) are in Hz.
+        """
         return -2 * np.pi * frequencies[:, None, None] * self.at(frequencies).imag
 
 
 def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "full") -> PlateEffect:
-    """Return what the plates of a design do from a frequency `low` to one `high` in Hz; kept in memory.
+    """Return the effect of a design's plates over a band.
 
-    GeometryError or MetalError for plates that are not computed.
+    The band reaches from a frequency `low` to a frequency `high` in Hz. The result is kept in memory. Plates that are
+    not computed raise a GeometryError or MetalError.
     """
     band = FrequencyBand(low, high)
     key = (digest_of(design.array, design.sheets, design.plates), accuracy, low, high)
@@ -54,9 +70,10 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
 
 
 def plate_errors_by_name(design: Design, frequency: float) -> dict[str, PlateError]:
-    """Return the errors of every plate with an outline, alone, at a frequency in Hz, by its name; kept in memory.
+    """Return the errors of every plate with an outline.
 
-    GeometryError for plates that are not computed.
+    They hold for each plate alone, at a frequency in Hz, by its name. The result is kept in memory. Plates that are not
+    computed raise a GeometryError.
     """
     outlined = [one for one in design.plates if isinstance(one, FinitePlate)]
 
@@ -70,7 +87,10 @@ def plate_errors_by_name(design: Design, frequency: float) -> dict[str, PlateErr
 
 
 def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accuracy) -> ComplexArray:
-    """Change of the impedance over jω by all plates of a design, complex (f, n, n) in H."""
+    """Change of the impedance over jω by all plates.
+
+    It is complex (f, n, n) in H.
+    """
     paths, sheets, plates = design.array.conductors(), design.sheets, design.plates
     endless = [plate for plate in plates if isinstance(plate, Plate)]
     change = plate_inductance(paths, endless, frequencies, sheets, accuracy=accuracy)

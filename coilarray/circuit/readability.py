@@ -1,7 +1,8 @@
-"""What a converter reads of states and of the positions of a map, and with which drive: marks, amplitudes and words.
+"""Readability of states and map positions by a converter.
 
-`coilarray.circuit.converter_limits.broken_limit` decides. What no converter can read stays in its dataset, marked, and
-is left out of ranges, deviations and largest values.
+It has marks, amplitudes and words, and includes the drive. `coilarray.circuit.converter_limits.broken_limit` decides.
+Values that no converter can read stay in their dataset, marked. They are left out of ranges, deviations and largest
+values.
 """
 
 from __future__ import annotations
@@ -32,18 +33,18 @@ from coilarray.compute.netcdf import variables
 from coilarray.design.model import Design
 
 RESONATOR = ("frequency", "parallel_resistance", "quality_factor")
-"""Variables of a state by which it is decided."""
+"""Variables of a state that decide its readability."""
 
 
 def readability(
     design: Design, over: tuple[str, ...], values: Mapping[str, FloatArray], base: Mapping[str, FloatArray]
 ) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-    """Return the variables of a dataset that say what the converter of a design reads.
+    """Return the variables for the readability by a converter.
 
     Parameters
     ----------
     design : Design
-        Design, of which the read-out counts: none of the variables without a converter.
+        Design, of which the read-out counts. Without a converter there are no variables.
     over : tuple of str
         Dimensions of the values, the states last.
     values : mapping of str to ndarray, shape (…, states)
@@ -54,11 +55,11 @@ def readability(
     Returns
     -------
     dict
-        Variables by name. At every position ``readable``; ``broken_limit``, the number of the limit that is broken, 0
-        for none; ``amplitude`` in V with the drive current of the coil alone, NaN where none fits it; and
-        ``path_readable``, with the one drive current that reads the most. Of every state ``drive_code``, the IDRIVE of
-        the coil alone; ``path_drive_code``, that which reads the most positions and the coil alone; −1 for none; and
-        ``alone_readable``, whether the latter reads the coil alone.
+        Variables by name. At every position: ``readable``, ``broken_limit``, the number of the broken limit or 0,
+        ``amplitude`` in V with the drive current of the coil alone, or NaN if no current fits it, and
+        ``path_readable``, with the single drive current that reads the most. Of every state: ``drive_code``, the IDRIVE
+        of the coil alone, ``path_drive_code``, the IDRIVE that reads the most positions and the coil alone, and
+        ``alone_readable``, whether the latter reads the coil alone. A code of −1 stands for none.
     """
     if not design.readout.converter:
         return {}
@@ -87,7 +88,10 @@ def readability(
 
 
 def readable_of(response: xr.Dataset) -> xr.DataArray:
-    """Return where a converter reads a map, over the dimensions of its ``delta``; everywhere where it does not say."""
+    """Return where a converter reads a map.
+
+    The dimensions are those in its ``delta``. A map without this information counts as readable everywhere.
+    """
     delta = response["delta"]
     if "readable" not in response:
         return xr.ones_like(delta, dtype=bool)
@@ -95,10 +99,11 @@ def readable_of(response: xr.Dataset) -> xr.DataArray:
 
 
 def with_reasons(dataset: xr.Dataset, more: Sequence[str] = ()) -> tuple[xr.Dataset, tuple[str, ...]]:
-    """Return a dataset whose ``broken_limit`` is in words, empty for none, and the names of its marks for a table.
+    """Return a dataset with ``broken_limit`` in words.
 
-    `more` are others of the variables of `readability`, which come first. Without a converter there are no names,
-    without a broken limit not that one, and ``path_readable`` only where it differs from ``readable``.
+    The words are empty for no broken limit. The names of its marks for a table are returned with it. `more` are further
+    variables of `readability`, which come first. Without a converter there are no names. Without a broken limit its
+    name is left out, and ``path_readable`` is present only if it differs from ``readable``.
     """
     if "broken_limit" not in dataset:
         return dataset, ()
@@ -118,17 +123,17 @@ class PathDrive:
     state : str
         Name of the state.
     code, path_code : int
-        IDRIVE of the coil alone, and that which reads the most positions and the coil alone; −1 for none.
+        IDRIVE of the coil alone, and the IDRIVE that reads the most positions and the coil alone. −1 for none.
     least, most : float
-        Ends of the amplitude in V over all positions with the former; NaN for none.
+        Ends of the amplitude in V over all positions with `code`. NaN for none.
     place : str
-        Place of the amplitude that is farthest from what is allowed.
+        Place of the amplitude that is farthest from the allowed range.
     read, positions : int
-        Positions that the latter reads, and all of them.
+        Positions that `path_code` reads, and all of them.
     alone : bool
         Whether it reads the coil alone as well.
     heights : str
-        Distances or depths that it reads at the place where R_p is the least.
+        Distances or depths that it reads at the place of the least R_p.
     """
 
     state: str
@@ -144,17 +149,23 @@ class PathDrive:
 
     @property
     def extreme(self) -> float:
-        """Amplitude in V that is farthest from what is allowed."""
+        """Amplitude in V farthest from the allowed range."""
         return self.least if AMPLITUDE_LOW / self.least > self.most / AMPLITUDE_HIGH else self.most
 
     @property
     def kept(self) -> bool:
-        """Whether the drive current of the coil alone keeps the amplitude at every position."""
+        """Whether the coil's own drive keeps the amplitude everywhere.
+
+        This means the drive current of the coil alone, at every position.
+        """
         return AMPLITUDES[0] <= self.least and self.most <= AMPLITUDES[1]
 
 
 def path_drives(response: xr.Dataset) -> list[PathDrive]:
-    """Return the drive over the positions of every state of a map; an empty list without a converter."""
+    """Return the drive over positions of every map state.
+
+    The list is empty without a converter.
+    """
     found: list[PathDrive] = []
     if "amplitude" not in response or "y" not in response.amplitude.dims:
         return found
@@ -176,12 +187,14 @@ def path_drives(response: xr.Dataset) -> list[PathDrive]:
 
 
 def reading_lines(response: xr.Dataset) -> list[str]:
-    """Say of a map what the converter cannot read, a line for each limit, and what the drive of the coils alone does.
+    """Describe the parts of a map that the converter misses.
+
+    There is a line for each limit that prevents reading, and for the effect of the drive of the coils alone.
 
     Returns
     -------
     list of str
-        Sentences; none where the drive of each coil alone reads every position, or there is no converter.
+        Sentences. The list is empty if the drive of each coil alone reads every position, or there is no converter.
     """
     if "broken_limit" not in response:
         return []
@@ -229,7 +242,10 @@ def _place(values: xr.DataArray, index: Sequence[np.intp]) -> str:
 
 
 def _spans(values: FloatArray, chosen: BoolArray, what: str) -> str:
-    """Write the chosen ones of rising lengths in m, neighbours as one span."""
+    """Write the chosen lengths in m, neighbours as one span.
+
+    The lengths are rising.
+    """
     parts = []
     for read, group in groupby(zip(values.tolist(), chosen.tolist(), strict=True), key=lambda pair: pair[1]):
         inside = [MM.text(value) for value, _ in group]

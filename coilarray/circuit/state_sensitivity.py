@@ -1,18 +1,18 @@
-"""How every state of a scan answers to small changes of the inductance matrix, to first order; many states at once.
+"""First-order response of scan states to inductance changes.
 
-One volt between the sides of the converter drives the currents i through the coils. By reciprocity a change ΔL of the
-inductance matrix changes the admittance there, the tank included, by ΔY = −jω iᵀ ΔL i. The converter oscillates where
-B = Im Y vanishes, and what it takes for an inductance, L = 1/(ω²C), changes by
+Many states are solved at once. One volt between the sides of the converter drives the currents i through the coils. By
+reciprocity a change ΔL of the inductance matrix changes the admittance there, the tank included, by ΔY = −jω iᵀ ΔL i.
+The converter oscillates at B = Im Y = 0, and its value of the inductance, L = 1/(ω²C), changes by
 
     δ_a = ΔL/L = −2 Δω/ω = Re(w_a i_aᵀ ΔL i_a),   w_a = −2 y_a²/(dB/dω),
 
 with the currents i_a per ampere of the measured coil and y_a, its own per volt. This is ΔL/L for a coil without losses
-and neighbours. Three ways lead to i and B:
+and neighbours. Three methods give i and B:
 
 - Coils of constant R and L alone, others grounded or open: all states of a group come from one decomposition
   R V = L V ρ with VᵀLV = 1, as the admittance matrix is Y(ω) = V (ρ + jω)⁻¹ Vᵀ.
 - All others grounded, with strays and a resistance that depends on frequency: measuring a coil is grounding it at the
-  sides of the converter. The factors of the grounded array serve all states; they are sampled at few frequencies and
+  sides of the converter. The factors of the grounded array serve all states. They are sampled at few frequencies and
   interpolated, as the resonances lie close together.
 - Any other state by itself: `coilarray.circuit.network`.
 """
@@ -47,18 +47,18 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
 
-# Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a relative
-# half-width w errs by (w/2)^points.
+# Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a relative half-width
+# w errs by (w/2)^points.
 _FAR, _SPAN, _PAD, _POINTS, _ROUNDS = 0.1, 0.02, 2e-3, 6, 20
-_FEW = 12  # coils of which a state by itself costs less than the samples
+_FEW = 12  # coils up to which a state by itself costs less than the samples
 
 
 @dataclass(frozen=True, eq=False)
 class StateSensitivity:
-    """States of a scan at their resonances, and what changes of the inductance matrix do to them.
+    """Scan states at resonance and their response to inductance changes.
 
-    `measured` (states,) is the number of the coil that each state measures, `base_inductance` (states,) L = 1/(ω²C) in
-    H, `currents` (coils, states) those in A per A of the measured coil, `weights` (states,) the factors w in 1/H.
+    `measured` (states,) is the number of the coil that each state measures. `base_inductance` (states,) is L = 1/(ω²C)
+    in H. `currents` (coils, states) are in A per A of the measured coil. `weights` (states,) are the factors w in 1/H.
     """
 
     measured: IntArray
@@ -67,16 +67,20 @@ class StateSensitivity:
     weights: ComplexArray
 
     def delta(self, change: FloatArray) -> FloatArray:
-        """Relative change of every state's inductance, shape (…, states), for changes (…, coils, coils) in H."""
+        """Relative change of every state's inductance, shape (…, states).
+
+        The changes of the inductance matrix (…, coils, coils) are in H.
+        """
         energy = np.einsum("pa,...pq,qa->...a", self.currents, change, self.currents, optimize=True)
         return np.asarray((self.weights * energy).real)
 
 
 @serial_algebra()
 def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
-    """Solve every state of a scan, each of one measured coil, at its resonance.
+    """Solve every state of a scan at its resonance.
 
-    A state that measures several coils or none, or one without a resonance, is a NetworkError.
+    Each state measures one coil. A state that measures several coils or none, or a state without a resonance, raises a
+    NetworkError.
 
     Examples
     --------
@@ -113,7 +117,10 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
 
 @serial_algebra()
 def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
-    """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils."""
+    """Solve states where the converter oscillates.
+
+    The results are those from `coilarray.circuit.network.resonate`, faster for many coils.
+    """
     for state in states:
         check_state(state, network.names)
     C = network.switches.tank_capacitance
@@ -122,7 +129,7 @@ def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]
         measured = _measured(network, [states[row] for row in rows])
         for k, row in enumerate(rows):
             omega, admittance = float(found.omega[k]), complex(found.admittance[k])
-            if omega > 0:  # else `resonate` has the last word
+            if omega > 0:  # else `resonate` decides
                 own = found.currents[:, k] / found.currents[measured[k], k] * states[row].measured[0][1]
                 impedance = 1 / (admittance - 1j * omega * C)
                 solved[row] = Resonance(omega / (2 * np.pi), impedance, states[row], admittance, own, C)
@@ -130,7 +137,10 @@ def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]
 
 
 class _States(NamedTuple):
-    """States at their resonances: ω in 1/s, not a number without one; Y in S; dB/dω in F; i (coils, states) in A/V."""
+    """States at their resonances.
+
+    ω is in 1/s, and NaN without a resonance. Y is in S, dB/dω in F, and i (coils, states) in A/V.
+    """
 
     omega: FloatArray
     admittance: ComplexArray
@@ -145,9 +155,10 @@ def _measured(network: Network, states: Sequence[ScanState]) -> IntArray:
 
 
 def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW) -> Iterator[tuple[list[int], _States]]:
-    """Solve states of one measured coil that have a way of their own, in groups: their numbers and the solution.
+    """Solve states of one measured coil in groups.
 
-    Coils alone (`_is_bare`) are solved together from an array of `fewest` coils on, all others from `_FEW`.
+    It yields the numbers and the solution of the states for which a faster method exists. Coils alone (`_is_bare`) are
+    solved together from an array of `fewest` coils on, all others from `_FEW`.
     """
     n, bare = len(network.names), _is_bare(network)
     groups: dict[bytes, list[int]] = {}
@@ -169,7 +180,10 @@ def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW)
 
 
 def _is_bare(network: Network) -> bool:
-    """Say whether there is nothing but coils of constant R and L, closed switches and a tank at the converter."""
+    """Check that a network has coils, switches and tank only.
+
+    The coils have constant R and L, the switches are closed, and the tank is at the converter.
+    """
     switches, resistance = network.switches, network.resistance
     strays = (switches.off_capacitance, switches.terminal_capacitance, switches.bus_capacitance)
     capacitance = any(strays) or network.winding_capacitance.any() or network.mutual_capacitance.any()
@@ -179,7 +193,7 @@ def _is_bare(network: Network) -> bool:
 
 
 def _closed(network: Network, state: ScanState) -> npt.NDArray[np.bool_]:
-    """Which coils are measured or grounded at both ends, shape (coils,)."""
+    """Mask (coils,) of coils measured or grounded at both ends."""
     passive = {**state.exceptions, **{name: "ground" for name, _ in state.measured}}
     return np.array([passive.get(name, state.others) == "ground" for name in network.names], dtype=np.bool_)
 
@@ -192,7 +206,10 @@ def _alone(network: Network, state: ScanState) -> tuple[float, float, ComplexArr
 
 
 def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:
-    """Solve some of the coils, with constant resistances and nothing else: all at once."""
+    """Solve some of the coils at once, without other elements.
+
+    Their resistances are constant.
+    """
     L = network.inductance[np.ix_(coils, coils)]
     R = np.diag(network.resistance(1.0))[coils] + 2 * network.switches.on_resistance
     capacitance = network.switches.tank_capacitance
@@ -212,7 +229,10 @@ def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _Stat
 
 
 def _sampled_states(network: Network, measured: IntArray) -> _States:
-    """Solve all coils, all but the measured one grounded, with strays and any resistance."""
+    """Solve all coils with strays and any resistance.
+
+    All coils except the measured coil are grounded.
+    """
     n, C, count = len(network.names), network.switches.tank_capacitance, len(measured)
     omega = 1 / np.sqrt(np.diag(network.inductance)[measured] * (C + network.winding_capacitance[measured]))
     K = _terminal_capacitance(network)
@@ -245,7 +265,10 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
 
 
 def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntArray]:
-    """Yield the indices of values that are close together and on one side of every edge."""
+    """Yield the indices of values that are close together.
+
+    The values of a group are on one side of every edge.
+    """
     order, segment = np.argsort(values), np.searchsorted(edges, values)
     while len(order):
         same = (values[order] <= values[order[0]] * (1 + span)) & (segment[order] == segment[order[0]])
@@ -256,7 +279,10 @@ def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntA
 def _interpolated(
     network: Network, K: csc_array, measured: IntArray, omega: FloatArray, low: float, high: float
 ) -> _States:
-    """Solve states whose resonances lie between two angular frequencies, near those given."""
+    """Solve states with resonances between two angular frequencies.
+
+    The resonances are near those given.
+    """
     angle = np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
     nodes = (low + high) / 2 + (high - low) / 2 * np.cos(angle)
     admittances, currents = zip(*(_driven_together(network, K, measured, at) for at in nodes.tolist()), strict=True)
@@ -283,7 +309,10 @@ def _interpolated(
 
 
 def _terminal_capacitance(network: Network) -> csc_array:
-    """Maxwell matrix in F of the coils' terminals with all that lies at them but the converter, (2 coils, 2 coils)."""
+    """Maxwell matrix of the coils' terminals in F.
+
+    It includes all elements at the terminals except the converter. The shape is (2 coils, 2 coils).
+    """
     switches = network.switches
     across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     ground = np.full(2 * len(across), 2 * switches.off_capacitance + switches.terminal_capacitance)
@@ -294,11 +323,13 @@ def _terminal_capacitance(network: Network) -> csc_array:
 def _driven_together(
     network: Network, K: csc_array, measured: IntArray, omega: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Admittances (states,) with the tank in S and currents (coils, states) for one volt, all other coils grounded.
+    """Admittances with the tank and coil currents for one volt.
+
+    The admittances (states,) are in S, the currents (coils, states) in A. All other coils are grounded.
 
     Notes
     -----
-    The terminals t have the voltages v = q − r (jωK v + A i), where q are the voltages behind their closed switches of
+    The terminals t have the voltages v = q − r (jωK v + A i). Here q are the voltages behind their closed switches of
     resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil currents that leave them. With the
     coils' Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the
     currents D q, D = jωK (H − r HA P) + A P. A side of the converter also acts through open switches: with κ = jω r c
@@ -322,14 +353,14 @@ def _driven_together(
 
     coil, sign = np.arange(n), np.array([1, -1])
     KHA, entries = K @ np.ascontiguousarray(HA), K.tocoo()
-    KH = np.zeros((n, 2, 2), dtype=np.complex128)  # of each coil's own terminals
+    KH = np.zeros((n, 2, 2), dtype=np.complex128)  # for each coil's own terminals
     own = entries.row // 2
     np.add.at(KH, (own, entries.row % 2), entries.data[:, None] * H.reshape(2 * n, n, 2)[entries.col, own])
     D = 1j * omega * (KH - r * of_own(KHA, P))
     D = (D + sign[:, None] * ends[coil, coil][:, None, :])[measured]
     sums = 1j * omega * (K @ H.sum(axis=1) - r * KHA @ total) + np.kron(total, sign)
     all_sums, sums = sums.sum(), sums.reshape(n, 2)[measured]
-    # currents that leave the sides A and B for a voltage of one of them: H − r HA P = 1 − r D, of which g are the sums
+    # Currents that leave the sides A and B for a voltage of one side: H − r HA P = 1 − r D, with sums g.
     g, bus = 1 - r * sums, 1j * omega * switches.bus_capacitance
     rest = kappa * (2 * n - r * all_sums)
     sides = (
@@ -340,7 +371,7 @@ def _driven_together(
     sides += np.eye(2) * (2 * n * s + bus) - s
     (aa, ab), (_, bb) = np.moveaxis(sides, 0, -1)
     common = aa + bb + 2 * ab
-    with np.errstate(divide="ignore", invalid="ignore"):  # nothing leads to ground without strays
+    with np.errstate(divide="ignore", invalid="ignore"):  # without strays nothing leads to ground
         mean = np.where(np.abs(common) > 1e-12 * np.abs(aa), -(aa - bb) / (2 * common), 0.0)
     admittance = (aa + bb - 2 * ab) / 4 + (aa - bb) * mean / 2
     plus, minus = ends[:, measured, 0], ends[:, measured, 1]

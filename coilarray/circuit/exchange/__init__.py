@@ -1,4 +1,4 @@
-"""Exchange with circuit and field solvers: SPICE subcircuits, FastHenry files and Touchstone files."""
+"""Exchange with SPICE, FastHenry and Touchstone files."""
 
 from __future__ import annotations
 

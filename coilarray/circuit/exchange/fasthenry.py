@@ -1,7 +1,8 @@
-"""FastHenry: the current paths as its input file, that file as current paths again, and its impedances.
+"""FastHenry input files and impedances.
 
-FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750, 1994) takes nodes, and between them straight segments of a
-width and a thickness, as `coilarray.geometry.Conductor` does; its width too lies in the x-y plane across the segment.
+Current paths are written as an input file and read from it. FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750,
+1994) takes nodes, and between them straight segments of a width and a thickness, as `coilarray.geometry.Conductor`
+does. Its width also lies in the x-y plane across the segment.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from coilarray.geometry import Conductor
 
 _MM = 1e-3
 _STEEP = 1e-9  # horizontal part of a direction below which a segment is vertical, as in electromagnetics.inductance
-_OFF_AXIS = 1e-6  # sine of the angle up to which a given width direction is the one of the package
+_OFF_AXIS = 1e-6  # sine of the angle up to which a given width direction is the package's own
 _STEP_TOLERANCE = 1e-6  # relative; FastHenry prints frequencies with six digits
 _SMALLEST_STEP = 1.001  # FastHenry sweeps up to 1.001 fmax
 _UNITS = {"km": 1e3, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5, "mils": 2.54e-5}
@@ -43,21 +44,21 @@ def fasthenry_input(
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        Every segment needs a cross-section; the names of the paths become those of the ports.
+        Every segment needs a cross-section. The names of the paths become the names of the ports.
     frequencies : array_like, shape (n,) or scalar
         Frequencies in Hz, positive and rising by one factor, since FastHenry sweeps from fmin to fmax by a factor.
     title : str
         First line of the file.
     resistivity : float
-        Resistivity in Ω·m; copper at 20 °C by default.
+        Resistivity in Ω·m. By default copper at 20 °C.
     filaments_across : tuple of int
-        Filaments across the width and across the thickness of every segment (nwinc, nhinc); (1, 1) is direct
-        current. More than one shows the skin and proximity effects.
+        Filaments across the width and across the thickness of every segment (nwinc, nhinc). (1, 1) is direct current.
+        More filaments show the skin and proximity effects.
 
     Returns
     -------
     str
-        Lengths in mm, with 17 digits; one ``.external`` a path, from its first vertex to its last.
+        Lengths in mm, with 17 digits, and one ``.external`` per path, from its first vertex to its last.
 
     Raises
     ------
@@ -68,9 +69,9 @@ def fasthenry_input(
 
     Notes
     -----
-    A via is the square bar that `CoilArray.conductors` makes of it. Where the conducting area is not width ×
-    thickness, the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right.
-    FastHenry turns all names to lower case.
+    A via is the square bar that `CoilArray.conductors` makes of it. If the conducting area is not width × thickness,
+    the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
+    names to lower case.
 
     Examples
     --------
@@ -102,6 +103,7 @@ def _digits(value: float) -> str:
 
 
 def _sweep(frequencies: npt.ArrayLike) -> str:
+    """Write the frequency line of a sweep."""
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not f.size:
         raise ValueError(f"at least one frequency is needed, as one row; got shape {np.shape(frequencies)}.")
@@ -119,6 +121,7 @@ def _sweep(frequencies: npt.ArrayLike) -> str:
 
 
 def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterator[str]:
+    """Write the nodes and segments of a current path."""
     if conductor.is_filament or not (conductor.areas > 0).all():
         raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
     for i, (x, y, z) in enumerate((conductor.vertices / _MM).tolist(), start=1):
@@ -128,7 +131,7 @@ def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterat
     sections = zip(conductor.widths.tolist(), conductor.thicknesses.tolist(), conductor.areas.tolist(), strict=True)
     for i, (width, thickness, area) in enumerate(sections, start=1):
         line = f"E{number}_{i} N{number}_{i} N{number}_{i + 1} w={_digits(width / _MM)} h={_digits(thickness / _MM)}"
-        if vertical[i - 1]:  # no direction in the x-y plane is across all of it: say which one
+        if vertical[i - 1]:  # every direction in the x-y plane is across it, so state one
             line += " wx=1 wy=0 wz=0"
         if not math.isclose(area, width * thickness, rel_tol=1e-14):
             line += f" rho={_digits(resistivity * width * thickness / area / _MM)}"
@@ -137,7 +140,10 @@ def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterat
 
 @dataclass(frozen=True)
 class _Segment:
-    """One segment line; lengths in m, `area` the conducting one in m²."""
+    """Segment line with lengths in m.
+
+    The conducting `area` is in m².
+    """
 
     line: int
     nodes: tuple[str, str]
@@ -157,14 +163,14 @@ def read_fasthenry_input(text: str) -> tuple[Conductor, ...]:
     Returns
     -------
     tuple of Conductor
-        One a port, in the order of the ``.external`` lines, named as the port or, without a name, ``NODE to NODE``.
-        A resistivity of a segment other than the default one becomes a conducting area.
+        One path per port, in the order of the ``.external`` lines, named as the port or, without a name, ``NODE to
+        NODE``. A resistivity of a segment other than the default becomes a conducting area.
 
     Raises
     ------
     ValueError
-        A line that cannot be read or is not known (planes, ``.equiv``), by its number; a width direction out of the
-        x-y plane; ports that are no single unbranched path; a segment on no path; no port at all.
+        A line that cannot be read or is not known (planes, ``.equiv``), by its number, a width direction out of the x-y
+        plane, ports that are not a single unbranched path, a segment on no path, or no port at all.
 
     Examples
     --------
@@ -215,7 +221,10 @@ def read_fasthenry_input(text: str) -> tuple[Conductor, ...]:
 
 
 def _logical_lines(text: str) -> list[tuple[int, str]]:
-    """Return number and text of every line but the title, comments and blanks, with its continuations."""
+    """Return number and text of every logical line.
+
+    Continuations are joined. The title, comments and blank lines are left out.
+    """
     lines: list[tuple[int, str]] = []
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
@@ -231,6 +240,7 @@ def _logical_lines(text: str) -> list[tuple[int, str]]:
 
 
 def _assignments(number: int, text: str, known: str) -> dict[str, float]:
+    """Read the assignments of a line, key = number."""
     pairs = re.findall(rf"(\w+)\s*=\s*({_NUMBER})(?=\s|$)", text)
     rest = re.sub(rf"(\w+)\s*=\s*({_NUMBER})(?=\s|$)", "", text).strip()
     values = {key.lower(): float(value) for key, value in pairs}
@@ -243,7 +253,10 @@ def _assignments(number: int, text: str, known: str) -> dict[str, float]:
 
 
 def _resistivity(given: dict[str, float], unit: float, default: float) -> float:
-    """In Ω·m; files have it per unit of length."""
+    """Resistivity in Ω·m.
+
+    Files have it per unit of length.
+    """
     if "rho" in given:
         return given["rho"] * unit
     return unit / given["sigma"] if given.get("sigma") else default
@@ -257,6 +270,7 @@ def _segment(
     defaults: dict[str, float],
     nodes: dict[str, FloatArray],
 ) -> _Segment:
+    """Read a segment line."""
     ends = [word.lower() for word in words[1:3]]
     unknown = [end for end in ends if end not in nodes]
     if len(ends) < 2 or unknown:
@@ -288,7 +302,7 @@ def _segment(
 def _paths(
     nodes: dict[str, FloatArray], segments: list[_Segment], ports: list[tuple[int, str, str, str]]
 ) -> tuple[Conductor, ...]:
-    """Follow the segments from the first node of every port to its second one."""
+    """Follow the segments between the two nodes of every port."""
     at: dict[str, list[_Segment]] = {}
     for segment in segments:
         for node in segment.nodes:
@@ -339,7 +353,7 @@ def read_zc_matrix(text: str) -> tuple[FloatArray, tuple[str, ...], ComplexArray
     frequencies : ndarray, shape (frequencies,)
         Frequencies in Hz.
     names : tuple of str, length n
-        Names of the ports in the order of the rows; ``node to node`` where a port has no name.
+        Names of the ports in the order of the rows, or ``node to node`` for a port without a name.
     impedance : ndarray of complex, shape (frequencies, n, n)
         Impedance in Ω.
 

@@ -1,4 +1,7 @@
-"""Resistance over frequency as resistors and inductors, for programs that know no other elements."""
+"""Resistance over frequency as resistors and inductors.
+
+It serves programs that know no other elements.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,15 @@ from scipy.optimize import nnls
 from coilarray.compute.arrays import FloatArray
 
 _CORNERS_A_DECADE = 4
-_ABOVE = 30.0  # corners reach so far beyond the highest frequency: eddy currents begin with the frequency's square
+_ABOVE = 30.0  # reach of the corners over the highest frequency; eddy currents begin with the frequency squared
 
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
-    """A resistor in series with sections of a resistor and an inductor side by side, none of them negative.
+    """Resistor in series with parallel sections.
 
-    `direct` is the resistance at direct current in Ω; `resistances` and `inductances` (sections,) in Ω and H are those
-    of the sections.
+    Each section is a resistor and an inductor in parallel, and no element is negative. `direct` is the resistance at
+    direct current in Ω. `resistances` and `inductances` (sections,) of the sections are in Ω and H.
     """
 
     direct: float
@@ -32,21 +35,29 @@ class Ladder:
         return np.asarray(self.direct + (self.resistances * square / (1 + square)).sum(axis=-1))
 
     def inductance(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Imaginary part over ω in H at frequencies (f,) in Hz: it falls as the resistance grows."""
+        """Imaginary part of the impedance over ω in H.
+
+        It is given at frequencies (f,) in Hz, and falls as the resistance grows.
+        """
         return np.asarray((self.inductances / (1 + self._corner_ratio(frequencies) ** 2)).sum(axis=-1))
 
     def _corner_ratio(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Frequency over the corner of every section, ωL/R, shape (f, sections)."""
+        """Frequency over the corner of every section, ωL/R.
+
+        The shape is (f, sections).
+        """
         omega = 2 * np.pi * np.asarray(frequencies, dtype=np.float64)
         return np.asarray(omega[..., None] * self.inductances / self.resistances)
 
 
 def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
-    """Fit a ladder to resistances (f,) in Ω at frequencies (f,) in Hz, by least squares of the relative error.
+    """Fit a ladder to resistances over frequency.
+
+    The resistances (f,) are in Ω, the frequencies (f,) in Hz. The fit takes the least squares of the relative error.
 
     Notes
     -----
-    Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR: with corners on a
+    Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR. With corners on a
     logarithmic grid the rest is a linear fit of numbers that are not negative (Lawson & Hanson, Solving Least Squares
     Problems, 1974, ch. 23).
 

@@ -1,4 +1,7 @@
-"""The file of a network in the format that its suffix names: a SPICE subcircuit or a Touchstone file."""
+"""Files of a network: SPICE subcircuit or Touchstone file.
+
+The suffix of the file names its format.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +27,20 @@ _POINTS = 201
 def export_network(
     network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
 ) -> None:
-    """Write the coils of a network, without its switches, in the format that the suffix names.
+    """Write the coils of a network to a file.
+
+    The suffix names the format. The switches are left out.
 
     Parameters
     ----------
     network : Network
         Coils and switches, for example from `coilarray.circuit.coupling.design_circuit`.
     path : Path or str
-        ``.cir`` or ``.sub``: a SPICE subcircuit; ``.sNp`` with N coils: a Touchstone file at 50 Ω, a port a coil.
+        ``.cir`` or ``.sub`` for a SPICE subcircuit. ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port
+        per coil.
     frequencies : array_like, shape (frequencies,), optional
-        Frequencies of the Touchstone file in Hz; by default 201 from a tenth of the lowest resonance to ten times the
-        highest, those of each coil in turn with all others grounded.
+        Frequencies of the Touchstone file in Hz. By default 201 from a tenth of the lowest resonance to ten times the
+        highest, with each coil in turn and all others grounded.
     title : str
         First comment of a subcircuit.
 
@@ -49,13 +55,13 @@ def export_network(
 
     Notes
     -----
-    A subcircuit has the inductance matrix, the capacitances across and between the coils, and for every coil a ladder
-    of positive elements fitted to its resistance at the network's own frequencies (`fit_ladder`), one resistor where
-    there is only one frequency; its comments say how well. A ladder loses inductance as its resistance grows, as eddy
-    currents do and the package's L does not: the coil's own inductor is less by what the ladder has at the coil's
-    resonance, where both agree. What the coils' eddy currents make of each other's resistance (1 % of it) is left out.
-    The impedance matrix of a Touchstone file has all of it, every coil floating, with the resistance matrix of the
-    network at each frequency.
+    A subcircuit has the inductance matrix and the capacitances across and between the coils. For every coil it has a
+    ladder of positive elements fitted to its resistance at the network's own frequencies (`fit_ladder`), or one
+    resistor if there is only one frequency. Its comments give the quality of the fit. A ladder loses inductance as its
+    resistance grows, as eddy currents do and the package's L does not. The coil's own inductor is therefore less by the
+    ladder's inductance at the coil's resonance, where both agree. The contribution of the coils' eddy currents to each
+    other's resistance (1 % of it) is left out. The impedance matrix of a Touchstone file has all of it, every coil
+    floating, with the resistance matrix of the network at each frequency.
 
     Examples
     --------
@@ -78,7 +84,7 @@ def export_network(
         write_text(target, _subcircuit(network, title))
         return
     f = exchange_frequencies(network) if frequencies is None else np.asarray(frequencies, dtype=np.float64)
-    # floating coils: a capacitance between two adds a twelfth across each, see `Network`
+    # For floating coils, a capacitance between two adds a twelfth across each, see `Network`.
     apart = between - np.diag(np.diag(between))
     Y_C = np.diag(across + apart.sum(axis=1) / 12)
     R_f = np.array([network.resistance(one) for one in f.ravel().tolist()]).reshape(*f.shape, *L.shape)
@@ -89,21 +95,28 @@ def export_network(
 
 
 def exchange_frequencies(network: Network) -> FloatArray:
-    """Frequencies (f,) in Hz of a file: from a tenth of the lowest resonance to ten times the highest.
+    """Frequencies (f,) of a file in Hz.
 
-    They are the resonances of each coil in turn with all others grounded; a coil without one is a NetworkError.
+    They reach from a tenth of the lowest resonance to ten times the highest. These are the resonances of each coil in
+    turn with all others grounded. A coil without a resonance raises a NetworkError.
     """
     found = _grounded_resonances(network)
     return np.geomspace(found.min() / 10, found.max() * 10, _POINTS)
 
 
 def _grounded_resonances(network: Network) -> FloatArray:
-    """Resonance frequency of each coil in Hz, all others grounded, shape (n,)."""
+    """Resonance frequency of each coil in Hz, shape (n,).
+
+    All other coils are grounded.
+    """
     return np.array([one.frequency for one in resonances(network, paper_plan(network.names))])
 
 
 def _subcircuit(network: Network, title: str) -> str:
-    """Write the coils of a network as a SPICE subcircuit whose resistances follow those of the network."""
+    """Write the coils of a network as a SPICE subcircuit.
+
+    Its resistances follow the resistances of the network.
+    """
     L, found = network.inductance, _grounded_resonances(network)
     middle = network.resistance(float(np.exp(np.log(found).mean())))
     if not isinstance(network.resistance, SampledMatrix) or len(network.resistance.frequencies) == 1:

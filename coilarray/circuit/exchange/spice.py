@@ -1,4 +1,7 @@
-"""The array as a SPICE subcircuit: inductors, ladders of resistance, capacitors and the complete set of couplings."""
+"""The array as a SPICE subcircuit.
+
+It has inductors, ladders of resistance, capacitors and the complete set of couplings.
+"""
 
 from __future__ import annotations
 
@@ -17,24 +20,26 @@ _NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes
 
 
 def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
-    """Return names of letters, digits and underscores that stay distinct where case does not count.
+    """Return distinct names of letters, digits and underscores.
+
+    They stay distinct if case does not count.
 
     Parameters
     ----------
     names : sequence of str
         Names of the coils, all different.
     count : int, optional
-        How many there must be.
+        Required number of names.
 
     Returns
     -------
     tuple of str
-        Every other character becomes ``_``; a name that is taken then gets ``_2``, ``_3``, …
+        Every other character becomes ``_``. A name that is taken then gets ``_2``, ``_3``, …
 
     Raises
     ------
     ValueError
-        The wrong number of names, no name at all, an empty name, or one given twice.
+        The wrong number of names, no name at all, an empty name, or a name given twice.
 
     Examples
     --------
@@ -75,20 +80,20 @@ def spice_subcircuit(
     Parameters
     ----------
     names : sequence of str, length n
-        Names of the coils; `plain_names` makes node names of them.
+        Names of the coils. `plain_names` makes node names of them.
     inductance : array_like, shape (n, n)
         Inductance matrix in H, symmetric and positive definite.
     resistance : array_like, shape (n,) or scalar
-        Series resistance of each coil in Ω, that at direct current where there are `sections`.
+        Series resistance of each coil in Ω, at direct current if there are `sections`.
     capacitance : array_like, shape (n,) or scalar, optional
         Lumped winding capacitance of each coil in F, between its two pins. None by default.
     mutual_capacitance : array_like, shape (n, n), optional
         Capacitance C_ij between two coils in F, see `coilarray.circuit.network.Network`. None by default.
     sections : sequence of sequences of tuple, length n
-        For each coil the resistors in Ω and inductors in H that lie side by side, one pair after the other in series
-        with it, as in `coilarray.circuit.exchange.ladder.Ladder`. None by default.
+        For each coil, pairs of a resistor in Ω and an inductor in H in parallel. The pairs are in series with the coil,
+        as in `coilarray.circuit.exchange.ladder.Ladder`. None by default.
     title : str
-        First comment, and as a plain name that of the subcircuit; ``coilarray`` where it is empty.
+        First comment, and as a plain name the name of the subcircuit. If empty, the name is ``coilarray``.
     comments : sequence of str
         Further comments, a line each.
 
@@ -100,21 +105,21 @@ def spice_subcircuit(
     Raises
     ------
     ValueError
-        Shapes that do not fit, values that are not allowed, names as in `plain_names`, or an inductance matrix that
-        is not symmetric or not positive definite: such an array could give out energy, and the simulation diverges.
+        Shapes that do not fit, values that are not allowed, names as in `plain_names`, or an inductance matrix that is
+        not symmetric or not positive definite. Such an array could give out energy, and the simulation diverges.
 
     Notes
     -----
-    From NAME_1 to NAME_2 a coil is R + jωL, and its sections, in parallel with C, current into NAME_1 positive, as in
-    `coilarray.circuit.active_coil.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written,
-    every number with 17 digits (which is all of a double); a set with small ones left out need not be positive
+    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into NAME_1 is positive, as in
+    `coilarray.circuit.active_coil.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every
+    number with 17 digits (the full precision of a double). A set without the small couplings need not be positive
     definite. A resistance or capacitance of zero is not an element, since SPICE replaces R = 0 by a default. Between
-    two coils there are four capacitors C_ij/4, one from each pin of one to each of the other, and C_ij/6 less across
-    each.
+    two coils there are four capacitors C_ij/4, from each pin of the first to each pin of the second, and C_ij/6 less
+    across each coil.
 
-    To leave a coil open, connect one pin to ground and nothing to the other: an ideal open, with a path for direct
-    current through the coil. A coil with both pins free has no such path; give one pin a large resistance (1 GΩ) to
-    ground. A coil of no resistance has no operating point across a voltage source or an ideal short: drive it by a
+    To leave a coil open, connect one pin to ground and nothing to the other. This is an ideal open, with a path for
+    direct current through the coil. A coil with both pins free has no such path. Give one pin a large resistance (1 GΩ)
+    to ground. A coil of no resistance has no operating point across a voltage source or an ideal short. Drive it by a
     current source, and short it through a resistance.
 
     Examples
@@ -145,7 +150,7 @@ def spice_subcircuit(
         " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
     ]
     ladders = sections or [()] * len(L)
-    stem = "s"  # of the sections' names: that of no coil begins with it
+    stem = "s"  # of the sections' names; no coil's name begins with it
     while any(coil.lower().startswith(stem) for coil in coils):
         stem += "s"
     own = zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), ladders, strict=True)
@@ -169,6 +174,7 @@ def spice_subcircuit(
 
 
 def _capacitances(name: str, given: npt.ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
+    """Check capacitances and broadcast them to a shape."""
     C = np.asarray(0.0 if given is None else given, dtype=np.float64)
     if C.shape not in ((), shape):
         raise ValueError(f"{name} must be one number or {' × '.join(map(str, shape))}; got shape {C.shape}.")

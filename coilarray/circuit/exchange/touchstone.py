@@ -22,16 +22,18 @@ def touchstone(
     *,
     reference_resistance: float = 50.0,
 ) -> None:
-    """Write the scattering parameters of an array as a Touchstone file (version 1, real and imaginary parts).
+    """Write scattering parameters of an array as Touchstone file.
+
+    The file is of version 1, with real and imaginary parts.
 
     Parameters
     ----------
     names : sequence of str, length n
-        Names of the coils, one port each; as `plain_names` in the file's comments.
+        Names of the coils, one port each. The file's comments hold them as `plain_names`.
     impedance : array_like of complex, shape (frequencies, n, n)
-        Impedance matrix in Ω, all ports open but the driven one.
+        Impedance matrix in Ω, all ports open but the driven port.
     frequencies : array_like, shape (frequencies,)
-        Frequencies in Hz, rising; 0 is allowed.
+        Frequencies in Hz, rising. 0 is allowed.
     path : Path or str
         File that ends in ``.sNp`` with the number of ports N. Written whole or not at all.
     reference_resistance : float
