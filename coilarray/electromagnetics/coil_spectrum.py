@@ -1,6 +1,6 @@
-"""What a sheet sees of the coils: the plane-wave spectrum of their field, and its harmonics about any point.
+"""Plane-wave spectrum of the coils' field.
 
-Above a closed current path H = −∇Ψ with
+It is the field on a sheet, also as harmonics about any point. Above a closed current path H = −∇Ψ with
 
     Ψ(x, y, z) = ∫∫ d²k/(2π)² S(k, α) e^{ik·(x, y)} e^{−kz},
     S = i/(2k) Σ ∮ (cos α dy − sin α dx) e^{−ik·(x, y)} e^{kz},
@@ -10,8 +10,9 @@ the plane waves become harmonics of the angle θ (Jacobi–Anger),
 
     Ψ = Σ_m e^{imθ} ∫ k dk/(2π) c_m(k) J_m(kr) e^{−kz},   c_m(k) = i^m/(2π) ∫ dα S(k, α) e^{ik·p} e^{−imα}.
 
-By Green's theorem 2 S is also the Fourier transform of 1 inside the path and 0 outside (for a path at z = 0,
-anticlockwise; S → area/2 as k → 0). So weighted paths make the spectrum of any potential that is constant in pieces.
+By Green's theorem 2 S is also the Fourier transform of a function that is 1 inside the path and 0 outside (for a path
+at z = 0, anticlockwise, with S → area/2 as k → 0). So weighted paths make the spectrum of any piecewise constant
+potential.
 """
 
 from __future__ import annotations
@@ -28,17 +29,18 @@ from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
 
 _SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
-_AT_ONCE = 16  # wavenumbers of a grid, which bounds the memory
-_OFFSETS = 512  # positions from coils at a time, likewise
-_SPARE_ANGLES = 40  # above the bandwidth: the rest decays like the Bessel functions beyond their turning point
+_AT_ONCE = 16  # wavenumbers of a grid, which limits the memory
+_OFFSETS = 512  # positions from coils at a time, which limits the memory
+_SPARE_ANGLES = 40  # above the bandwidth; the rest decays like the Bessel functions beyond their turning point
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight pieces of the closed paths of one coil, with ends `start` and `stop` in m, both of shape (n, 3).
+    """Straight pieces of the closed paths of a coil.
 
-    `weights`, shape (n,), is the weight of each piece in S: its current per current of the coil; for an electrode twice
-    the potential inside its path. With weights (n, m) the same pieces are m coils.
+    The ends `start` and `stop` are in m, both of shape (n, 3). `weights`, shape (n,), is the weight of each piece in S.
+    It is the piece's current per current of the coil. For an electrode it is twice the potential inside its path. With
+    weights (n, m) the same pieces are m coils.
     """
 
     start: FloatArray
@@ -47,7 +49,7 @@ class Segments:
 
     @property
     def count(self) -> int:
-        """How many coils these are."""
+        """Number of coils."""
         return 1 if self.weights.ndim == 1 else self.weights.shape[1]
 
 
@@ -55,7 +57,7 @@ class Segments:
 class CoilSpectra:
     """Spectra of coils about their own centres.
 
-    `wavenumbers`, shape (k,), are in 1/m and `centres`, shape (coils, 2), in m; `radius` is the largest distance in m
+    `wavenumbers`, shape (k,), are in 1/m and `centres`, shape (coils, 2), in m. `radius` is the largest distance in m
     of a coil's corner from its centre. `shape_of` has the index of each coil's spectrum. `series` is the Fourier series
     of S over the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
     """
@@ -83,7 +85,10 @@ def mirrored_segments(coils: Sequence[Segments], height: float) -> list[Segments
 
 
 def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
-    """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
+    """Centres of the coils' bounding rectangles and their radius.
+
+    The centres have shape (coils, 2). The radius is the largest about them. Both are in m.
+    """
     plane = [np.concatenate((coil.start, coil.stop))[:, :2] for coil in coils]
     centres = np.array([(points.min(axis=0) + points.max(axis=0)) / 2 for points in plane])
     radius = max(float(np.hypot(*(points - centre).T).max()) for points, centre in zip(plane, centres, strict=True))
@@ -91,7 +96,10 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
 
 
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils at z ≤ 0 at positive wavenumbers in 1/m, each distinct shape once."""
+    """Compute the spectra of coils at z ≤ 0.
+
+    The wavenumbers are positive, in 1/m. Each distinct shape is computed once.
+    """
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
@@ -100,7 +108,7 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
     for coil, centre in zip(coils, centres[first], strict=True):
         shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
         ends = np.hstack((shape.start, shape.stop)) / radius
-        # as integers, for −0.0 and 0.0 have other bytes
+        # as integers, as −0.0 and 0.0 have different bytes
         key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).astype(np.int64).tobytes()
         if key not in known:
             known[key] = sum(one.count for one in shapes)
@@ -112,12 +120,12 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
 
 
 def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpectra:
-    """Turn every coil about its centre so that it falls by a small `slope` along x and y, to first order in the slope.
+    """Turn every coil about its centre by a small slope.
 
-    The wavenumbers must be those of `coilarray.electromagnetics.plane_waves.wave_rule`, between which a polynomial
-    gives the derivative by k. With n the direction α, n' that across it and the falls f = slope·n and f' = slope·n',
-    a wave of the turned coil is one of the flat coil with k (1 − i f) and α − i f'. Of harmonic functions k S takes
-    part in it:
+    It falls by the `slope` along x and y, and the result is to first order in the slope. The wavenumbers must come from
+    `coilarray.electromagnetics.plane_waves.wave_rule`, between which a polynomial gives the derivative by k. Let n be
+    the direction α, n' the direction across it, f = slope·n and f' = slope·n'. A wave of the turned coil is then a wave
+    of the flat coil with k (1 − i f) and α − i f'. For harmonic functions, k S enters:
 
         S + δS,   δS = −i (f ∂(k S)/∂k + f' ∂S/∂α).
     """
@@ -128,6 +136,7 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
     fall = complex(*slope) / 2  # f = fall e^{−iα} + its conjugate, f' = −i fall e^{−iα} + its conjugate
 
     def turned(series: Sequence[ComplexArray]) -> tuple[ComplexArray, ...]:
+        """Turn the Fourier series of one shape."""
         size = len(series[-1])  # the highest wavenumber has the most orders
         flat = np.array([_padded(one, size) for one in series])
         by_k = derivative @ (k[:, None] * flat)
@@ -141,9 +150,10 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
 
 
 def _derivative(nodes: FloatArray) -> FloatArray:
-    """Matrix (n, n) that takes values at Gauss–Legendre nodes of any interval from 0 to their derivatives.
+    """Differentiation matrix (n, n) at Gauss–Legendre nodes.
 
-    By the barycentric formula: J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 501 (2004).
+    The nodes are of any interval from 0. The matrix follows from the barycentric formula: J.-P. Berrut and L. N.
+    Trefethen, SIAM Review 46, 501 (2004).
     """
     x, weights = leggauss(len(nodes))
     weights = np.sqrt((1 - x**2) * weights) * (-1.0) ** np.arange(len(x))
@@ -156,14 +166,15 @@ def _derivative(nodes: FloatArray) -> FloatArray:
 
 
 def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highest: int) -> FloatArray:
-    """Harmonics c_m(k) in m per A of the potential of one shape of coil about points (n, 2) in m from its centre.
+    """Harmonics c_m(k) of a coil's potential in m/A.
 
-    Their real and imaginary parts, shape (highest + 1, 2, k, n), m from 0 to `highest`. Those of −m are the conjugates.
+    They hold for one shape of coil about points (n, 2) in m from its centre. Real and imaginary parts have shape
+    (highest + 1, 2, k, n), with m from 0 to `highest`. The harmonics of −m are the conjugates.
 
     Notes
     -----
     The waves of distinct x and of distinct y are multiplied. In opposite directions S e^{ik·p} are conjugates, so half
-    a circle does: 2 Re for even m and 2i Im for odd m.
+    a circle suffices: 2 Re for even m and 2i Im for odd m.
     """
     (x, of_x), (y, of_y) = (np.unique(values, return_inverse=True) for values in offsets.T)
     distance = float(np.hypot(*offsets.T).max(initial=0.0))
@@ -183,11 +194,15 @@ def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highes
 
 
 def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:
-    """`coil_harmonics` of every coil about points (points, 2) in m; shape (k, points, coils, highest + 1)."""
+    """`coil_harmonics` of every coil about points (points, 2).
+
+    The points are in m, and the result has shape (k, points, coils, highest + 1).
+    """
     shapes = np.array(spectra.shape_of)
     found = np.empty((len(spectra.wavenumbers), len(points), len(shapes), highest + 1), dtype=np.complex128)
 
     def about(block: tuple[int, int]) -> None:
+        """Fill in the harmonics about a block of points."""
         some = slice(*block)
         for shape in range(len(spectra.series)):
             of_shape = np.flatnonzero(shapes == shape)
@@ -203,16 +218,18 @@ def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> C
 def gradients_on_grid(
     spectra: CoilSpectra, x: FloatArray, y: FloatArray, weights: FloatArray, profiles: FloatArray, slopes: FloatArray
 ) -> FloatArray:
-    """Gradient of every coil's potential in 1/m at the points of a grid (nx,) by (ny,) in m on some planes.
+    """Gradient of every coil's potential on a grid in 1/m.
 
-    Shape (coils, 3, planes, nx, ny), the coils carrying 1 A. `weights`, shape (k,), are those of an integral over the
-    wavenumbers; `profiles` and `slopes`, shape (planes, k), are the potential over that of each wave at z = 0, and its
-    derivative over the height in 1/m.
+    The grid has (nx,) by (ny,) points in m on some planes. The result has shape (coils, 3, planes, nx, ny), for coils
+    carrying 1 A. `weights`, shape (k,), are the weights of an integral over the wavenumbers. `profiles` and `slopes`,
+    shape (planes, k), are the potential over the potential of each wave at z = 0, and its derivative over the height in
+    1/m.
     """
     corners = np.array(np.meshgrid(x[[0, -1]], y[[0, -1]])).reshape(2, -1).T
     distance = np.hypot(*(corners[:, None] - spectra.centres).T).max()
 
     def at(index: int) -> FloatArray:
+        """Gradients by the waves of one wavenumber."""
         k = float(spectra.wavenumbers[index])
         n = _angles(k * (distance + spectra.radius))
         half = slice(0, n // 2)  # the waves of opposite directions are conjugates
@@ -237,22 +254,26 @@ def gradients_on_grid(
 
 
 def _angles(bandwidth: float) -> int:
-    """Even number of angles that resolves a bandwidth in radians per radian."""
+    """Even number of angles for a bandwidth in radians/radian."""
     return 2 * (int(np.ceil(bandwidth)) + _SPARE_ANGLES // 2)
 
 
 def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
-    """Fourier series of S(k, α) over α of closed paths, in numpy's order, shape (coils, n)."""
+    """Fourier series of S(k, α) over α of closed paths.
+
+    It is in numpy's order, with shape (coils, n).
+    """
     n = _angles(k * radius)
     alpha = 2 * np.pi * np.arange(n // 2) / n  # S(k, α + π) is the conjugate
     cos, sin = np.cos(alpha), np.sin(alpha)
     step, middle = shape.stop - shape.start, (shape.stop + shape.start) / 2
     flat = np.hypot(step[:, 0], step[:, 1]) > 0  # vertical segments make no field along z
     (dx, dy, dz), (x, y, z) = step[flat].T[:, :, None], middle[flat].T[:, :, None]
-    # ∫ e^{−ik·x} e^{kz} along a segment: the value in its middle times sinh(w)/w, w = k (dz − i(dx cos α + dy sin α))/2
+    # ∫ e^{−ik·x} e^{kz} along a segment is the value in its middle times sinh(w)/w, w = k (dz − i(dx cos α + dy sin
+    # α))/2.
     turns = k * (dx * cos + dy * sin) / (2 * np.pi)
     mean: Any = np.sinc(turns)
-    if (sloping := dz[:, 0] != 0).any():  # few, and complex numbers take as long as all the rest
+    if (sloping := dz[:, 0] != 0).any():  # few, and complex numbers take as long as the rest
         mean = mean + 0j
         mean[sloping] = np.sinc(turns[sloping] + 0.5j * k * dz[sloping] / np.pi)
     wave = np.exp(k * z - 1j * k * (x * cos + y * sin)) * mean
@@ -263,12 +284,18 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
 
 
 def _on_angles(series: ComplexArray, n: int) -> ComplexArray:
-    """Values of a Fourier series at n equal angles, n at least its length."""
+    """Values of a Fourier series at n equal angles.
+
+    The number n must be at least the length of the series.
+    """
     return np.asarray(np.fft.ifft(_padded(series, n)) * n)
 
 
 def _padded(series: ComplexArray, n: int) -> ComplexArray:
-    """Fourier series with n orders, at least as many as it has; in numpy's order."""
+    """Fourier series extended to n orders in numpy's order.
+
+    The number n must be at least the present number of orders.
+    """
     half = len(series) // 2
     padded = np.zeros(n, dtype=np.complex128)
     padded[:half], padded[-half:] = series[:half], series[-half:]

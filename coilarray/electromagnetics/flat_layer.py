@@ -1,18 +1,19 @@
-"""The flat magnetic sheet above the board: what it adds to the inductance matrix, exactly.
+"""Exact effect of a flat magnetic sheet on inductance.
 
-One slab of relative permeability μr and thickness t whose lower face lies above all paths. With β = (μr − 1)/(μr + 1)
-and F(h) the mutual inductance in free space of path i and the mirror image of path j, lifted by h,
+The sheet is one slab above the board, of relative permeability μr and thickness t, whose lower face lies above all
+paths. With β = (μr − 1)/(μr + 1) and F(h) the mutual inductance in free space of path i and the mirror image of path j,
+lifted by h,
 
     ΔM = Σ_n β^(2n+1) [F(2nt) − F(2(n+1)t)] = β F(0) − (1 − β²) Σ_{n>0} β^(2n−1) F(2nt).
 
-The image is the path mirrored at the lower face together with its current: horizontal parts keep their direction,
-vertical ones turn round. At that face the image's own B has the same part across it as the path's, and the opposite
-part along it. So below, path and β times the image give (1 + β) B_z and (1 − β) H_t of the path alone; above, 1 + β
+The image is the path mirrored at the lower face together with its current. Horizontal parts keep their direction, and
+vertical parts turn round. At that face the image's own B has the same part across it as the path's B, and the opposite
+part along it. So below, path and β times the image give (1 + β) B_z and (1 − β) H_t of the path alone. Above, 1 + β
 times the path's own B matches both since (1 + β)/μr = 1 − β. The upper face mirrors this back, and so on.
 
-Images that lie near are taken one by one, with the cross-section of their bars. The rest of the series is summed at
-once in the spectrum of plane waves (`coilarray.electromagnetics.plane_waves`), where it is geometric,
-Σ_n β^(2n) e^{−2nkt} = 1/(1 − β² e^{−2kt}).
+Near images are taken individually, with the cross-section of their bars. The rest of the series is summed at once in
+the spectrum of plane waves (`coilarray.electromagnetics.plane_waves`), where it is geometric, Σ_n β^(2n) e^{−2nkt} =
+1/(1 − β² e^{−2kt}).
 """
 
 from __future__ import annotations
@@ -40,14 +41,17 @@ from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
 
-_NEAR = 1 / 16  # of the board: the spectrum takes images (twice the gap) from there on; it costs (board/distance)²
-_BALANCE = 0.025  # between the costs of an image and of the spectrum, for sheets so thin that many images lie near
-_WIDTHS = 4.0  # images nearer than this many widths are near: the series in _mean_wave errs by 1e-11 beyond
+_NEAR = 1 / 16  # of the board; beyond it the spectrum takes the images (twice the gap), at a cost of (board/distance)²
+_BALANCE = 0.025  # balance of the costs of an image and of the spectrum, for thin sheets with many near images
+_WIDTHS = 4.0  # widths up to which images are near; beyond, the series in _mean_wave errs by 1e-11
 
 
 @dataclass(frozen=True)
 class Slab:
-    """One magnetic region: height of its lower face and thickness in m, and relative permeability, above 1."""
+    """Magnetic region.
+
+    It has the height of its lower face and its thickness in m, and its relative permeability, above 1.
+    """
 
     lower: float
     thickness: float
@@ -55,20 +59,24 @@ class Slab:
 
     @property
     def reflection(self) -> float:
-        """β = (μr − 1)/(μr + 1), the strength of the first image."""
+        """Strength of the first image, β = (μr−1)/(μr+1)."""
         return (self.relative_permeability - 1) / (self.relative_permeability + 1)
 
     @property
     def transmission(self) -> float:
-        """1 − β², what passes the lower face upwards and back, without cancellation."""
+        """Transmission 1 − β² through the lower face and back.
+
+        It is computed without cancellation.
+        """
         return 4 / (self.relative_permeability + 1) * (self.relative_permeability / (self.relative_permeability + 1))
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the one magnetic region of a stack of sheets upwards from z = 0; None if no sheet is magnetic.
+    """Return the magnetic region of a stack of sheets.
 
-    Neighbouring sheets of one permeability make one slab. ElastomerError for magnetic sheets of different permeability,
-    or with another sheet between them.
+    The sheets lie upwards from z = 0. The result is None if no sheet is magnetic. Neighbouring sheets of one
+    permeability make one slab. Magnetic sheets of different permeability, or with another sheet between them, raise an
+    ElastomerError.
 
     Examples
     --------
@@ -95,23 +103,26 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
 def layer_inductance(
     source: Source, sheets: Sequence[Sheet], *, progress: Progress | None = None, accuracy: Accuracy = "full"
 ) -> FloatArray:
-    """Change of the inductance matrix of current paths by flat sheets above them.
+    """Compute the change of inductance by flat sheets in H.
+
+    The sheets lie above the current paths.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`; below the magnetic sheet. Thin filaments are allowed.
+        See `coilarray.electromagnetics.source.as_conductors`. The paths lie below the magnetic sheet. Thin filaments
+        are allowed.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
     accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`; ``screen`` errs by up to 1e-3 of the change itself.
+        Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change itself.
 
     Returns
     -------
     ndarray, shape (paths, paths)
-        Inductance in H, symmetric, to be added to the matrix without sheets. Zero where no sheet is magnetic.
+        Inductance in H, symmetric, to be added to the matrix without sheets. Zero if no sheet is magnetic.
 
     Raises
     ------
@@ -122,19 +133,20 @@ def layer_inductance(
 
     Notes
     -----
-    ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], β = (μr − 1)/(μr + 1), Z the sum of both paths' distances from the
-    sheet's lower face and M their mutual inductance in free space at that distance: for circles Hurley & Duffy, IEEE
-    Trans. Magn. 33, 2282 (1997). The current density is uniform in every bar; vertical ones count as
-    thin. Exact to 1e-10 of the largest entry, but for images so near that they need `mutual_inductance`: to its 1e-6 of
-    L. Closed paths with any currents I have IᵀΔM I > 0.
+    ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both paths' distances from
+    the sheet's lower face and M their mutual inductance in free space at that distance. For circles see Hurley & Duffy,
+    IEEE Trans. Magn. 33, 2282 (1997). The current density is uniform in every bar. Vertical bars count as thin. The
+    result is exact to 1e-10 of the largest entry. Near images need `mutual_inductance` and are exact to its 1e-6 of L.
+    Closed paths with any currents I have IᵀΔM I > 0.
 
     Paths with open ends are taken as they are, as in `inductance_matrix`, so that the pieces of a path add up to the
     whole. Closing the coils of the reference board by a straight line between their terminals, 1.5 mm apart, would
-    change ΔM of a coil with itself by −0.10 % and with its neighbour by −0.33 %: so much depends on leads not drawn.
+    change ΔM of a coil with itself by −0.10 % and with its neighbour by −0.33 %. This is the effect of leads that are
+    not drawn.
 
-    A sheet much thinner than its distance from the copper costs nothing extra; one that lies on the copper costs one
-    `inductance_matrix` for each image within some 1/16 of the board's extent (1/50 for ``screen``), fewer where that
-    makes many.
+    A sheet much thinner than its distance from the copper costs nothing extra. A sheet that lies on the copper costs
+    one `inductance_matrix` for each image within some 1/16 of the board's extent (1/50 for ``screen``), or fewer if
+    that makes many.
 
     Examples
     --------
@@ -180,13 +192,19 @@ def _images(paths: Sequence[Conductor], slab: Slab, n: int) -> list[Conductor]:
 
 
 def mirrored(path: Conductor, height: float) -> Conductor:
-    """Return the path mirrored at a height in m, with its current."""
+    """Return the path mirrored at a height in m.
+
+    Its current is mirrored as well.
+    """
     lift = np.array([0.0, 0.0, 2 * height])
     return Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image of {path.name}")
 
 
 def require_below(path: Conductor, face: float) -> None:
-    """Refuse a path whose highest copper does not lie below the lower face in m of a magnetic sheet: ElastomerError."""
+    """Refuse a path that is not below a magnetic sheet.
+
+    Its highest copper must lie below the lower face in m of the sheet. The error is an ElastomerError.
+    """
     top = top_of(path)
     rounding = 1e-12 * float(np.abs(path.vertices).max())
     if top > face + rounding or (path.is_filament and top > face - rounding):
@@ -197,7 +215,7 @@ def require_below(path: Conductor, face: float) -> None:
 
 
 def _near_images(board: Board, slab: Slab) -> int:
-    """Count the images that are taken one by one."""
+    """Count the images that are taken individually."""
     spectrum = board.digits / DIGITS["full"] * board.extent  # fewer digits take fewer waves
     cheapest = float(np.cbrt(_BALANCE * slab.thickness * spectrum**2))
     least = max(min(_NEAR * spectrum, cheapest), _WIDTHS * board.size)
@@ -205,10 +223,10 @@ def _near_images(board: Board, slab: Slab) -> int:
 
 
 def _wavenumbers(board: Board, slab: Slab, near: int) -> list[tuple[float, float]]:
-    """Nodes and weights in 1/m of the integral over k, up to where e^{−kh} is below the tolerance.
+    """Nodes and weights in 1/m of the integral over k.
 
-    Panels that double keep their distance from the poles of 1/(1 − β² e^{−2kt}), the nearest of which is at
-    k = ln β/t < 0.
+    It reaches up to the k at which e^{−kh} is below the tolerance. Panels that double keep their distance from the
+    poles of 1/(1 − β² e^{−2kt}), the nearest of which is at k = ln β/t < 0.
     """
     nearest = board.gap + 2 * near * slab.thickness
     highest = board.digits / nearest
@@ -218,7 +236,7 @@ def _wavenumbers(board: Board, slab: Slab, near: int) -> list[tuple[float, float
 
 
 def _rest(slab: Slab, near: int, k: float) -> float:
-    """Σ of the weights times e^{−2nkt} from n = `near` on."""
+    """Sum the weights times e^{−2nkt} from n = `near` on."""
     fall = -math.expm1(-2 * k * slab.thickness)
     series = slab.transmission + slab.reflection**2 * fall  # 1 − β² e^{−2kt}
     if near == 0:

@@ -1,15 +1,17 @@
-"""Plane waves in flat layers: what a stack of them reflects, and the field in it, one wavenumber at a time.
+"""Plane waves in a stack of flat layers.
 
-Outside of the coils that make it, the vertical flux density is B_z = Σ b(z) e^{ik·x}, and in flat layers each wave
-keeps its pattern in the plane. In a layer of relative permeability μ and conductivity σ, b'' = γ² b with
-γ² = k² + jωμ0μσ; b and b'/μ are continuous. A wave that comes from medium a to medium b is reflected with
+The reflection of the stack and the field in it are computed for one wavenumber at a time. Outside of the source coils,
+the vertical flux density is B_z = Σ b(z) e^{ik·x}, and in flat layers each wave keeps its pattern in the plane. In a
+layer of relative permeability μ and conductivity σ, b'' = γ² b with γ² = k² + jωμ0μσ. Both b and b'/μ are continuous. A
+wave that comes from medium a to medium b is reflected with
 
     ρ = (γ_a/μ_a − γ_b/μ_b)/(γ_a/μ_a + γ_b/μ_b),
 
 and by a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}), from the outermost
 layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil over two media; Cheng, Dodd & Deeds,
-Int. J. NDT 3, 109 (1971), for any number). Where nothing conducts, H = −∇Ψ and b = −μ ∂Ψ/∂z: the potential is reflected
-with −ρ. The electric potential above a board is the same with permittivities, but for its base: the copper holds it.
+Int. J. NDT 3, 109 (1971), for any number). Without conduction H = −∇Ψ and b = −μ ∂Ψ/∂z, and the potential is reflected
+with −ρ. The electric potential above a board is the same with permittivities, except for its base. The copper holds the
+potential.
 """
 
 from __future__ import annotations
@@ -26,12 +28,18 @@ from coilarray.constants import MU_0
 from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
 
 Base: TypeAlias = Literal["open", "grounded"]
-"""What is below z = 0: air, where the field comes from, or electrodes that hold the potential at z = 0."""
+"""Medium below z = 0.
+
+It is air, from which the field comes, or electrodes that hold the potential at z = 0.
+"""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One flat layer: its `thickness` in m, relative `permeability` and `conductivity` in S/m, inf where perfect."""
+    """Flat layer.
+
+    It has its `thickness` in m, relative `permeability` and `conductivity` in S/m, inf for a perfect conductor.
+    """
 
     thickness: float
     permeability: float = 1.0
@@ -42,9 +50,10 @@ _AIR = Layer(math.inf)
 
 
 def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Layer, ...]:
-    """Return layers outwards from a height `start` in m with the air between them.
+    """Return layers with the air gaps between them.
 
-    `bodies` are layers with the heights in m of their inner faces, rising, the first at `start` or beyond it.
+    They go outwards from a height `start` in m. `bodies` are layers with the heights in m of their inner faces, rising,
+    the first at `start` or beyond it.
     """
     layers: list[Layer] = []
     for height, layer in bodies:
@@ -56,7 +65,9 @@ def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Laye
 
 @dataclass(frozen=True, eq=False)
 class LayerWaves:
-    """Waves that come through air to the first face of some layers, and what these make of them.
+    """Waves in flat layers and their reflection.
+
+    The waves come through air to the first face.
 
     Parameters
     ----------
@@ -65,12 +76,12 @@ class LayerWaves:
     wavenumbers : ndarray, shape (k,)
         In 1/m.
     growths, beyond, passed : ndarray, shape (layers, …, k)
-        γ in 1/m of each layer, inf in a perfect conductor, where there is no field; the reflection r at its outer face;
-        and 1 − r, which cancellation would lose.
+        `growths` is γ in 1/m of each layer, inf in a perfect conductor, which has no field inside. `beyond` is the
+        reflection r at its outer face. `passed` is 1 − r, which cancellation would lose.
     reflection : ndarray, shape (…, k)
         ρ of b at the first face.
     potential : ndarray, shape (…, k)
-        1 − ρ: the scalar potential at the first face over that of the wave alone.
+        1 − ρ, the scalar potential at the first face over the potential of the wave alone.
     """
 
     layers: tuple[Layer, ...]
@@ -83,7 +94,10 @@ class LayerWaves:
 
     @property
     def faces(self) -> list[ComplexArray]:
-        """B at each layer's inner face and at the last one's outer face, over that at the first face."""
+        """B at the faces over B at the first face.
+
+        The faces are each layer's inner face and the last layer's outer face.
+        """
         found = [np.ones_like(self.reflection)]
         for number, (r, layer) in enumerate(zip(self.beyond, self.layers, strict=True)):
             fall = self._fall(number, layer.thickness)
@@ -91,7 +105,10 @@ class LayerWaves:
         return found
 
     def at(self, height: float) -> tuple[ComplexArray, ComplexArray]:
-        """Return b and its outward derivative in 1/m at a height in m beyond the first face, over b there."""
+        """Return b and its outward derivative at a height.
+
+        The height in m is beyond the first face. The derivative is in 1/m, and both are over b at the first face.
+        """
         edges = np.concatenate(([0.0], np.cumsum([layer.thickness for layer in self.layers])))
         number = int(np.searchsorted(edges, height, side="right")) - 1
         if number >= len(self.layers):
@@ -106,19 +123,28 @@ class LayerWaves:
         return b * (out + back), b * growth * (back - out)
 
     def _fall(self, number: int, way: float) -> ComplexArray:
-        """e^{−γ·way} in a layer, over a way in m; 0 in a perfect conductor."""
+        """Decay e^{−γ·way} in a layer over a way in m.
+
+        It is 0 in a perfect conductor.
+        """
         if math.isinf(self.layers[number].conductivity):
             return np.zeros_like(self.reflection)
         return np.asarray(np.exp(-self.growths[number] * way))
 
     def integral(self, number: int) -> ComplexArray:
-        """Return ∫ b dz over a layer in m, over b at the first face."""
+        """Return ∫ b dz over a layer in m.
+
+        It is relative to b at the first face.
+        """
         growth, r, d = self.growths[number], self.beyond[number], self.layers[number].thickness
         fall = self._fall(number, d)
         return np.asarray(self.faces[number] * (1 - fall) * (1 + r * fall) / growth / (1 + r * fall**2))
 
     def through(self, number: int, height: FloatArray) -> FloatArray:
-        """Scalar potential at heights (…, 1) in m in a layer that does not conduct, over that at its inner face."""
+        """Scalar potential in a layer over its inner face's potential.
+
+        The layer does not conduct. The heights (…, 1) are in m.
+        """
         k, d = self.wavenumbers, self.layers[number].thickness
         return np.asarray(np.exp(-k * height) * self._left(number, d - height) / self._left(number, d))
 
@@ -138,11 +164,11 @@ def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatAr
     wavenumbers : ndarray, shape (k,)
         Positive, in 1/m.
     omega : float or ndarray, shape (f, 1)
-        Angular frequency in 1/s, which leads the shapes of the result where it is an array.
+        Angular frequency in 1/s. If it is an array, its axis leads the shapes of the result.
 
     Examples
     --------
-    A thick layer of the permeability 3 draws half of the flux in; a perfect conductor sends all back.
+    A thick layer of the permeability 3 draws half of the flux in. A perfect conductor sends all back.
 
     >>> k = np.array([100.0])
     >>> layer_waves([Layer(1.0, 3.0)], k).reflection.real
@@ -170,16 +196,17 @@ def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatAr
 
 
 def _growth(layer: Layer, k: FloatArray, omega: FloatArray | float) -> ComplexArray:
-    """γ in 1/m."""
+    """Growth γ of a wave in 1/m."""
     return np.asarray(np.sqrt(k**2 + 1j * omega * MU_0 * layer.permeability * layer.conductivity))
 
 
 def _joined(
     a: Layer, b: Layer, k: FloatArray, omega: FloatArray | float, r: ComplexArray, passed: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Reflection ρ of waves from a to b, with r just behind the face, and 1 − ρ; `passed` is 1 − r.
+    """Reflection ρ of waves between media, and 1 − ρ.
 
-    Without cancellation where both media are nearly alike, or one passes nearly nothing.
+    The waves go from a to b. There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if
+    both media are nearly alike, or if one passes nearly nothing.
     """
     if math.isinf(b.conductivity) or math.isinf(a.conductivity):
         return np.full_like(r, -1.0), np.full_like(r, 2.0)
@@ -193,7 +220,10 @@ def _joined(
 
 @dataclass(frozen=True)
 class PassedWaves:
-    """Currents behind layers, of whose waves e^{k(z' − z)} these let the `share` (k,) pass upwards at k in 1/m."""
+    """Currents behind layers and their transmission.
+
+    At k in 1/m the layers let the `share` (k,) of the waves e^{k(z' − z)} pass upwards.
+    """
 
     eddies: Segments
     share: Callable[[FloatArray], ComplexArray]
@@ -201,20 +231,23 @@ class PassedWaves:
 
 @dataclass(frozen=True)
 class Backing:
-    """What lies below the coils and sends their field back up at one frequency: flat layers, and currents over them.
+    """Bodies below the coils that return their field.
+
+    They are flat layers, and currents over them, at one frequency.
 
     Parameters
     ----------
     face : float
         Height of its upper face in m, below all coils.
     layers : tuple of Layer
-        From there downwards; none if there are currents alone.
+        From there downwards. Empty if there are currents alone.
     frequency : float
         In Hz.
     eddies : Segments, optional
-        Currents above the face for 1 A in each of n coils, 2n weights each: the real parts, then the imaginary ones.
+        Currents above the face for 1 A in each of n coils, with 2n weights each. The real parts come first, then the
+        imaginary parts.
     passed : tuple of PassedWaves
-        Currents between the layers or below them, with the same pieces, seen from above, and weights.
+        Currents between the layers or below them, seen from above, with the same pieces and weights.
     """
 
     face: float
@@ -224,11 +257,14 @@ class Backing:
     passed: tuple[PassedWaves, ...] = ()
 
     def sources(self, coils: Sequence[Segments]) -> list[Segments]:
-        """Return the coils, with the currents below them as further coils."""
+        """Return the coils and, as further coils, the currents below."""
         return [*coils, *([] if self.eddies is None else [self.eddies])]
 
     def seen(self, coils: Sequence[Segments]) -> list[list[Segments]]:
-        """Return the `sources`, where layers mirror them their images, and as many again for each of `passed`."""
+        """Return the `sources` and their images.
+
+        Images exist if layers mirror the sources. There are as many again for each of `passed`.
+        """
         sources = self.sources(coils)
         if not self.layers:
             return [sources]
@@ -236,12 +272,18 @@ class Backing:
         return [sources, mirrored_segments(sources, self.face), *([*silent, one.eddies] for one in self.passed)]
 
     def currents(self, coils: int) -> ComplexArray:
-        """Currents in the `sources` for 1 A in each of so many coils, shape (sources, coils)."""
+        """Currents in the `sources` for 1 A per coil.
+
+        The shape is (sources, coils).
+        """
         one = np.eye(coils, dtype=np.complex128)
         return one if self.eddies is None else np.concatenate((one, one, 1j * one))
 
     def reflection(self, wavenumbers: FloatArray) -> ComplexArray:
-        """ρ of b at its face for positive wavenumbers (k,) in 1/m, which waves from mirrored coils have."""
+        """Reflection ρ of b at the face.
+
+        It is given at positive wavenumbers (k,) in 1/m, and multiplies waves from mirrored coils.
+        """
         return layer_waves(self.layers, wavenumbers, 2 * math.pi * self.frequency).reflection
 
     def between(
@@ -251,10 +293,11 @@ class Backing:
         permeabilities: Sequence[float],
         lift: float = 0.0,
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Waves that go to and fro between the backing and flat sheets from z = `lift` in m upwards.
+        """Multiple reflections between the backing and flat sheets.
 
-        Returns how often each arrives at the sheets, 1/(1 − ρ_u ρ e^{−2kD}), and ρ e^{−2kD} times that: what arrives
-        for one that leaves z = `lift` downwards. Shape (k,) both.
+        The sheets reach from z = `lift` in m upwards. The first result is the number of arrivals of each wave at the
+        sheets, 1/(1 − ρ_u ρ e^{−2kD}). The second is ρ e^{−2kD} times that, which arrives for a wave that leaves z =
+        `lift` downwards. Both have shape (k,).
         """
         back = self.reflection(wavenumbers) * np.exp(-2 * wavenumbers * (lift - self.face))
         often = 1 / (1 + reflection(wavenumbers, thicknesses, permeabilities) * back)
@@ -267,7 +310,10 @@ class Backing:
         permeabilities: Sequence[float],
         lift: float = 0.0,
     ) -> list[ComplexArray]:
-        """Part of the waves (k,) of each of the `seen` that arrives at flat sheets, as `between` has them."""
+        """Part of the waves (k,) that arrives at flat sheets.
+
+        It is given for each of the `seen`, as in `between`.
+        """
         often, _ = self.between(wavenumbers, thicknesses, permeabilities, lift)
         ways = [self.reflection(wavenumbers), *(one.share(wavenumbers) for one in self.passed)]
         return [often, *(often * way for way in ways)] if self.layers else [often]
@@ -280,12 +326,12 @@ def flat_profile(
     permeabilities: Sequence[float],
     base: Base = "open",
 ) -> FloatArray:
-    """Total potential g(z), shape (n, k), in flat sheets for an incident potential e^{−kz}, or for g(0) = 1.
+    """Total potential g(z) in flat sheets, shape (n, k).
 
-    `wavenumbers`, shape (k,), of the pattern in the plane are positive, in 1/m; the heights `z`, shape (n,), in m from
-    0, the lower face of the lowest sheet. Sheets, with thicknesses in m and relative permeabilities (or
-    permittivities), lie upwards from there, and air above. The base is air with an incident potential below ("open"),
-    or electrodes at z = 0 that hold the potential 1 ("grounded").
+    It is for an incident potential e^{−kz}, or for g(0) = 1. `wavenumbers`, shape (k,), of the pattern in the plane are
+    positive, in 1/m. The heights `z`, shape (n,), are in m from 0, the lower face of the lowest sheet. Sheets, with
+    thicknesses in m and relative permeabilities (or permittivities), lie upwards from there, and air above. The base is
+    air with an incident potential below ("open"), or electrodes at z = 0 that hold the potential 1 ("grounded").
     """
     waves = layer_waves(_sheets(thicknesses, permeabilities), wavenumbers)
     profile = np.empty((len(z), len(wavenumbers)))
@@ -302,10 +348,10 @@ def flat_profile(
 
 
 def reflection(wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float]) -> FloatArray:
-    """Reflected potential at the lower face of flat sheets, R e^{kz} for an incident e^{−kz}.
+    """Reflected potential at the lower face of flat sheets.
 
-    Pattern and sheets are as in `flat_profile`. R = −ρ, shape (k,), from −1 to 0: magnetic sheets draw the flux in,
-    which raises the inductance.
+    It is R e^{kz} for an incident e^{−kz}. Pattern and sheets are as in `flat_profile`. R = −ρ, shape (k,), is from −1
+    to 0. Magnetic sheets draw the flux in, which raises the inductance.
     """
     return np.asarray(-layer_waves(_sheets(thicknesses, permeabilities), wavenumbers).reflection.real)
 

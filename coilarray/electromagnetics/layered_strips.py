@@ -1,14 +1,14 @@
-"""Capacitance per length of flat strips on the planes of a layered dielectric (2-D electrostatics).
+"""Capacitance per length of flat strips in a layered dielectric.
 
-A charge density σ cos kx on one plane makes potentials φ cos kx on all of them. With Y the tridiagonal matrix of the
-slabs between the planes,
+The strips lie on the planes of the layers (2-D electrostatics). A charge density σ cos kx on one plane makes potentials
+φ cos kx on all of them. With Y the tridiagonal matrix of the slabs between the planes,
 
     σ = Y φ,   Y_ii += ε0 ε k coth kd,   Y_i,i±1 = −ε0 ε k / sinh kd,   half space: Y_ii += ε0 ε k,
 
-so that Green's function of wavenumber k is G = Y⁻¹ (Itoh, IEEE Trans. MTT 28, 733 (1980), static limit), here in
-closed form by recursion over the slabs. The charge on a strip of half width a is expanded in T_m(u)/(π a √(1 − u²)),
-whose edge singularity is that of a thin strip and whose Fourier transform is i^m J_m(ka); Galerkin's method makes the
-matrix symmetric. A trace of finite thickness is two strips of one potential, its upper and its lower face; the side
+so that Green's function of wavenumber k is G = Y⁻¹ (Itoh, IEEE Trans. MTT 28, 733 (1980), static limit). Here it is in
+closed form by recursion over the slabs. The charge on a strip of half width a is expanded in T_m(u)/(π a √(1 − u²)).
+This has the edge singularity of a thin strip, and its Fourier transform is i^m J_m(ka). Galerkin's method makes the
+matrix symmetric. A trace of finite thickness is two strips of one potential, its upper and its lower face. The side
 walls are left out, which makes C some 1 % too small at usual thickness.
 """
 
@@ -32,22 +32,22 @@ from coilarray.errors import GeometryError, require_positive
 # Wavenumbers times functions times functions: some ten seconds, and 1 GB of memory.
 _MOST_PRODUCTS = 1e11
 _OF_A_TRANSFORM = 1000  # products that take as long as the transform of a function
-# Wavenumbers go up to this over the smallest half width a: the tail beyond is added in its asymptotic form, which
+# Wavenumbers reach this number over the smallest half width a. The tail beyond is added in its asymptotic form, which
 # leaves (ka)⁻². It holds for ka far above m²/2, so more than three basis functions need more, as their square.
 _CUTOFF_WIDTH = 25.0
-# And up to this over the smallest distance d of two charged planes: what is left is exp(−kd) of the tail.
+# They also reach this number over the smallest distance d of two charged planes. The remainder is exp(−kd) of the tail.
 _CUTOFF_DISTANCE = 5.0
 
 
 @dataclass(frozen=True)
 class LayeredMedium:
-    """Parallel planes with a dielectric between each two, above and below.
+    """Parallel planes with dielectrics between, above and below.
 
-    `thicknesses` are the distances in m between consecutive planes, from the top plane down; empty for a single plane.
-    `epsilon_r`, two longer, are the relative permittivities from the region above the top plane to the one below the
-    bottom plane. `ground_above`, `ground_below`: distance in m from the top (bottom) plane to a grounded plane; without
-    it the region is a half space. Lengths that do not fit, a thickness that is not positive, or a permittivity below 1
-    are a GeometryError.
+    `thicknesses` are the distances in m between consecutive planes, from the top plane down. They are empty for a
+    single plane. `epsilon_r`, two longer, are the relative permittivities from the region above the top plane to the
+    region below the bottom plane. `ground_above` and `ground_below` are the distances in m from the top (bottom) plane
+    to a grounded plane. Without it the region is a half space. Lengths that do not fit, a thickness that is not
+    positive, or a permittivity below 1 raise a GeometryError.
     """
 
     thicknesses: tuple[float, ...]
@@ -56,6 +56,7 @@ class LayeredMedium:
     ground_below: float | None = None
 
     def __post_init__(self) -> None:
+        """Check the lengths and values."""
         if len(self.epsilon_r) != len(self.thicknesses) + 2:
             raise GeometryError(
                 f"{len(self.thicknesses)} slabs and two outer regions need {len(self.thicknesses) + 2} permittivities; "
@@ -82,9 +83,10 @@ class LayeredMedium:
         return self.ground_above is not None or self.ground_below is not None
 
     def green(self, k: FloatArray) -> FloatArray:
-        """Potential of each plane per charge density on each in V m²/C, shape (n, planes, planes).
+        """Potential per charge density of planes in V m²/C.
 
-        The wavenumbers `k` (n,) are positive, in 1/m.
+        The result has shape (n, planes, planes), each plane against each. The wavenumbers `k` (n,) are positive, in
+        1/m.
 
         Admittances looking up and down from each plane, carried through a slab as along a line of length d: Y → y (y +
         Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the potential by y/sinh kd/(y coth kd + Y).
@@ -113,10 +115,11 @@ class LayeredMedium:
         return G
 
     def mean_green(self) -> FloatArray:
-        """As `green` for k = 0, shape (planes, planes): without ground relative to the bottom plane, for no net charge.
+        """Potential per charge density in V m²/C at k=0.
 
-        The limit of the slabs, ε0 ε/d. Without a grounded plane the potential of a net charge is infinite, and that of
-        a neutral set of planes is fixed up to a constant.
+        The result is as of `green`, with shape (planes, planes). Without ground it is relative to the bottom plane, for
+        no net charge. The limit of the slabs is ε0 ε/d. Without a grounded plane the potential of a net charge is
+        infinite, and the potential of a neutral set of planes is fixed up to a constant.
         """
         Y = np.zeros((self.planes, self.planes))
         for i, (d, epsilon) in enumerate(zip(self.thicknesses, self.epsilon_r[1:-1], strict=True)):
@@ -145,25 +148,27 @@ def strip_capacitance(
     basis: int = 3,
     cutoff: float | None = None,
 ) -> FloatArray:
-    """Maxwell capacitance matrix in F/m of parallel strips, repeated with a period.
+    """Compute the Maxwell capacitance matrix of strips in F/m.
 
-    Strips lie on the `planes` (n,) of the medium, 0 on top, with `centres` and `widths` (n,) across them in m. Those of
-    one of the `conductors` 0, 1, … share its potential; by default each is one of its own. Isolated strips without net
-    charge need a `period` in m of many times their extent: the error falls as its square. With `mirror`, strips lie in
-    0 < x < period and are mirrored at x = 0 and at x = period, with their potentials. Three functions a strip (`basis`)
-    are good for strips not much wider than their distances; wider ones need more. `cutoff` is the largest wavenumber in
-    1/m, by default from the widths and the distances of the planes that carry strips.
+    The strips are parallel and repeated with a period. They lie on the `planes` (n,) of the medium, 0 on top, with
+    `centres` and `widths` (n,) across them in m. Strips of one of the `conductors` 0, 1, … share its potential. By
+    default each is a conductor of its own. Isolated strips without net charge need a `period` in m of many times their
+    extent, as the error falls as its square. With `mirror`, strips lie in 0 < x < period and are mirrored at x = 0 and
+    at x = period, with their potentials. Three functions per strip (`basis`) suffice for strips not much wider than
+    their distances. Wider strips need more. `cutoff` is the largest wavenumber in 1/m, by default from the widths and
+    the distances of the planes that carry strips.
 
     The matrix, charge per length of each conductor (of one period) per potential of each, is symmetric. Rows sum to the
-    capacitance to the grounded planes; without such a plane to zero (no net charge). Strips that overlap on a plane or
-    do not fit into the period, or a width that is not positive, are a GeometryError; lengths that do not fit, a plane
-    that does not exist, a conductor without strip, or a period, basis or cutoff that is not positive a ValueError.
+    capacitance to the grounded planes, or to zero without such a plane (no net charge). Strips that overlap on a plane
+    or do not fit into the period, or a width that is not positive, raise a GeometryError. Lengths that do not fit, a
+    plane that does not exist, a conductor without strip, or a period, basis or cutoff that is not positive raise a
+    ValueError.
 
     Notes
     -----
-    A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P), f the transforms in
-    the module's heading. Beyond the cutoff K, one strip's J_m J_m' averages to ±1/(πka) and G to 1/(ε0 (ε_above +
-    ε_below) k): the tail 1/(π² a K ε0 (ε_above + ε_below)).
+    A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P), and f the
+    transforms in the module's heading. Beyond the cutoff K, a strip's J_m J_m' averages to ±1/(πka) and G to 1/(ε0
+    (ε_above + ε_below) k). The tail is then 1/(π² a K ε0 (ε_above + ε_below)).
 
     Examples
     --------
@@ -223,17 +228,18 @@ def crossed_grid_capacitance(
     *,
     basis: int = 3,
 ) -> FloatArray:
-    """Maxwell matrix in F/m² of grids of traces above each other that run in unlike directions.
+    """Compute the Maxwell matrix of crossed grids in F/m².
 
-    Each of n faces has its plane in the medium, the width and pitch of its traces in m, the number of its grid (the
-    faces of one grid lie above each other) and its conductor 0, 1, …; `basis` as in `strip_capacitance`. A trace that
-    is not narrower than its pitch is a GeometryError.
+    The grids of traces lie above each other and run in unlike directions. Each of n faces has its plane in the medium,
+    the width and pitch of its traces in m, the number of its grid (the faces of one grid lie above each other) and its
+    conductor 0, 1, …, with `basis` as in `strip_capacitance`. A trace that is not narrower than its pitch raises a
+    GeometryError.
 
     Notes
     -----
-    Grids of unlike direction, pitch or phase see each other by the mean charge alone (k = 0): their other harmonics
-    have no wavevector in common, and what they induce comes back damped by exp(−4πh/pitch). Within a grid all harmonics
-    count. So the fill factor enters with its fringing.
+    Grids of unlike direction, pitch or phase act on each other by the mean charge alone (k = 0). Their other harmonics
+    have no wavevector in common, and their induced charge comes back damped by exp(−4πh/pitch). Within a grid all
+    harmonics count. So the fill factor enters with its fringing.
 
     Examples
     --------
@@ -272,14 +278,20 @@ def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, 
 
 
 def _closest(medium: LayeredMedium, plane: IntArray) -> float:
-    """Smallest distance in m of two planes that carry strips; infinite for one plane."""
+    """Smallest distance in m of planes that carry strips.
+
+    It is infinite for a single plane.
+    """
     height = -np.cumsum((0.0, *medium.thicknesses))[np.unique(plane)]
     apart = -np.diff(height)
     return float(apart.min()) if len(apart) else math.inf
 
 
 def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror: bool) -> list[FloatArray]:
-    """Cosine and (unless mirrored) sine transforms of all basis functions, each of shape (k, strips, basis)."""
+    """Cosine and sine transforms of all basis functions.
+
+    Each has shape (k, strips, basis). There are no sine transforms if the strips are mirrored.
+    """
     halves, which = np.unique(a, return_inverse=True)
     m = np.arange(basis)
     J = np.where(m // 2 % 2 == 0, 1.0, -1.0) * jv(m, np.multiply.outer(k, halves)[:, :, None])
@@ -297,7 +309,10 @@ def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror:
 def _add_tail(
     A: FloatArray, medium: LayeredMedium, plane: IntArray, widths: FloatArray, basis: int, cutoff: float
 ) -> None:
-    """Add what the wavenumbers above the cutoff contribute to the strips' own blocks, in place."""
+    """Add the tail above the cutoff to the strips.
+
+    It enters the strips' own blocks, in place.
+    """
     m = np.arange(basis)
     alike = ((m[:, None] - m) % 2 == 0).astype(np.float64)
     for strip, (p, w) in enumerate(zip(plane, widths, strict=True)):
@@ -307,7 +322,10 @@ def _add_tail(
 
 
 def _maxwell(A: FloatArray, label: IntArray, basis: int, *, grounded: bool) -> FloatArray:
-    """Capacitance of conductors whose strips have the potentials A q; without ground, with no net charge."""
+    """Capacitance of conductors from the strips' potentials A q.
+
+    Without ground there is no net charge.
+    """
     n = int(label.max()) + 1
     B = np.zeros((len(A), n))
     B[np.arange(len(label)) * basis, label] = 1.0
@@ -321,6 +339,7 @@ def _maxwell(A: FloatArray, label: IntArray, basis: int, *, grounded: bool) -> F
 def _check_strips(
     medium: LayeredMedium, plane: IntArray, x: FloatArray, w: FloatArray, label: IntArray, period: float, mirror: bool
 ) -> None:
+    """Check the strips and their arrangement."""
     n = len(plane)
     if not n or x.shape != (n,) or w.shape != (n,) or label.shape != (n,):
         raise ValueError(
@@ -348,7 +367,10 @@ def _check_strips(
 
 
 def _wavenumbers(step: float, count: int, medium: LayeredMedium) -> FloatArray:
-    """Multiples of a step in 1/m, shape (count,); MemoryLimitError where `LayeredMedium.green` cannot take so many."""
+    """Multiples of a step in 1/m, shape (count,).
+
+    A MemoryLimitError is raised if `LayeredMedium.green` cannot take this number.
+    """
     size = 8.0 * count * (medium.planes**2 + 8 * medium.planes)
     require_memory(size, "the capacitance within [stackup] and [elastomer], of so different lengths,")
     return step * np.arange(1.0, count + 1)

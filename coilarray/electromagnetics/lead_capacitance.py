@@ -1,9 +1,10 @@
-"""Capacitance that leads add to a winding, by the method of moments with straight wires in the layered dielectric.
+"""Capacitance that leads add to a winding.
 
-The wires are the leads and, for the winding, a few ribbons a layer from ray to ray; a flat strip of width w acts as a
-round wire of radius w/4. Green's function of the layers is taken as a sum of images, Σ a/(2π √(ρ² + b²)), fitted to
-that in the spectral domain (Σ a exp(−kb)/k; Chow et al., IEEE Trans. MTT 39, 588 (1991), with fixed real depths b), so
-that the potential of a uniformly charged straight wire is a logarithm. The result is good to 15 % (tests).
+It is computed by the method of moments with straight wires in the layered dielectric. The wires are the leads and, for
+the winding, a few ribbons per layer from ray to ray. A flat strip of width w acts as a round wire of radius w/4.
+Green's function of the layers is taken as a sum of images, Σ a/(2π √(ρ² + b²)), fitted in the spectral domain (Σ a
+exp(−kb)/k; Chow et al., IEEE Trans. MTT 39, 588 (1991), with fixed real depths b). The potential of a uniformly charged
+straight wire is then a logarithm. The result is good to 15 % (tests).
 """
 
 from __future__ import annotations
@@ -20,21 +21,24 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.electromagnetics.layered_strips import LayeredMedium
 from coilarray.geometry.winding import Cut, Turns
 
-# The leads' part is a difference, which depends little on how fine the winding is: twice as many rays and ribbons
+# The leads' part is a difference, which depends little on the fineness of the winding. Twice as many rays and ribbons
 # change it by 4 % at most (tests).
 _RAYS = 16  # from each pole
-_RIBBONS = 4, 16  # at most, a layer and on all layers
+_RIBBONS = 4, 16  # at most, per layer and on all layers
 _GROWTH = 1.15  # of the pieces of a lead, beginning with a pitch at the winding
 _MOST_BESIDE = 8  # wires of a wide lead
-_GRAIN = 1e-9  # of a length; what is less is rounding
+_GRAIN = 1e-9  # of a length; smaller differences are rounding
 _GUIDING = 50.0  # relative permittivity above which layers hold the field beyond the farthest image
-_IMAGES = 16  # err by 1e-4, and 2 % between planes that other copper layers lie between
+_IMAGES = 16  # errors are 1e-4, and 2 % between planes with other copper layers between them
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 @dataclass(frozen=True, eq=False)
 class _Wire:
-    """Straight parts of a wire of uniform charge, from and to (n, 2) in m, its radius in m, plane and potential."""
+    """Straight parts of a uniformly charged wire.
+
+    The ends (n, 2) and the radius are in m. The wire also has its plane and potential.
+    """
 
     start: FloatArray
     stop: FloatArray
@@ -45,7 +49,9 @@ class _Wire:
 
 @serial_algebra()
 def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: FloatArray, turns: Turns) -> float:
-    """Capacitance in F that the leads of a winding add between its ends.
+    """Compute the capacitance that leads add in F.
+
+    It lies between the ends of the winding.
 
     Parameters
     ----------
@@ -56,18 +62,19 @@ def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: Float
     thicknesses : ndarray, shape (lines,)
         Thickness of the copper of each line in m.
     turns : Turns
-        The path and which part of it winds.
+        The path and its winding part.
 
     Returns
     -------
     float
-        Capacitance in F, 0 without leads; never negative, and larger for leads that are longer.
+        Capacitance in F, 0 without leads. It is never negative, and larger for longer leads.
 
     Notes
     -----
-    Every lead has the potential of its end of the winding, whose potential rises evenly along the path; all together
-    float without net charge. The result is the capacitance of leads and ribbons less that of the ribbons alone:
-    charges that are free in more places store more energy, so it grows with the leads. Vias and pads are left out.
+    Every lead has the potential of its end of the winding, whose potential rises evenly along the path. All wires
+    together float without net charge. The result is the capacitance of leads and ribbons less the capacitance of the
+    ribbons alone. Charges that are free in more places store more energy, so it grows with the leads. Vias and pads are
+    left out.
     """
     used = np.unique(planes)
     near = float(np.diff(np.cumsum((0.0, *medium.thicknesses))[used]).min()) if len(used) > 1 else math.inf
@@ -82,9 +89,10 @@ def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: Float
 
 
 def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float) -> Iterator[_Wire]:
-    """Pieces of both leads from the winding on, so that a longer lead has the same ones and more.
+    """Pieces of both leads from the winding on.
 
-    A lead wider than the distance in m of the nearest planes, `near`, is several wires side by side.
+    A longer lead has the same pieces and more. A lead wider than the distance in m of the nearest planes, `near`, is
+    several wires side by side.
     """
     path = turns.path
     along, grain = path.along, _GRAIN * turns.pitch
@@ -104,17 +112,21 @@ def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float)
                 steps = np.diff(points, axis=0)
                 sideways = np.column_stack((-steps[:, 1], steps[:, 0])) / np.hypot(*steps.T)[:, None]
                 thickness = float(thicknesses[line])
-                # a width that is the planes' distance but for rounding is one wire
+                # A width equal to the planes' distance up to rounding is one wire.
                 count = min(max(math.ceil(width / near - _GRAIN), 1), _MOST_BESIDE) if math.isfinite(near) else 1
                 for k in range(count):
                     shift = ((k + 0.5) / count - 0.5) * width * sideways
-                    # of one wire for a strip; of many for a sheet, near which they have its mean field
+                    # The first is for a strip of one wire. The second is for a sheet of many wires, near which they
+                    # have its mean field.
                     radius = (width + thickness) / 4 if count == 1 else (width + thickness) / count / (2 * math.pi)
                     yield _Wire(points[:-1] + shift, points[1:] + shift, radius, int(planes[line]), potential)
 
 
 def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
-    """Group turns of each layer from ray to ray about every pole, as wires thinner than planes are apart."""
+    """Group turns of each layer into ribbons.
+
+    The ribbons run from ray to ray about every pole. They are wires thinner than the distance of planes.
+    """
     path = turns.path
     most, total = _RIBBONS
     for pole in turns.poles:
@@ -137,7 +149,10 @@ def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
 
 
 def _middle(turns: Turns, cut: Cut, group: IntArray) -> tuple[FloatArray, float, float]:
-    """Middle (2,) in m of neighbouring turns on a cut, the width in m that they cover, and their mean potential."""
+    """Middle (2,) in m of neighbouring turns on a cut.
+
+    Their total width in m and their mean potential are returned as well.
+    """
     path, piece, along = turns.path, cut.piece[group], cut.along[group]
     width = float(np.ptp(cut.across[group]) + path.widths[piece].mean())
     V = (along - turns.begin) / (turns.end - turns.begin)
@@ -145,11 +160,14 @@ def _middle(turns: Turns, cut: Cut, group: IntArray) -> tuple[FloatArray, float,
 
 
 def _images(medium: LayeredMedium, p: int, q: int, smallest: float) -> tuple[FloatArray, FloatArray]:
-    """Strengths in V m/C and depths in m, (n,) each, of the images for charges on plane p seen on plane q."""
+    """Image strengths in V m/C and depths in m.
+
+    They have shape (n,) each and hold for charges on plane p at points on plane q.
+    """
     height = np.cumsum((0.0, *medium.thicknesses))
     apart = abs(float(height[p] - height[q]))
     near, far = apart or min((*medium.thicknesses, smallest)), max(float(height[-1]), smallest)
-    far *= max(1.0, max(medium.epsilon_r) / _GUIDING)  # how far a field runs along a layer
+    far *= max(1.0, max(medium.epsilon_r) / _GUIDING)  # distance that a field runs along a layer
     k = np.geomspace(1e-3 / far, 10 / near, 300)
     green = medium.green(k)[:, p, q] * k
     depth = apart + np.append(0.0, np.geomspace(near / 2, 100 * far, _IMAGES - 1))
@@ -158,12 +176,12 @@ def _images(medium: LayeredMedium, p: int, q: int, smallest: float) -> tuple[Flo
 
 
 def _potentials(medium: LayeredMedium, wires: Sequence[_Wire]) -> FloatArray:
-    """Mean potential of each wire per charge of each in V/C, shape (n, n)."""
+    """Mean potential per charge of wires in V/C, (n, n)."""
     owner = np.repeat(np.arange(len(wires)), [len(wire.start) for wire in wires])
     start = np.vstack([wire.start for wire in wires])
     step = np.vstack([wire.stop for wire in wires]) - start
     plane = np.array([wire.plane for wire in wires])[owner]
-    # radii add as squares, so that every wire has its own and the matrix stays positive definite
+    # Radii add as squares, so that every wire has its own and the matrix stays positive definite.
     spread = np.array([wire.radius for wire in wires])[owner] ** 2 / 2
     length = np.hypot(*step.T)
     places = (start + step / 2)[:, None] + _GAUSS[:, None] / 2 * step[:, None]
@@ -191,6 +209,9 @@ def _potentials(medium: LayeredMedium, wires: Sequence[_Wire]) -> FloatArray:
 
 
 def _floating(A: FloatArray, V: FloatArray) -> float:
-    """Twice the energy in J of wires with potentials V up to a common one, without net charge."""
+    """Twice the energy in J of wires without net charge.
+
+    Their potentials are V up to a common constant.
+    """
     charge, raised = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), np.column_stack((V, np.ones_like(V)))).T
     return float(V @ charge - charge.sum() ** 2 / raised.sum())

@@ -1,7 +1,7 @@
-"""Parts of current paths that lie in one plane, and which of them are mirror images of each other.
+"""Flat parts of current paths and their mirror images.
 
-The layers of a planar coil are such parts, and one layer is often another one turned over. Neumann's integral of two
-parts equals that of their mirror images, so pairs that differ only by a reflection are computed once.
+The layers of a planar coil are such parts, and a layer is often another layer turned over. Neumann's integral of two
+parts equals the integral of their mirror images, so pairs that differ only by a reflection are computed once.
 """
 
 from __future__ import annotations
@@ -18,19 +18,22 @@ from coilarray.compute.arrays import FloatArray, IntArray
 BoolArray = npt.NDArray[np.bool_]
 
 MOST_PARTS = 16
-"""Largest number of parts of one path; a path with more is not cut."""
+"""Largest number of parts of one path.
+
+A path with more parts is not cut.
+"""
 _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 
 
 @dataclass(frozen=True, eq=False)
 class PathParts:
-    """Parts of several paths: `tables` of the distinct ones, from the origin, and how each part follows from them.
+    """Parts of several paths and their distinct shapes.
 
-    `tables` are rows of `coilarray.electromagnetics.kernels.paths`, shape (segments, 12). `flat` and `upright`
-    (distinct,) mark those that lie at one height, and those that run straight up and down. `first` (paths + 1,) is the
-    number of the first part of each path, and at the end that of all parts. Part k is the distinct one `number[k]`,
-    mirrored by the signs `mirror[k]` of its coordinates and moved to `origin[k]` in m from the start of its path;
-    `sign[k]` is −1 where the current runs the other way.
+    `tables` are rows of `coilarray.electromagnetics.kernels.paths`, shape (segments, 12), of the distinct parts from
+    the origin. `flat` and `upright` (distinct,) mark the parts at one height, and the parts that run straight up and
+    down. `first` (paths + 1,) is the number of the first part of each path, and at the end the number of all parts.
+    Part k is the distinct part `number[k]`, mirrored by the signs `mirror[k]` of its coordinates and moved to
+    `origin[k]` in m from the start of its path. `sign[k]` is −1 if the current runs the other way.
     """
 
     tables: list[FloatArray]
@@ -44,9 +47,10 @@ class PathParts:
 
 
 def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
-    """Cut paths, rows of `coilarray.electromagnetics.kernels.paths` each, into parts in their order along each path.
+    """Cut paths into parts in their order.
 
-    `quanta` (paths,) are differences in m that do not make another part; parts of different quanta are never the same.
+    Each path is rows of `coilarray.electromagnetics.kernels.paths`. `quanta` (paths,) are differences in m that do not
+    make another part. Parts of different quanta are never equal.
     """
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))
@@ -77,7 +81,10 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
 
 
 def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
-    """Rows of a part whose coordinates have these signs; the lateral direction stays to the left of the current."""
+    """Rows of a part with mirrored coordinates.
+
+    The coordinates get the given signs. The lateral direction stays to the left of the current.
+    """
     image = table.copy()
     image[:, :3] *= mirror
     image[:, 3:6] *= mirror
@@ -94,7 +101,10 @@ def _is_level(table: FloatArray) -> BoolArray:
 
 
 def _cut(table: FloatArray, quantum: float) -> list[FloatArray]:
-    """Cut a path into runs of segments at one height, and those between them."""
+    """Cut a path into flat runs and the segments between.
+
+    A flat run consists of segments at one height.
+    """
     level = _is_level(table)
     change = (level[1:] != level[:-1]) | (level[1:] & (np.abs(np.diff(table[:, 2])) > quantum))
     cuts = np.flatnonzero(change) + 1
@@ -106,7 +116,10 @@ def _vertices(table: FloatArray) -> FloatArray:
 
 
 def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatArray, float] | None:
-    """Mirror, and direction of the current, that turn one part into another; None if there is none."""
+    """Mirror and current direction that relate two parts.
+
+    The result is None if the parts are not related.
+    """
     points, sizes = _vertices(table), table[:, [6, 10, 11]]
     others, other_sizes = _vertices(other), other[:, [6, 10, 11]]
     for sign in (1.0, -1.0):

@@ -1,7 +1,7 @@
-"""Neumann's double integral over pairs of current paths: pairs that lie alike are computed once.
+"""Neumann's double integral over pairs of current paths.
 
-Pairs whose bounding boxes lie apart go through `coilarray.electromagnetics.neumann_far`, the others segment by segment
-through `coilarray.electromagnetics.neumann_near`.
+Equal pairs are computed once. Pairs whose bounding boxes lie apart go through `coilarray.electromagnetics.neumann_far`.
+The others go segment by segment through `coilarray.electromagnetics.neumann_near`.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from coilarray.geometry import Conductor
 _Block = Callable[[], Sums]
 
 BYTES_A_PAIR = 400.0
-"""Of memory that sums over many pairs take."""
-_THIN = 200.0  # widths in the extent of a winding whose widths count from afar by less than 3e-7 of L
-_SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are the same pair
-_SAME_SHAPE = 1e-8  # of a path itself at the most, in arrays that are far larger than it
-_LEAST_STEP = 1e-18  # of the paths' extent: offsets are counted in 64 bits
-_NODE_PAIRS = 20_000_000  # in a block of far pairs: some 20 ms
-_NODE_PAIRS_A_BAR_PAIR = 20  # that take as long; where there are fewer bars, they are summed
+"""Peak memory per pair of paths, in bytes."""
+_THIN = 200.0  # winding extent in widths; beyond it the widths change distant pairs by less than 3e-7 of L
+_SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are equal
+_SAME_SHAPE = 1e-8  # of a path itself at most, in arrays that are far larger than the path
+_LEAST_STEP = 1e-18  # of the paths' extent; offsets are counted in 64 bits
+_NODE_PAIRS = 20_000_000  # in a block of far pairs, some 20 ms
+_NODE_PAIRS_A_BAR_PAIR = 20  # node pairs that take as long as a pair of bars; with fewer bars, the bars are summed
 
 
 def path_sums(
@@ -47,10 +47,11 @@ def path_sums(
     *,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """∬ dl·dl'/R in m of pairs of paths, averaged over the cross-sections; µ0/4π times these are inductances.
+    """Compute Neumann's integral ∬ dl·dl'/R of pairs in m.
 
-    Pair k is the paths `first[k]` and `second[k]`, equal numbers for a path with itself; see `Accuracy`. Infinite for
-    thin filaments that overlap on one line; one that is paired with itself is a GeometryError.
+    It is averaged over the cross-sections. µ0/4π times the result is the inductance. Pair k is the paths `first[k]` and
+    `second[k]`, with equal numbers for a path with itself. See `Accuracy`. The result is infinite for thin filaments
+    that overlap on one line. A thin filament paired with itself raises a GeometryError.
     """
     if not len(first):
         return np.zeros(0)
@@ -74,8 +75,8 @@ def path_sums(
     near = nodes.max(axis=1) > MOST_NODES
     near |= node_pairs > _NODE_PAIRS_A_BAR_PAIR * segments[classes.first] * segments[classes.second]
     thin = np.array([shape.is_filament for shape in shapes])
-    near |= thin[classes.first] & thin[classes.second]  # these are promised to 1e-11, not to a part of L
-    blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, for they are long
+    near |= thin[classes.first] & thin[classes.second]  # these must reach 1e-11, not a part of L
+    blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, as they take long
     blocks += _near_blocks(shapes, classes, np.flatnonzero(near), quantum, accuracy)
     sums = np.zeros(len(classes.shift))
     for numbers, values in run_blocks(lambda block: block(), blocks, progress=progress):
@@ -84,13 +85,19 @@ def path_sums(
 
 
 def _same(extent: float, own: FloatArray) -> FloatArray:
-    """Differences in m that do not make another shape or offset, for paths as large as `own` in all of `extent`."""
-    rounded = 2.0 ** np.round(np.log2(own))  # so that copies that differ by rounding have the same
+    """Largest difference in m between equal shapes or offsets.
+
+    It holds for paths as large as `own` in an array as large as `extent`.
+    """
+    rounded = 2.0 ** np.round(np.log2(own))  # copies that differ by rounding then have the same
     return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
 
 
 def segment_table(conductor: Conductor) -> FloatArray:
-    """Rows of `kernels.paths`, the first vertex moved to the origin; shape (segments, 12)."""
+    """Rows of `kernels.paths` for a path, shape (segments, 12).
+
+    The first vertex is moved to the origin.
+    """
     vertices = conductor.vertices - conductor.vertices[0]
     steps = np.diff(vertices, axis=0)
     length = np.linalg.norm(steps, axis=1)
@@ -106,7 +113,7 @@ def segment_table(conductor: Conductor) -> FloatArray:
 
 
 class _Shape:
-    """A path that starts at the origin, shared by all its copies."""
+    """Path that starts at the origin, shared by its copies."""
 
     def __init__(self, conductor: Conductor, table: FloatArray, quantum: float) -> None:
         self.table, self.quantum = table, quantum
@@ -115,7 +122,10 @@ class _Shape:
 
     @cached_property
     def seen_from_afar(self) -> FloatArray:
-        """Segments that share the current: the centre lines, or two a bar where their width counts; (m, 2, 3)."""
+        """Segments (m, 2, 3) that share the current.
+
+        They are the centre lines, or two per bar if its width counts.
+        """
         start, step = self.table[:, :3], self.table[:, 3:6] * self.table[:, 6:7]
         lines = np.stack((start, start + step), axis=1)
         width = np.sqrt(np.average(self.table[:, 10] ** 2, weights=self.table[:, 6]))
@@ -131,7 +141,10 @@ class _Shape:
 
 @dataclass(frozen=True, eq=False)
 class _Classes:
-    """Distinct pairs: numbers of their shapes, (n,) each, and the shift of the second in m, (n, 3)."""
+    """Distinct pairs of shapes.
+
+    They have the numbers of their shapes, (n,) each, and the shift of the second in m, (n, 3).
+    """
 
     first: IntArray
     second: IntArray
@@ -139,7 +152,10 @@ class _Classes:
 
 
 def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_Shape], IntArray, FloatArray]:
-    """Distinct shapes (to `quanta` in m, one a path), the shape of every path, and the paths' starting points."""
+    """Distinct shapes, shape numbers and starting points of paths.
+
+    Shapes are compared to `quanta` in m, one per path.
+    """
     shapes: list[_Shape] = []
     known: dict[tuple[float, bytes], int] = {}
     of_path = []
@@ -157,7 +173,10 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
 
 
 def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
-    """Every distinct (shape, shape, shift) once, and the number of that of each pair; M(a, b, d) = M(b, a, −d)."""
+    """Distinct triples (shape, shape, shift) of pairs.
+
+    The number of the triple of each pair is returned as well. M(a, b, d) = M(b, a, −d).
+    """
     steps = np.round(shift / quantum).astype(np.int64)
     example, number, turn = pair_classes(np.column_stack((a, b, steps)), np.column_stack((b, a, -steps)))
     turned = turn[example]
@@ -168,7 +187,7 @@ def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tup
 def _near_blocks(
     shapes: list[_Shape], classes: _Classes, near: IntArray, quantum: float, accuracy: Accuracy
 ) -> list[_Block]:
-    """Work on the pairs that are summed segment by segment."""
+    """Tasks for the pairs that are summed segment by segment."""
     numbers, paths = np.unique(np.concatenate((classes.first[near], classes.second[near])), return_inverse=True)
     wanted = [shapes[number] for number in numbers.tolist()]
     first, second = paths[: len(near)], paths[len(near) :]
@@ -185,7 +204,7 @@ def _near_block(near: IntArray, block: _Block) -> Sums:
 
 
 def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: IntArray) -> list[_Block]:
-    """Work on the pairs that equivalent currents stand for."""
+    """Tasks for the pairs that are replaced by equivalent currents."""
     order = far[np.lexsort((nodes[far, 1], nodes[far, 0], classes.second[far], classes.first[far]))]
     alike = np.column_stack((classes.first[order], classes.second[order], nodes[order]))
     cuts = np.flatnonzero((np.diff(alike, axis=0) != 0).any(axis=1)) + 1
@@ -206,6 +225,7 @@ def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: I
 
 
 def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], nodes: IntArray) -> Sums:
+    """Sum groups of far pairs over their nodes."""
     values = [np.zeros(len(group)) for group in groups]
     for group, sums in zip(groups, values, strict=True):
         count, count_z = nodes[group[0]].tolist()

@@ -1,7 +1,8 @@
-"""A current path seen from afar: currents at the Chebyshev nodes of its bounding box.
+"""Equivalent currents of a distant path.
 
-Between two boxes that lie apart 1/R is smooth, so it equals its interpolation from the nodes of either box. What is
-left of a path is the vector W_p = ∫ L_p dl at every node p, with the Lagrange polynomials L_p, and
+They are at the Chebyshev nodes of its bounding box. Between two boxes that lie apart 1/R is smooth, so it equals its
+interpolation from the nodes of either box. A path is then represented by the vector W_p = ∫ L_p dl at every node p,
+with the Lagrange polynomials L_p, and
 
     ∬ dl·dl'/R = Σ_pq W_p·W'_q / |x_p − x'_q|
 
@@ -19,37 +20,47 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray, IntArray
 
 MOST_NODES = 16
-"""Along one side of the box; nearer pairs need more and are left to the sums over segments."""
-_LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than that of pieces
-_NONE = 1e-9  # of the box: an extent that is none
+"""Most nodes along a side of the box.
+
+Nearer pairs need more and are left to the sums over segments.
+"""
+_LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than M of pieces
+_NONE = 1e-9  # of the box; smaller extents count as zero
 
 
 @dataclass(frozen=True, eq=False)
 class EquivalentCurrents:
-    """Currents ∫ L I dl in A m at nodes in m, (n, 3) each, that act like a path on everything far enough away."""
+    """Equivalent currents of a path in A m at nodes.
+
+    They are ∫ L I dl. The nodes are in m, (n, 3) each. The currents act like the path at sufficient distance.
+    """
 
     nodes: FloatArray
     currents: FloatArray
 
 
 def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
-    """Middle and half of the extent in m of the vertices (m, 3) of each path, shape (paths, 2, 3)."""
+    """Bounding boxes of paths, shape (paths, 2, 3).
+
+    They have the middle and half of the extent in m of the vertices (m, 3) of each path.
+    """
     low = np.array([vertices.min(axis=0) for vertices in paths])
     high = np.array([vertices.max(axis=0) for vertices in paths])
     return np.stack(((low + high) / 2, (high - low) / 2), axis=1)
 
 
 def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
-    """Nodes along x and y, and along z, of n pairs of boxes, the second moved by `shifts` (n, 3) in m; shape (n, 2).
+    """Numbers of nodes for n pairs of boxes.
 
-    Boxes are those of `bounding_boxes`; a value above `MOST_NODES` means that they are too near each other.
+    The numbers, shape (n, 2), are along x and y, and along z. The second box is moved by `shifts` (n, 3) in m. Boxes
+    are as of `bounding_boxes`. A value above `MOST_NODES` means that they are too near each other.
     """
     between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
     half = np.maximum(first[:, 1], second[:, 1])
     sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
     none = _NONE * half.max(axis=1)[:, None]
-    # singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it
+    # Singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it.
     lengths = np.maximum(sizes, none)
     beside = np.arccosh(1.0 + np.hypot(gap[:, 0], gap[:, 1])[:, None] / lengths)
     above = np.arcsinh(gap[:, 2][:, None] / lengths)
@@ -62,10 +73,11 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
 
 
 def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
-    """Currents of segments, ends (m, 2, 3) in m, at the Chebyshev nodes of their box.
+    """Currents of segments at the Chebyshev nodes.
 
-    There are `count` nodes along x and y, and `count_z` along z; `current` is that of every segment in A. Polynomials
-    along a segment are integrated exactly.
+    The segments have ends (m, 2, 3) in m, and the nodes are of their box. There are `count` nodes along x and y, and
+    `count_z` along z. `current` is the current of every segment in A. Polynomials along a segment are integrated
+    exactly.
     """
     ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
@@ -87,7 +99,10 @@ def _chebyshev(n: int) -> FloatArray:
 
 
 def _lagrange(n: int, t: FloatArray) -> FloatArray:
-    """Lagrange polynomials of the Chebyshev nodes at points of [−1, 1], shape (points, n)."""
+    """Lagrange polynomials of the Chebyshev nodes, (points, n).
+
+    The points lie in [−1, 1].
+    """
     at_points, at_nodes = (np.polynomial.chebyshev.chebvander(x, n - 1) for x in (t, _chebyshev(n)))
     at_points[:, 0] *= 0.5
     return np.asarray(2.0 / n * at_points @ at_nodes.T)

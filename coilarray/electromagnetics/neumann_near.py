@@ -1,7 +1,7 @@
-"""Neumann's double integral of pairs of paths that lie near each other, segment by segment.
+"""Neumann's double integral of near pairs of paths.
 
-The paths are cut into parts (`coilarray.electromagnetics.mirror_parts`); pairs of parts that lie alike but for a mirror
-are summed once.
+It is computed segment by segment. The paths are cut into parts (`coilarray.electromagnetics.mirror_parts`). Pairs of
+parts that are equal except for a mirror are summed once.
 """
 
 from __future__ import annotations
@@ -24,41 +24,55 @@ from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirro
 BoolArray = npt.NDArray[np.bool_]
 
 Accuracy = Literal["full", "screen"]
-"""``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, for searches whose results
-are computed again in full: 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
-up to 1 % of k where windings lie on each other (tests/electromagnetics/test_inductance_screen.py)."""
+"""Accuracy of inductance, ``full`` or ``screen``.
+
+``full`` reaches 1e-6 of L and k. ``screen`` takes a tenth of the time for windings of many turns, for searches whose
+results are computed again in full. It reaches 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly
+coupled windings, and up to 1 % of k for windings that lie on each other
+(tests/electromagnetics/test_inductance_screen.py).
+"""
 
 OWN_NEAR_WIDTHS = 160.7
-"""Distance in widths up to which the cross-section counts within one path (test_inductance_convergence.py)."""
+"""Distance in widths for cross-sections within a path.
+
+The cross-section counts up to this distance (test_inductance_convergence.py).
+"""
 MUTUAL_NEAR_WIDTHS = 1003.0
-"""Distance in widths up to which the cross-section counts between two paths: (1/1000)² is 1e-6 of a weak coupling."""
-# the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
+"""Distance in widths for cross-sections between two paths.
+
+The cross-section counts up to this distance. (1/1000)² is 1e-6 of a weak coupling.
+"""
+# The same for screening. This leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of a pair of coils that overlap.
 _SCREEN_OWN_NEAR_WIDTHS, _SCREEN_MUTUAL_NEAR_WIDTHS = 15.0, 4.0
-_SAME_SIZE = 1e-12  # of the largest: sizes of bars that differ by less are equal
-_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks, whatever the cores
-_TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with one of another path, with another one of its path, with itself
+_SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
+_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
+_TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
 
 Sums = tuple[IntArray, FloatArray]
-"""Numbers of pairs, and the values to add to their sums."""
+"""Numbers of pairs, and values to add to their sums."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A distinct part, shared by all its images."""
+    """Distinct part, shared by all its images."""
 
     table: FloatArray
 
     @cached_property
     def series(self) -> IntArray:
-        """Sides of successive turns, see `coilarray.electromagnetics.kernels.turns.find_series`."""
+        """Sides of successive turns.
+
+        See `coilarray.electromagnetics.kernels.turns.find_series`.
+        """
         return find_series(self.table)
 
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Pairs of distinct parts, one a row: the second is mirrored by signs, and moved by `shift` in m from the first.
+    """Pairs of distinct parts, one per row.
 
-    `of` is the pair of paths that they belong to, where they count `weight` times.
+    The second part is mirrored by signs, and moved by `shift` in m from the first. `of` is the pair of paths that they
+    belong to, where they count `weight` times.
     """
 
     of: IntArray
@@ -79,12 +93,13 @@ def part_blocks(
     quantum: float,
     accuracy: Accuracy,
 ) -> list[Callable[[], Sums]]:
-    """Prepare the sums over pairs of near paths: pieces of the work that several threads may call at once.
+    """Prepare the sums over pairs of near paths.
 
-    What all of them return adds up to ∬ dl·dl'/R in m of the pairs, averaged over the cross-sections. `tables` are rows
-    of `coilarray.electromagnetics.kernels.paths`, each path from the origin, and `quanta` the largest differences in m
-    between equal paths; pair k is the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero
-    where a path is paired with itself), and equal shifts differ by up to `quantum` in m.
+    The result is pieces of the work that several threads may call at once. The sum of all their results is ∬ dl·dl'/R
+    in m of the pairs, averaged over the cross-sections. `tables` are rows of
+    `coilarray.electromagnetics.kernels.paths`, each path from the origin, and `quanta` the largest differences in m
+    between equal paths. Pair k is the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero
+    for a path with itself). Equal shifts differ by up to `quantum` in m.
     """
     if not len(first):
         return []
@@ -113,7 +128,10 @@ def part_blocks(
 
 
 def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
-    """Cut pairs of paths into pairs of parts; the mirror of the first one turns both back."""
+    """Cut pairs of paths into pairs of parts.
+
+    The mirror of the first part turns both back.
+    """
     rows = []
     for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         P, Q = np.mgrid[parts.first[a] : parts.first[a + 1], parts.first[b] : parts.first[b + 1]].reshape(2, -1)
@@ -124,7 +142,7 @@ def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArra
         rows.append(np.stack((np.full(len(P), k), P, Q, kind)))
     of, P, Q, kind = np.concatenate(rows, axis=1)
     i, j = parts.number[P], parts.number[Q]
-    counts = ~(parts.flat[i] & parts.upright[j] | parts.upright[i] & parts.flat[j])  # at right angles: nothing
+    counts = ~(parts.flat[i] & parts.upright[j] | parts.upright[i] & parts.flat[j])  # right angles add nothing
     of, P, Q, kind, i, j = of[counts], P[counts], Q[counts], kind[counts], i[counts], j[counts]
     weight = parts.sign[P] * parts.sign[Q] * np.where(kind == _ONE_PATH, 2.0, 1.0)
     back = parts.mirror[P]
@@ -134,9 +152,10 @@ def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArra
 
 
 def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
-    """Write equal pairs alike; return them, an example of each class and the class of each pair.
+    """Write equal pairs alike and group them.
 
-    M(a, gb, d) = M(b, ga, −gd) for a mirror g, and of two flat parts either may be the upper one.
+    The result is the pairs, an example of each class and the class of each pair. M(a, gb, d) = M(b, ga, −gd) for a
+    mirror g, and of two flat parts either may be the upper.
     """
     turned = -pairs.mirror * pairs.shift
     steps, mirror = np.round(pairs.shift / quantum).astype(np.int64), pairs.mirror.astype(np.int64)
@@ -153,9 +172,10 @@ def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, I
 
 
 def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Group pairs by what they are, where rows of `key` and `turned` (n, columns) mean the same.
+    """Group equal pairs into classes.
 
-    Returns one pair of each class (classes,), the class of each pair (n,), and where `turned` stands for it (n,).
+    Rows of `key` and `turned` (n, columns) mean the same. The result is one pair of each class (classes,), the class of
+    each pair (n,), and a mask (n,) of the pairs for which `turned` is used.
 
     Examples
     --------
@@ -186,7 +206,7 @@ def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Su
 
 
 def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
-    """Sum of the rows start:stop of a part with the part itself."""
+    """Sum a part's rows start:stop with the part itself."""
     if not part.table[:, 10].all():
         return np.inf  # of a thin filament
     if accuracy == "full":
@@ -203,7 +223,10 @@ def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
 def _pair_sum(
     a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
 ) -> Callable[[int, int], float]:
-    """Return what sums the rows start:stop of a part with another one, mirrored and moved."""
+    """Return the sum function of a part with another part.
+
+    It sums the rows start:stop of the first part. The second part is mirrored and moved.
+    """
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
 
     def between(start: int, stop: int) -> float:
@@ -214,7 +237,7 @@ def _pair_sum(
         facing = sum(mutual_sum(one, other, shift, 0, 1, near_widths, 0) for one, other in alike)
         return float(facing + own_mutual_sum(a.table, start, stop, near_widths, 0, shift))
 
-    def by_series(start: int, stop: int) -> float:  # of all rows: it is one piece
+    def by_series(start: int, stop: int) -> float:  # of all rows, in one piece
         rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
         return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
 
@@ -224,13 +247,19 @@ def _pair_sum(
 
 
 def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
-    """Whether a flat part has its copy or its image right above it or below: then row i sees j as j sees i."""
+    """Check whether a flat part is straight above its copy.
+
+    The copy or image may be right above or below. Then row i relates to row j as row j relates to row i.
+    """
     flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
     return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
-    """Weighted sum of ∬ dl·dl'/R of every bar with itself; equal ones are computed once."""
+    """Weighted sum of ∬ dl·dl'/R of bars with themselves.
+
+    Equal bars are computed once.
+    """
     sizes = rows[:, [6, 10, 11]]
     alike = np.round(sizes / (_SAME_SIZE * sizes.max(axis=0)))
     _, example, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)

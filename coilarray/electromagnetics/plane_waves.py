@@ -1,13 +1,13 @@
-"""What flat things above or below current paths reflect back to them, in the spectrum of plane waves.
+"""Reflection by flat bodies in the spectrum of plane waves.
 
-With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path, z counted from a face above all paths, and J' its conjugate
-with J_z reversed, the mutual inductance in free space of path i and the image of path j mirrored at the face with its
-current, lifted by h, is
+The bodies lie above or below the current paths. With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path, z counted
+from a face above all paths, and J' its conjugate with J_z reversed, F(h) is the mutual inductance in free space of path
+i and the image of path j. The image is mirrored at the face with its current and lifted by h,
 
     F(h) = µ0/4π ∫₀^∞ dk e^{−kh} ⟨J_i·J'_j⟩,   ⟨ ⟩ the mean over the directions of k.
 
-What reflects waves with a factor of their wavenumber has it in place of e^{−kh}. A face below all paths is one above
-the mirrored paths, and a wave between both counts with ⟨J_i·J'_j⟩ of one board and the other.
+A body that reflects waves with a factor of their wavenumber has this factor in place of e^{−kh}. A face below all paths
+is a face above the mirrored paths. A wave between both faces counts with ⟨J_i·J'_j⟩ of one board and the other.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from coilarray.geometry import Conductor
 
 WeightArray = npt.NDArray[np.float64] | npt.NDArray[np.complex128]
 
-# −ln of the error of every rule over the spectrum against the sum of all parts without their signs: 1.4e-11, 3e-4
+# −ln of the error of every rule over the spectrum, relative to the sum of all parts without their signs: 1.4e-11, 3e-4.
 DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}
-_WIDEST_PANEL = 200.0  # radians across the board; wider ones save nothing
+_WIDEST_PANEL = 200.0  # radians across the board; wider panels save nothing
 _LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integrate
 _SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
-_BLOCKS = 64  # of wavenumbers, each of which is summed before the next
+_BLOCKS = 64  # of wavenumbers, each summed before the next
 _MOST_SUMS = 1e8  # numbers in the sums of all blocks
-_MOST_WAVES = 1e10  # waves times corners: some minutes on a core
+_MOST_WAVES = 1e10  # waves times corners, some minutes on a core
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """A path about its own origin, lengths in m.
+    """Path about its own origin, lengths in m.
 
-    `vertices`, shape (m, 3); `starts` and `ends`, shape (n,), the vertices of each bar; `across`, shape (n, 2), half
-    its width as a vector; `up`, shape (n,), the vertical part of half its thickness; `weights`, shape (n,), of how many
-    alike it stands for. Vertical bars are thin.
+    `vertices`, shape (m, 3), are its corners. `starts` and `ends`, shape (n,), are the vertices of each bar. `across`,
+    shape (n, 2), is half its width as a vector. `up`, shape (n,), is the vertical part of half its thickness.
+    `weights`, shape (n,), is the number of equal bars that it represents. Vertical bars are thin.
     """
 
     vertices: FloatArray
@@ -59,11 +59,12 @@ class _Shape:
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """Distinct shapes of the paths, and which one lies where below a face; lengths in m.
+    """Distinct path shapes and places below a face.
 
-    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from the face.
-    `kind_of` (paths,) and `origins` (paths, 2) say where they lie. `extent` is the largest horizontal distance, `gap`
-    that of the highest copper from its image, `size` the largest width or thickness, `digits` the accuracy.
+    Lengths are in m. A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from
+    the face. `kind_of` (paths,) and `origins` (paths, 2) give the kind and place of each path. `extent` is the largest
+    horizontal distance, `gap` the distance of the highest copper from its image, `size` the largest width or thickness,
+    and `digits` the accuracy.
     """
 
     shapes: list[_Shape]
@@ -78,7 +79,10 @@ class Board:
 
 
 def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> Board:
-    """Sort paths below a face at a height in m by shape and place."""
+    """Sort paths below a face by shape and place.
+
+    The height of the face is in m.
+    """
     corners = np.concatenate([path.vertices for path in paths])
     span = np.ptp(corners, axis=0)
     origins = np.array([[*path.vertices[0, :2], path.vertices[:, 2].max()] for path in paths])
@@ -109,6 +113,7 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
 
 
 def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
+    """Describe a path by its bars about an origin."""
     lateral, _ = lateral_axes(path.vertices)
     rows, weights = standing_for_all(path, accuracy)
     needed, places = np.unique(np.concatenate((rows, rows + 1)), return_inverse=True)
@@ -135,20 +140,21 @@ def top_of(path: Conductor) -> float:
 
 
 def _nodes(radians: float, digits: float) -> int:
-    """Nodes of the rules that integrate e^{ix}, |x| ≤ radians, to the tolerance.
+    """Nodes of rules for e^{ix}, |x| ≤ radians.
 
-    A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ (Trefethen,
-    Approximation Theory and Approximation Practice, thm. 19.3), n points on half a circle in the same way on the
-    strip |Im θ| < ln ρ. ρ = 3 is near the best.
+    They reach the tolerance. A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the
+    ellipse ρ (Trefethen, Approximation Theory and Approximation Practice, thm. 19.3). n points on half a circle err in
+    the same way on the strip |Im θ| < ln ρ. ρ = 3 is near the best.
     """
     return math.ceil((radians * 4 / 3 + digits) / (2 * math.log(3)))
 
 
 def wavenumbers(board: Board, lowest: float, highest: float, distance: float) -> list[tuple[float, float]]:
-    """Nodes and weights in 1/m of an integral over the wavenumber up to `highest`.
+    """Nodes and weights in 1/m of a wavenumber integral.
 
-    Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that size, until they are
-    as wide as the `distance` in m between a path and an image, and the board, need.
+    The integral reaches up to `highest`. Panels double from `lowest`, so that they keep their distance from poles at
+    wavenumbers of that size. They double up to the width that the `distance` in m between a path and an image, and the
+    board, allow.
     """
     edges = [0.0, max(lowest, _LOWEST * highest)]
     while edges[-1] < highest:
@@ -163,9 +169,10 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Distinct offsets between the paths of an array in rows and columns, by which pairs share their integrals.
+    """Distinct offsets between paths in rows and columns.
 
-    `x` and `y` in m; `column` and `row`, shape (paths, paths), say which of them each pair has.
+    Pairs with equal offsets share their integrals. `x` and `y` are in m. `column` and `row`, shape (paths, paths), are
+    the offset numbers of each pair.
     """
 
     x: FloatArray
@@ -175,7 +182,10 @@ class _Grid:
 
 
 def _grid(board: Board, other_kinds: int) -> _Grid | None:
-    """Return the offsets of the paths where there are far fewer than pairs, else None."""
+    """Return the offsets of the paths, or None.
+
+    They are returned only if there are far fewer offsets than pairs.
+    """
     steps = board.origins[:, None] - board.origins
     numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
     axes = []
@@ -192,12 +202,12 @@ def _grid(board: Board, other_kinds: int) -> _Grid | None:
 def reflected_inductance(
     boards: Sequence[Board], nodes: Sequence[float], weights: WeightArray, *, progress: Progress | None = None
 ) -> WeightArray:
-    """Sum what is reflected over wavenumbers in 1/m: µ0/4π Σ_k w ⟨J_i·J'_j⟩ in H, shape (m, paths, paths).
+    """Sum reflected waves over wavenumbers, in H.
 
-    `boards` are that below a face above, or also that of the mirrored paths below a face below. `weights`, shape
-    (m, pairs, nodes), are those of the pairs of boards with themselves and, between both, of one with the other.
-    GeometryError for paths of so many corners, or so wide against their distance from the face, that it would take
-    hours.
+    The sum is µ0/4π Σ_k w ⟨J_i·J'_j⟩, shape (m, paths, paths), over wavenumbers in 1/m. `boards` has the board below a
+    face above, and may also have the board of the mirrored paths below a face below. `weights`, shape (m, pairs,
+    nodes), are for the pairs of boards with themselves and, between both, of one with the other. Paths with a number of
+    corners, or a width against their distance from the face, that would take hours raise a GeometryError.
     """
     require_few_waves(boards[0], nodes)
     grid = _grid(boards[0], len(boards[-1].heights))
@@ -224,7 +234,10 @@ def reflected_inductance(
 
 
 def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
-    """Raise GeometryError if the spectra of a board at these wavenumbers in 1/m would take hours."""
+    """Raise GeometryError if a board's spectra take hours.
+
+    The wavenumbers are in 1/m.
+    """
     waves = sum(_nodes(k * board.extent, board.digits) for k in nodes)
     corners = sum(len(shape.vertices) for shape in board.shapes)
     if waves * corners > _MOST_WAVES:
@@ -237,9 +250,10 @@ def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
 def _products(
     boards: Sequence[Board], pairs: Sequence[tuple[int, int]], grid: _Grid | None, k: float
 ) -> list[FloatArray]:
-    """Mean of J_i·J'_j over the directions of one wavenumber in 1/m, in m², of pairs of boards.
+    """Mean of J_i·J'_j over directions, in m².
 
-    Shape (paths, paths) without a grid of offsets, else (kinds, kinds, x, y).
+    It holds for one wavenumber in 1/m and for pairs of boards. The shape is (paths, paths) without a grid of offsets,
+    else (kinds, kinds, x, y).
     """
     n = _nodes(k * boards[0].extent, boards[0].digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
@@ -261,17 +275,24 @@ def _products(
 
 
 def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
-    """J of every kind of path about its own origin in m, shape (kinds, 3, n)."""
+    """Spectrum J of every kind of path in m.
+
+    It is about the path's own origin, with shape (kinds, 3, n).
+    """
     shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
     return np.asarray(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
 
 
 def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
-    """Give ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path of bars, shape (3, n) in m; `waves`, shape (n, 2) in 1/m."""
+    """Integrate a plane wave along a path of bars in m.
+
+    The integral is ∫ e^{i(k_x x + k_y y)} e^{kz} dl. The result has shape (3, n), and `waves` have shape (n, 2) in 1/m.
+    """
     corner = np.exp(1j * _along(waves, shape.vertices) + k * shape.vertices[:, 2])
     begin, end = corner[:, shape.starts], corner[:, shape.ends]
     steps = shape.vertices[shape.ends] - shape.vertices[shape.starts]
-    # along a bar the mean is (difference of the ends)/2c, and (tanh c)/c times their mean where that loses digits
+    # Along a bar the mean is (difference of the ends)/2c. Where that loses digits, it is (tanh c)/c times the mean of
+    # the ends.
     c = 0.5j * _along(waves, steps) + 0.5 * k * steps[:, 2]
     short = np.abs(c) < 1e-3
     both = (end + begin)[short]
@@ -284,12 +305,18 @@ def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
 
 
 def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Give k·v of the horizontal parts, shape (waves, vectors); threads within `@` would hinder ours."""
+    """Compute k·v of the horizontal parts, shape (waves, vectors).
+
+    Threads within `@` would compete with the package's own.
+    """
     return np.asarray(waves[:, :1] * vectors[:, 0] + waves[:, 1:] * vectors[:, 1])
 
 
 def _mean_wave(c2: FloatArray) -> FloatArray:
-    """Mean of e^{cs} over −1 ≤ s ≤ 1: sinh(c)/c, by its series where all |c| are at most 1."""
+    """Mean sinh(c)/c of e^{cs} over −1 ≤ s ≤ 1.
+
+    If all |c| are at most 1, its series is used.
+    """
     if np.abs(c2).max() > 1:
         c = np.sqrt(c2.astype(np.complex128))
         c[c == 0] = 1e-9
@@ -298,14 +325,18 @@ def _mean_wave(c2: FloatArray) -> FloatArray:
 
 
 def wave_count(highest: float, extent: float) -> int:
-    """Nodes of a rule up to the highest wavenumber in 1/m that resolves a lateral extent in m.
+    """Count the nodes that resolve a lateral extent in m.
 
-    Two a period of e^{ikx}, and some to converge.
+    The rule reaches up to the highest wavenumber in 1/m. It has two nodes per period of e^{ikx}, and some more to
+    converge.
     """
     return math.ceil(highest * extent / np.pi) + 20
 
 
 def wave_rule(highest: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights in 1/m, (count,) each, from 0 to the highest wavenumber."""
+    """Gauss–Legendre nodes and weights in 1/m, (count,) each.
+
+    They reach from 0 to the highest wavenumber.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return (nodes + 1) / 2 * highest, weights / 2 * highest

@@ -11,14 +11,14 @@ from coilarray.errors import GeometryError, require_positive
 
 
 def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> npt.NDArray[np.float64]:
-    """Direct-current resistance of every path.
+    """Compute the direct-current resistance of every path in Ω.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        Current paths; every segment needs a conducting cross-section.
+        Current paths. Every segment needs a conducting cross-section.
     resistivity : float
-        Resistivity in Ω·m; copper at 20 °C by default.
+        Resistivity in Ω·m. By default copper at 20 °C.
 
     Returns
     -------

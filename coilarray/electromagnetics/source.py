@@ -1,4 +1,4 @@
-"""One way in for every function that takes coils: an array, conductors, or plain vertices."""
+"""Common input of coils: an array, conductors, or plain vertices."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import CoilArray, Conductor
 
 Source: TypeAlias = CoilArray | Conductor | npt.NDArray[np.float64] | Sequence[Conductor | npt.ArrayLike]
-"""A `CoilArray`, one `Conductor`, one polyline of shape (n + 1, 3) in m, or a sequence of conductors or polylines."""
+"""Input that describes current paths.
+
+It is a `CoilArray`, one `Conductor`, one polyline of shape (n + 1, 3) in m, or a sequence of conductors or polylines.
+"""
 
 
 def as_conductors(source: Source) -> tuple[Conductor, ...]:
-    """Return the current paths of anything that describes coils; plain arrays are polylines in m, thin filaments.
+    """Return the current paths of any coil description.
 
-    No path at all, or an array that is not a polyline, is a GeometryError.
+    Plain arrays are polylines in m, which are thin filaments. No path at all, or an array that is not a polyline,
+    raises a GeometryError.
 
     Examples
     --------

@@ -1,5 +1,6 @@
-"""Arithmetic on arrays in SI, nothing else: numba kernels, and NumPy where linear algebra does the work.
+"""Arithmetic on arrays in SI units.
 
-No validation, no units, no coils: the friendly functions of the package do that. Every numba kernel is serial and
-releases the interpreter's lock; `coilarray.compute.threads` runs several at once.
+It consists of numba kernels, and of NumPy if linear algebra does the work. There is no validation, no units and no
+coils, which belong to the public functions of the package. Every numba kernel is serial and releases the interpreter's
+lock. `coilarray.compute.threads` runs several at once.
 """

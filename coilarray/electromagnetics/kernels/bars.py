@@ -1,9 +1,10 @@
-"""Parallel rectangular bars with uniform current density: exact partial inductance without cancellation.
+"""Exact partial inductance of parallel rectangular bars.
 
-The closed form of Hoer & Love (J. Res. NBS 69C, 127, 1965) loses (length/width)⁴ digits in float64. The same quantity
-is the mean of the filament formula over both cross-sections, and so a two-dimensional integral over the lateral
-offset (x, y) with a weight that is piecewise linear in each. It is computed cell by cell; next to the logarithmic
-singularity at zero offset in polar coordinates, where the integrand is smooth.
+The bars have a uniform current density, and nothing cancels. The closed form of Hoer & Love (J. Res. NBS 69C, 127,
+1965) loses (length/width)⁴ digits in float64. The same quantity is the mean of the filament formula over both
+cross-sections. It is a two-dimensional integral over the lateral offset (x, y) with a weight that is piecewise linear
+in each. It is computed cell by cell. Next to the logarithmic singularity at zero offset polar coordinates make the
+integrand smooth.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ def _corner_cell(
     x_end: float, y_end: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
 ) -> float:  # fmt: skip
-    """Integrate (ax + bx x)(ay + by y) K over the rectangle from the origin to (x_end, y_end).
+    """Integrate a weighted kernel over a corner cell.
 
-    K is the filament integral at the lateral distance √(x² + y²). Polar: the two triangles on either side of the
+    The integrand is (ax + bx x)(ay + by y) K over the rectangle from the origin to (x_end, y_end). K is the filament
+    integral at the lateral distance √(x² + y²). In polar coordinates there are two triangles on either side of the
     diagonal, each with dθ/cos θ as variable, and r = R τ³ so that r ln r becomes smooth.
     """
     if x_end == 0.0 or y_end == 0.0:
@@ -37,7 +39,7 @@ def _corner_cell(
     for side in range(2):
         along = width if side == 0 else height  # the triangle's side on an axis
         across = height if side == 0 else width
-        # u = asinh(tan θ), θ measured from that axis; tan θ runs to across/along
+        # u = asinh(tan θ), with θ measured from that axis; tan θ runs to across/along
         u_end = math.asinh(across / along)
         for i in range(_NODES.shape[0]):
             u = 0.5 * u_end * (1.0 + _NODES[i])
@@ -68,7 +70,10 @@ def _cell(
     x0: float, x1: float, y0: float, y1: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
 ) -> float:  # fmt: skip
-    """Integrate (ax + bx x)(ay + by y) K over the rectangle [x0, x1] × [y0, y1]."""
+    """Integrate a weighted kernel over a cell.
+
+    The integrand is (ax + bx x)(ay + by y) K over the rectangle [x0, x1] × [y0, y1].
+    """
     near_x = max(0.0, x0, -x1)
     near_y = max(0.0, y0, -y1)
     if math.hypot(near_x, near_y) < 0.75 * max(x1 - x0, y1 - y0):
@@ -94,7 +99,10 @@ def _cell(
 def _offset_density(
     start_1: float, size_1: float, start_2: float, size_2: float, edges: FloatArray, lines: FloatArray
 ) -> None:
-    """Density of x2 − x1 for x1, x2 uniform on two intervals: 4 edges and the 3 lines a + b x between them."""
+    """Density of x2 − x1 for two uniform variables.
+
+    They are uniform on two intervals. The density has 4 edges and the 3 lines a + b x between them.
+    """
     d = start_2 - start_1
     small, large = min(size_1, size_2), max(size_1, size_2)
     edges[0] = d - size_1
@@ -113,9 +121,10 @@ def parallel_bars(
     length_2: float, width_2: float, thickness_2: float,
     dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
-    """Mean of ∬ dz dz'/R over both cross-sections of two parallel bars along z.
+    """Mean of ∬ dz dz'/R over two parallel bars.
 
-    Bar 1 is [0, width_1] × [0, thickness_1] × [0, length_1]; bar 2 starts at (dx, dy, dz).
+    The mean is over both cross-sections, and the bars lie along z. Bar 1 is [0, width_1] × [0, thickness_1] × [0,
+    length_1]. Bar 2 starts at (dx, dy, dz).
     """
     x_edges, x_lines = np.empty(4), np.empty((3, 2))
     y_edges, y_lines = np.empty(4), np.empty((3, 2))
@@ -123,7 +132,7 @@ def parallel_bars(
     _offset_density(0.0, thickness_1, dy, thickness_2, y_edges, y_lines)
     total = 0.0
     for i in range(3):
-        # a cell that straddles zero is cut there
+        # A cell that straddles zero is cut there.
         for x_part in range(2):
             x0 = x_edges[i] if x_part == 0 else max(x_edges[i], 0.0)
             x1 = min(x_edges[i + 1], 0.0) if x_part == 0 else x_edges[i + 1]
@@ -145,7 +154,7 @@ def parallel_bars(
 @kernel
 def bar_self(length: float, width: float, thickness: float) -> float:
     """Mean of ∬ dz dz'/R of one bar with itself."""
-    # the density is even in x and y: four times one quadrant
+    # The density is even in x and y, so four times one quadrant suffices.
     return 4.0 * _corner_cell(
         width, thickness, 1.0 / width, -1.0 / (width * width), 1.0 / thickness, -1.0 / (thickness * thickness),
         0.0, length, length,

@@ -1,8 +1,9 @@
-"""Compile kernels in a process of its own, before the one beside it needs them: ``python -m`` with this module.
+"""Compile kernels in a separate process before they are needed.
 
-A process compiles one kernel at a time, for numba holds the interpreter. The inductance of a board needs most of them,
-one inside the other, from `paths._between` to `paths._rows_sum`; here are those that it needs last, and those that come
-after it. What is on disk already is read from there.
+The process runs ``python -m`` with this module. A process compiles one kernel at a time, as numba holds the
+interpreter. The inductance of a board needs most of them, nested from `paths._between` to `paths._rows_sum`. This
+module has the kernels that it needs last, and those that come after it. Kernels that are on disk already are read from
+there.
 """
 
 from __future__ import annotations
@@ -37,7 +38,10 @@ KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
 
 
 def compile_kernels() -> None:
-    """Compile each kernel for the arguments that a report gives it; nothing if numba is switched off."""
+    """Compile each kernel for the argument types of a report.
+
+    Nothing is done if numba is switched off.
+    """
     for made, arguments in KERNELS:
         if isinstance(made, CPUDispatcher):
             made.compile(tuple(arguments))

@@ -1,4 +1,4 @@
-"""The decorator of all kernels."""
+"""Decorator of all kernels."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function) -> Function:
-    """Compile a kernel on first use and keep the machine code on disk.
+    """Compile a kernel on first use.
 
-    Division by zero gives an infinity as in NumPy, a·b + c may use one rounding, and the interpreter's lock is
-    released. numba renews the stored code when the kernel's own file changes, not when a kernel it calls does:
-    after editing one, delete ``coilarray/electromagnetics/kernels/__pycache__``.
+    The machine code is kept on disk. Division by zero gives an infinity as in NumPy, a·b + c may use one rounding, and
+    the interpreter's lock is released. numba renews the stored code when the kernel's own file changes, but not when a
+    kernel it calls does. After editing a called kernel, delete ``coilarray/electromagnetics/kernels/__pycache__``.
     """
     compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
     return cast(Function, compiled(function))

@@ -1,7 +1,8 @@
-"""B of polylines on an NVIDIA GPU through `numba.cuda`: the sum of `kernels.segments`, a thread a point.
+"""Flux density B of polylines on an NVIDIA GPU.
 
-Where the package numba-cuda is installed (extra ``cuda``), ``numba.cuda`` is its target; else numba's own, which is
-deprecated. Never run on a GPU: only numba's simulator was tried.
+It runs through `numba.cuda`, as the sum of `kernels.segments` with a thread per point. If the package numba-cuda is
+installed (extra ``cuda``), ``numba.cuda`` is its target. Otherwise it is numba's own target, which is deprecated. It
+was never run on a GPU, only in numba's simulator.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ _POINTS = 1 << 22  # at once: 0.2 GB of the GPU's memory
 def _sum_segments(
     points: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray, field: FloatArray
 ) -> None:
+    """Sum the field of segments at one point per thread."""
     i = cuda.grid(1)  # type: ignore[attr-defined]
     if i >= points.shape[0]:
         return
@@ -51,7 +53,7 @@ def _sum_segments(
             bx += factor * cx
             by += factor * cy
             bz += factor * cz
-            # the next segment begins here, but its u is taken from the vertex: differences would add up roundings
+            # The next segment begins here, but its u is taken from the vertex. Differences would add up roundings.
             ux, uy, uz = x - vertices[s + 1, 0], y - vertices[s + 1, 1], z - vertices[s + 1, 2]
             a = b
     field[i, 0], field[i, 1], field[i, 2] = bx, by, bz
@@ -60,9 +62,10 @@ def _sum_segments(
 def magnetic_field_on_gpu(
     points: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray
 ) -> FloatArray:
-    """B in T of polylines at points (n, 3) in m; the arguments are those of `kernels.segments.add_magnetic_field`.
+    """Compute the flux density B of polylines in T.
 
-    A MissingDependencyError says that numba finds no usable GPU.
+    The points (n, 3) are in m. The arguments are as of `kernels.segments.add_magnetic_field`. If numba finds no usable
+    GPU, a MissingDependencyError is raised.
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(

@@ -1,4 +1,4 @@
-"""Where a winding is looked at: points along its segments, and directions across them."""
+"""Points along the segments of a winding and directions across."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from coilarray.compute.arrays import FloatArray, IntArray
 
 
 def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Horizontal unit vectors u × z across the segments, shape (n, 3), and which segments are not vertical, (n,)."""
+    """Horizontal unit vectors across the segments, shape (n, 3).
+
+    They are u × z. A mask (n,) of the segments that are not vertical is returned as well.
+    """
     steps = np.diff(vertices, axis=0)
     across = np.hypot(steps[:, 0], steps[:, 1])
     flat = across > 1e-9 * np.linalg.norm(steps, axis=1)
@@ -22,10 +25,11 @@ def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_
 def gauss_points(
     vertices: FloatArray, widths: FloatArray, segments: IntArray, rules: Sequence[tuple[float, int]]
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Gauss points along segments: the segment and the length in m of each, shape (n,), and the points, (n, 3).
+    """Gauss points along segments.
 
-    `rules`: (least length in widths, points), rising. The points keep half a width away from the corners, where the
-    field of the next segment's centre line, though not of its copper, has no bound.
+    The segment and the length in m of each point have shape (n,), the points (n, 3). `rules` has (least length in
+    widths, points), rising. The points keep half a width away from the corners. There the field of the next segment's
+    centre line, though not of its copper, has no bound.
     """
     steps = np.diff(vertices, axis=0)
     lengths = np.linalg.norm(steps, axis=1)

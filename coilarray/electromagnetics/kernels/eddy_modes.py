@@ -1,12 +1,13 @@
-"""Eddy-current modes of parallel rectangular traces, infinitely long, from filaments in their cross-sections.
+"""Eddy-current modes of parallel rectangular traces.
 
-With the filament currents I_k = y_k √a_k (cell area a_k), Ohm's and Faraday's laws in every trace read
+The traces are infinitely long, with filaments in their cross-sections. With the filament currents I_k = y_k √a_k (cell
+area a_k), Ohm's and Faraday's laws in every trace read
 
     y + jβ (M y + s) = U √a/ρ,   M_km = −√(a_k a_m) ⟨ln r⟩_km,   β = ωµ0 ℓ²/(2πρ)
 
-in units of a length ℓ; s is the source of an incident field and ½ρΣ|y|² the loss per length. A uniform current density
-is y ∝ √a. What is left, orthogonal to it in every trace, carries no net current and needs no voltage U: with the
-eigenpairs (λ, v) of M on that space each mode answers as −jβ (vᵀs)/(1 + jβλ), at every frequency from one
+in units of a length ℓ. Here s is the source of an incident field and ½ρΣ|y|² the loss per length. A uniform current
+density is y ∝ √a. The rest, orthogonal to it in every trace, carries no net current and needs no voltage U. With the
+eigenpairs (λ, v) of M on that space each mode responds as −jβ (vᵀs)/(1 + jβλ), at every frequency from one
 decomposition.
 """
 
@@ -33,21 +34,30 @@ def cosine_edges(size: float, count: int) -> FloatArray:
 
 
 def cell_counts(width: float, thickness: float, longer: int, shorter: int) -> tuple[int, int]:
-    """Even numbers of cells across width and thickness: `longer` for a square, towards `shorter` for the thin side."""
+    """Even numbers of cells across width and thickness.
+
+    A square has `longer` cells per side. The number falls towards `shorter` for the thin side.
+    """
     aspect = min(width, thickness) / max(width, thickness)
     few = 2 * round((shorter + (longer - shorter) * aspect) / 2)
     return (longer, few) if width >= thickness else (few, longer)
 
 
 def mesh(x_edges: FloatArray, z_edges: FloatArray) -> FloatArray:
-    """Cells of a grid as rows x, z, width, thickness; shape (cells, 4)."""
+    """Cells of a grid, shape (cells, 4).
+
+    The rows are x, z, width, thickness.
+    """
     x, z = 0.5 * (x_edges[1:] + x_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
     columns = np.meshgrid(x, z, indexing="ij") + np.meshgrid(np.diff(x_edges), np.diff(z_edges), indexing="ij")
     return np.ascontiguousarray(np.column_stack([column.ravel() for column in columns]))
 
 
 def _without_net_current(M: FloatArray, uniform: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenpairs of M on the space orthogonal to `uniform`, and the coupling M `uniform` on it."""
+    """Eigenpairs of M on the space orthogonal to `uniform`.
+
+    The coupling M `uniform` on this space is returned as well.
+    """
     coupling = M @ uniform
     coupling -= uniform * (uniform @ coupling)
     # P M P, P = 1 − u uᵀ, from P M u = coupling
@@ -58,17 +68,18 @@ def _without_net_current(M: FloatArray, uniform: FloatArray) -> tuple[FloatArray
         - np.outer(uniform, uniform @ M @ uniform * uniform)
     )
     values, vectors = np.linalg.eigh(projected)
-    null = int(np.argmax(np.abs(uniform @ vectors)))  # the one eigenvector that is `uniform` itself
+    null = int(np.argmax(np.abs(uniform @ vectors)))  # the eigenvector that is `uniform` itself
     return np.delete(values, null), np.delete(vectors, null, axis=1), coupling
 
 
 def isolated_modes(
     width: float, thickness: float, longer: int, shorter: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Modes of one trace that its own current, a field along its thickness, and one along its width excite.
+    """Excited modes of one isolated trace.
 
-    Returns, for each, rows of λ and squared excitation, shape (2, modes): (vᵀMu)² of the unit uniform current u, and
-    (Σ v x√a)², (Σ v z√a)². In units of ℓ (λ: ℓ², squares: ℓ⁴). By symmetry the three sets are disjoint and one
+    They are excited by the trace's own current, a field along its thickness, and a field along its width. For each, the
+    result has rows of λ and squared excitation, shape (2, modes): (vᵀMu)² of the unit uniform current u, and (Σ v
+    x√a)², (Σ v z√a)². They are in units of ℓ (λ: ℓ², squares: ℓ⁴). By symmetry the three sets are disjoint and one
     quarter is meshed.
     """
     nx, nz = cell_counts(width, thickness, longer, shorter)
@@ -95,11 +106,12 @@ def isolated_modes(
 def response_basis(
     width: float, thickness: float, longer: int, shorter: int, betas: FloatArray, tolerance: float
 ) -> Basis:
-    """Cells, √area and an orthonormal basis of the currents that one trace can be made to carry.
+    """Cells, √area and current basis of one trace.
 
-    The first column is the uniform current; the others span, to `tolerance`, the trace's answers at the frequencies
-    `betas` to its own current and to incident potentials Re and Im (x + jz)^k, k = 1..4, which fade as 2^−k: the
-    Taylor series of what sources outside it make. Shapes (cells, 4), (cells,), (cells, basis).
+    The basis is orthonormal. Its first column is the uniform current. The others span, to `tolerance`, the trace's
+    response at the frequencies `betas` to its own current and to incident potentials Re and Im (x + jz)^k, k = 1..4,
+    which fade as 2^−k. These are the Taylor series of the field of outside sources. Shapes (cells, 4), (cells,),
+    (cells, basis).
     """
     nx, nz = cell_counts(width, thickness, longer, shorter)
     cells = mesh(cosine_edges(width, nx), cosine_edges(thickness, nz))
@@ -122,7 +134,10 @@ def response_basis(
 
 
 def _logs(first: FloatArray, second: FloatArray, x: float, z: float) -> FloatArray:
-    """Mean logarithms between the cells of two traces, the second at (x, z) from the first; shape (cells, cells)."""
+    """Mean logarithms between the cells of two traces.
+
+    The second trace is at (x, z) from the first, and the shape is (cells, cells).
+    """
     logs = np.empty((len(first), len(second)))
     pair_logs(first, np.ascontiguousarray(second.T), x, z, logs)
     return logs
@@ -130,10 +145,11 @@ def _logs(first: FloatArray, second: FloatArray, x: float, z: float) -> FloatArr
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Parallel traces reduced to their eddy modes; lengths in units of `unit`, modes of all traces one after another.
+    """Parallel traces reduced to their eddy modes.
 
-    `values`, `vectors`: eigenpairs of the interaction of all modes. `own` (modes, traces): source of each trace's unit
-    uniform current; `x`, `z` (modes,): of a unit potential gradient. `first` (traces + 1,): where each begins.
+    Lengths are in units of `unit`, and the modes of all traces follow each other. `values` and `vectors` are eigenpairs
+    of the interaction of all modes. `own` (modes, traces) is the source of each trace's unit uniform current. `x` and
+    `z` (modes,) are the sources of a unit potential gradient. `first` (traces + 1,) is the first mode of each trace.
     """
 
     unit: float
@@ -146,19 +162,28 @@ class Section:
     z: FloatArray
 
     def answer(self, sources: FloatArray, beta: FloatArray) -> ComplexArray:
-        """Amplitudes −jβ/(1 + jβM) s of sources (modes, n); shape (frequencies, modes, n)."""
+        """Amplitudes −jβ/(1 + jβM) s of sources (modes, n).
+
+        The shape is (frequencies, modes, n).
+        """
         modal = self.vectors.T @ sources
         factor = -1j * beta[:, None] / (1.0 + 1j * beta[:, None] * self.values)
         amplitude = self.vectors @ (factor[:, :, None] * modal).transpose(1, 0, 2).reshape(len(modal), -1)
         return np.asarray(amplitude.reshape(len(modal), len(beta), -1).transpose(1, 0, 2), dtype=np.complex128)
 
     def losses(self, sources: FloatArray, beta: FloatArray) -> FloatArray:
-        """Σ|y|² of the eddy currents of each trace; shape (frequencies, traces, n)."""
+        """Sum |y|² of the eddy currents of each trace.
+
+        The shape is (frequencies, traces, n).
+        """
         return np.asarray(np.add.reduceat(np.abs(self.answer(sources, beta)) ** 2, self.first[:-1], axis=1))
 
 
 def interaction(first: Basis, second: Basis, x: float, z: float) -> FloatArray:
-    """Matrix M between the currents of two traces, the second at (x, z) from the first."""
+    """Matrix M between the currents of two traces.
+
+    The second trace is at (x, z) from the first.
+    """
     (cells, root, V), (other_cells, other_root, other_V) = first, second
     return np.asarray(-(root[:, None] * V).T @ _logs(cells, other_cells, x, z) @ (other_root[:, None] * other_V))
 
@@ -170,8 +195,8 @@ def section(
 ) -> Section:
     """Reduce parallel traces to their eddy modes.
 
-    `basis` gives that of a width and thickness (`response_basis`), `between` the `interaction` of the bases of two
-    such sizes at a distance (x, z).
+    `basis` returns the basis of a width and thickness (`response_basis`). `between` returns the `interaction` of the
+    bases of two such sizes at a distance (x, z).
     """
     unit = max(max(w, t) for _, _, w, t in traces)
     scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]
@@ -197,11 +222,12 @@ def bundle_factors(
     bundle: Section, alone: Sequence[Section], x: FloatArray, z: FloatArray, sign: FloatArray, mean: FloatArray,
     delta: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Heat in each trace of a bundle by filaments, over the heat of the trace alone in the same field.
+    """Heat ratio of each trace in a bundle and alone.
 
-    Shape (3, frequencies, traces): for the current `sign` in all, for a uniform field along z, and one along x. `mean`
-    (traces, 2): what field along x (for `sign` 1; reversed with the current) and z unit current really makes at each
-    trace; the bundle gets the difference to its own as an incident field. `alone`: each trace as a section.
+    The heat by filaments in the bundle is divided by the heat of the trace alone in the same field. The shape is (3,
+    frequencies, traces), for the current `sign` in all, for a uniform field along z, and for a uniform field along x.
+    `mean` (traces, 2) is the true field of unit current along x (for `sign` 1, reversed with the current) and z at each
+    trace. The bundle gets the difference to its own field as an incident field. `alone` has each trace as a section.
     """
     dx, dz = x[:, None] - x, z[:, None] - z
     r2 = dx**2 + dz**2

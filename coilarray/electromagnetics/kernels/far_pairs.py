@@ -1,9 +1,10 @@
-"""Neumann sums of bars that lie apart: the exact potential of one at the nodes of a Gauss rule along the other.
+"""Neumann sums of bars that lie apart.
 
-The potential of a segment a at a point, along it, is ln((|u| + |v| + |a|)/(|u| + |v| − |a|)) with u and v from its ends
-to the point. Along another segment of length ℓ at distance D from a it is analytic out to the Bernstein ellipse
-ln ρ ≥ asinh(2D/ℓ), so n nodes err like ρ^(−2n). Nodes of many pairs are collected and evaluated together, without a
-branch, so that the processor does several at once.
+The exact potential of one bar is evaluated at the nodes of a Gauss rule along the other. The potential of a segment a
+at a point, along it, is ln((|u| + |v| + |a|)/(|u| + |v| − |a|)) with u and v from its ends to the point. Along another
+segment of length ℓ at distance D from a it is analytic out to the Bernstein ellipse ln ρ ≥ asinh(2D/ℓ), so n nodes err
+like ρ^(−2n). Nodes of many pairs are collected and evaluated together, without a branch, so that the processor does
+several at once.
 """
 
 from __future__ import annotations
@@ -17,16 +18,28 @@ from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 MOST_NODES = 32
-"""Along one segment; pairs that need more are left to the closed forms."""
+"""Most nodes along one segment.
+
+Pairs that need more are left to the closed forms.
+"""
 APART = 7.6
-"""Widths from which two nodes across each width suffice: ln ρ ≥ 3.45 in the rules of `kernels.paths`."""
+"""Distance in widths from which two nodes across suffice.
+
+This holds for each width: ln ρ ≥ 3.45 in the rules of `kernels.paths`.
+"""
 CAPACITY = 4096
-"""Nodes that are evaluated together: four arrays that fit the caches."""
+"""Number of nodes that are evaluated together.
+
+Their four arrays fit the caches.
+"""
 _LANES = 8
 
 
 def gauss_tables(most: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights on [−1, 1] of the Gauss rules of up to `most` nodes, that of n nodes in row n."""
+    """Nodes and weights on [−1, 1] of Gauss rules.
+
+    The rules have up to `most` nodes, with the rule of n nodes in row n.
+    """
     nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
     for n in range(1, most + 1):
         nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
@@ -37,14 +50,20 @@ _NODES, _WEIGHTS = gauss_tables(MOST_NODES)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:
-    """Distance, in lengths, from which n nodes along a segment keep an error of e^`log_tolerance`; entry n."""
+    """Least distances for n nodes, in segment lengths.
+
+    Entry n is the distance from which n nodes along a segment keep an error of e^`log_tolerance`.
+    """
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
 
 
 @kernel
 def node_count(distance: float, length: float, least: FloatArray) -> int:
-    """Nodes along a segment at a distance by `least_distances`; MOST_NODES + 1 where they are too few."""
+    """Count the nodes along a segment at a distance.
+
+    The count follows `least_distances`, and is MOST_NODES + 1 if they are too few.
+    """
     for n in range(2, MOST_NODES + 1):
         if distance >= least[n] * length:
             return n
@@ -55,9 +74,10 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
 def add_nodes(
     count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes along a segment, row `b` of a table, that starts at (dx, dy, dz) from the source's start.
+    """Collect the nodes along a segment.
 
-    `batch` has the shape (4, CAPACITY): x, y, z and weight; returns how many there are now.
+    The segment is row `b` of a table, and starts at (dx, dy, dz) from the source's start. `batch` has the shape (4,
+    CAPACITY): x, y, z and weight. The number of collected nodes is returned.
     """
     half = 0.5 * b[6]
     for k in range(n):
@@ -72,7 +92,10 @@ def add_nodes(
 
 @kernel
 def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
-    """Weighted sum of the potential of a segment, row `a` of a table, over the collected nodes."""
+    """Weighted sum of a segment's potential over collected nodes.
+
+    The segment is row `a` of a table.
+    """
     x, y, z, weight = batch[0], batch[1], batch[2], batch[3]
     padded = (count + _LANES - 1) // _LANES * _LANES
     for i in range(count, padded):

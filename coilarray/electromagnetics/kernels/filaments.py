@@ -1,7 +1,8 @@
-"""Neumann's double integral ∬ dl·dl'/R of two straight filaments, in closed form and by quadrature.
+"""Neumann's double integral ∬ dl·dl'/R of straight filaments.
 
-Mutual inductance is µ0/4π times these numbers, which are in metres. The skew form is Campbell's (Phys. Rev. 5, 452,
-1915) as in Grover, Inductance Calculations (1946), ch. 7, with the logarithms written by distances to the ends.
+It is computed in closed form and by quadrature. Mutual inductance is µ0/4π times these numbers, which are in metres.
+The skew form is Campbell's (Phys. Rev. 5, 452, 1915) as in Grover, Inductance Calculations (1946), ch. 7, with the
+logarithms written by distances to the ends.
 """
 
 from __future__ import annotations
@@ -17,11 +18,17 @@ from coilarray.electromagnetics.kernels.segments import log_of_ratio
 Point = tuple[float, float, float]
 
 PARALLEL_SIN2 = 1e-9
-"""Below this sin² of the angle the panel rule takes over from the skew form, which errs like 1e-17/sin²."""
+"""Value of sin² of the angle for panels.
+
+Below it the panel rule replaces the skew form, which errs like 1e-17/sin².
+"""
 COLLINEAR = 1e-13
-"""Distance between parallel lines, as a fraction of the lengths, below which they count as one line."""
-_NEAR = 1e-3  # of the distances to the ends: where r1 + r2 − length would lose more than three digits
-_ON_LINE = 1e-32  # of the distances to the ends: least r1 + r2 − length, so that its logarithm is finite
+"""Relative distance of parallel lines that count as one.
+
+It is a fraction of the lengths.
+"""
+_NEAR = 1e-3  # of the distances to the ends; nearer, r1 + r2 − length would lose more than three digits
+_ON_LINE = 1e-32  # of the distances to the ends; least r1 + r2 − length, so that its logarithm is finite
 
 _GAUSS_12 = np.polynomial.legendre.leggauss(12)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAUSS_12[1])
@@ -29,20 +36,26 @@ _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAU
 
 @kernel
 def _second_integral(z: float, rho2: float) -> float:
-    """Give z asinh(z/ρ) − √(z² + ρ²) for z ≥ 0 and ρ > 0: the second antiderivative of 1/√(z² + ρ²), even in z."""
+    """Second antiderivative of 1/√(z² + ρ²), even in z.
+
+    It is z asinh(z/ρ) − √(z² + ρ²) for z ≥ 0 and ρ > 0.
+    """
     r = math.sqrt(z * z + rho2)
     return 0.5 * z * log_of_ratio((r + z) * (r + z), rho2, z / r) - r
 
 
 @kernel
 def _second_integral_on_the_line(z: float) -> float:
-    """Give the same for ρ → 0, less what cancels."""
+    """Second antiderivative for ρ → 0 without the cancelling terms."""
     return abs(z) * math.log(abs(z)) - abs(z) if z != 0.0 else 0.0
 
 
 @kernel
 def parallel_filaments(rho: float, offset: float, length_1: float, length_2: float) -> float:
-    """∬ dz dz'/R of two filaments along z, [0, length_1] and [offset, offset + length_2], a distance `rho` apart."""
+    """Neumann's integral ∬ dz dz'/R of two parallel filaments.
+
+    They lie along z, at [0, length_1] and [offset, offset + length_2], a distance `rho` apart.
+    """
     z0, z1, z2, z3 = offset + length_2, offset, offset + length_2 - length_1, offset - length_1
     if rho == 0.0:
         return (
@@ -58,23 +71,30 @@ def parallel_filaments(rho: float, offset: float, length_1: float, length_2: flo
 
 @kernel
 def _is_near(r1: float, r2: float, length: float) -> bool:
-    """Whether a point r1 and r2 from the ends of a segment is so near that `_line_potential` would lose digits."""
+    """Check whether a point is near a segment.
+
+    The point is at r1 and r2 from the ends. If it is near, `_line_potential` would lose digits.
+    """
     return r1 + r2 - length < _NEAR * (r1 + r2)
 
 
 @kernel
 def _line_potential(r1: float, r2: float, length: float) -> float:
-    """∫ dl/R along a segment at a point r1 and r2 from its ends that is not near it."""
+    """Potential ∫ dl/R of a segment at a distant point.
+
+    The point is at r1 and r2 from the ends.
+    """
     total = r1 + r2
     return log_of_ratio(total + length, total - length, length / total)
 
 
 @kernel
 def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
-    """∫ dl/R along a segment, from the origin along the unit vector u, at a point (x, y, z) near or on it.
+    """Potential ∫ dl/R of a segment at a near point.
 
-    With ρ from the line and a, b along it from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is a sum of two
-    positive parts, each ρ²/(r + a) where a > 0: nothing cancels.
+    The segment runs from the origin along the unit vector u, and the point (x, y, z) is near or on it. With ρ from the
+    line and a, b along it from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is a sum of two positive parts, each
+    ρ²/(r + a) for a > 0. So nothing cancels.
     """
     cx, cy, cz = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
     rho2 = cx * cx + cy * cy + cz * cz
@@ -83,7 +103,7 @@ def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: floa
     r1, r2 = math.sqrt(a * a + rho2), math.sqrt(b * b + rho2)
     gap = (rho2 / (r1 + a) if a > 0.0 else r1 - a) + (rho2 / (r2 + b) if b > 0.0 else r2 - b)
     total = r1 + r2
-    smallest = _ON_LINE * total  # where it is infinite, it is multiplied by a length of nothing
+    smallest = _ON_LINE * total  # where this is infinite, it is multiplied by a zero length
     return log_of_ratio(total + length, gap if gap > smallest else smallest, length / total)
 
 
@@ -96,9 +116,10 @@ def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) 
 def _graded(
     p0: Point, u: Point, length_1: float, q0: Point, v: Point, start: float, end: float, finest: float
 ) -> float:
-    """Integrate the potential of the filament p0 + s u over q0 + t v, t from `start` to `end`.
+    """Integrate a filament's potential along another on graded panels.
 
-    The panels halve towards `start`; the one there is not longer than `finest`.
+    The potential is of the filament p0 + s u, over q0 + t v with t from `start` to `end`. The panels halve towards
+    `start`. The panel there is not longer than `finest`.
     """
     total = 0.0
     far = end
@@ -124,10 +145,11 @@ def _graded(
 
 @kernel
 def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
-    """∬ dl dl'/R for nearly parallel filaments: closed inner integral, outer Gauss rule on graded panels.
+    """Neumann's integral ∬ dl dl'/R of nearly parallel filaments.
 
-    The inner integral varies on the scale of the distance where the outer point passes an end of the inner filament,
-    and like the logarithm of the distance where the two lines cross; the panels halve towards these three places.
+    The inner integral is closed, the outer a Gauss rule on graded panels. The inner integral varies on the scale of the
+    distance if the outer point passes an end of the inner filament, and like the logarithm of the distance where the
+    two lines cross. The panels halve towards these three places.
     """
     dx, dy, dz = q0[0] - p0[0], q0[1] - p0[1], q0[2] - p0[2]
     at_0 = -(dx * v[0] + dy * v[1] + dz * v[2])
@@ -142,7 +164,7 @@ def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2:
     crossing = min(max(crossing, 0.0), length_2)
     places = (0.0, min(low, crossing), max(low, min(high, crossing)), max(high, crossing), length_2)
     total = 0.0
-    # the distance to the line is least at the crossing: nothing varies faster than on its scale
+    # The distance to the line is least at the crossing. Nothing varies faster than on its scale.
     rx, ry, rz = ex + crossing * wx, ey + crossing * wy, ez + crossing * wz
     finest = max(math.sqrt(rx * rx + ry * ry + rz * rz), 1e-15 * length_2)
     for k in range(4):
@@ -155,7 +177,10 @@ def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2:
 
 @kernel
 def _angle_between(x1: float, y1: float, x2: float, y2: float) -> float:
-    """Give atan2(y1, x1) − atan2(y2, x2) for x1, x2 > 0, where the difference is less than π."""
+    """Difference atan2(y1, x1) − atan2(y2, x2).
+
+    It holds for x1, x2 > 0 and a difference below π.
+    """
     return math.atan2(y1 * x2 - y2 * x1, x1 * x2 + y1 * y2)
 
 
@@ -164,9 +189,10 @@ def filament_pair(
     p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
 ) -> float:  # fmt: skip
-    """∬ dl·dl'/R of the filaments p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors).
+    """Neumann's integral ∬ dl·dl'/R of two filaments.
 
-    Infinite where the two overlap on one line.
+    They are p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors). The integral is infinite if
+    they overlap on one line.
     """
     cosine = ux * vx + uy * vy + uz * vz
     wx = uy * vz - uz * vy
@@ -226,6 +252,7 @@ def _nearly_parallel(
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
     cosine: float, sine2: float,
 ) -> float:  # fmt: skip
+    """Neumann's integral of parallel or nearly parallel filaments."""
     sign = 1.0
     if cosine < 0.0:  # turn the second filament round
         q0x, q0y, q0z = q0x + length_2 * vx, q0y + length_2 * vy, q0z + length_2 * vz
@@ -239,7 +266,7 @@ def _nearly_parallel(
     one_line = COLLINEAR * extent
     along = length_2 * abs(cosine)
     ex, ey, ez = ex + length_2 * vx - along * ux, ey + length_2 * vy - along * uy, ez + length_2 * vz - along * uz
-    if max(rho, math.sqrt(ex * ex + ey * ey + ez * ez)) < one_line:  # at both ends of the second one
+    if max(rho, math.sqrt(ex * ex + ey * ey + ez * ez)) < one_line:  # at both ends of the second filament
         overlap = min(length_1, offset + length_2) - max(0.0, offset)
         if overlap > one_line:
             return sign * math.inf
@@ -257,7 +284,10 @@ def filament_pair_far(
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
     nodes: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip
-    """`filament_pair` by a Gauss rule on [−1, 1] along both; for filaments farther apart than they are long."""
+    """Compute `filament_pair` by a Gauss rule along both.
+
+    The rule is on [−1, 1]. The filaments must be farther apart than they are long.
+    """
     cosine = ux * vx + uy * vy + uz * vz
     h1, h2 = 0.5 * length_1, 0.5 * length_2
     dx = q0x + h2 * vx - p0x - h1 * ux

@@ -3,13 +3,14 @@
 A row of a segment table holds, in m: start (0:3), unit direction (3:6), length (6), unit lateral direction (7:10),
 width (10), thickness (11). Each pair of bars is the mean of filament pairs over both cross-sections:
 
-* far apart against the cross-section: the centre lines;
+* far apart against the cross-section: the centre lines,
 * parallel: the lateral offset of the two filaments has a triangular density (equal widths), integrated by a Gauss
-  rule on each half with as many nodes as the nearest singularity demands; bars that nearly touch go to `bars`;
+  rule on each half with as many nodes as the nearest singularity demands. Bars that nearly touch go to `bars`,
 * at an angle, or parallel and of different size: Gauss rules across both widths, and more where they meet in a
   corner.
 
-A filament pair is the closed form near and a Gauss rule along both where the distance exceeds twice the length.
+A filament pair is the closed form for near filaments, and a Gauss rule along both if the distance exceeds twice the
+length.
 """
 
 from __future__ import annotations
@@ -38,18 +39,31 @@ Vector = tuple[float, float, float]
 MAX_NODES = 16
 """Largest Gauss rule in the tables."""
 RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
-"""Most filament pairs of one pair of bars: three Gauss rules, and four signs or pieces."""
-# What follows in widths is no round number: distances are, and rounding would decide on them as a coil is turned.
+"""Most filament pairs of one pair of bars.
+
+They come from three Gauss rules, and four signs or pieces.
+"""
+# The following numbers in widths are no round numbers. Distances are round, and rounding would decide on them as a coil
+# is turned.
 NODE_PAIR = 12.3
-"""Beyond this many widths two nodes with the variance of the cross-section suffice for parallel bars."""
+"""Distance in widths from which parallel bars need two nodes.
+
+The two nodes have the variance of the cross-section.
+"""
 THICK = 6.2
-"""Beyond this many widths the thickness of bars at an angle does not count."""
+"""Distance in widths beyond which thickness does not count.
+
+It applies to bars at an angle.
+"""
 TOUCHING = 0.47
-"""Bars at an angle and nearer than this many widths are taken to meet."""
+"""Distance in widths within which bars at an angle meet."""
 PARALLEL_SIN2 = 4e-4
-"""Bars below this sin² of the angle share their lateral direction (turns of a spiral are tilted by 3e-3)."""
-_SHORT = 30.7  # widths: the corners of longer sides are worth less than 1e-5 of a single turn
-_WIDE_ANGLE = 0.97  # cosine of 14°: below it both kinks of a corner are nearly one
+"""Value of sin² of the angle of nearly parallel bars.
+
+Bars below it share their lateral direction (turns of a spiral are tilted by 3e-3).
+"""
+_SHORT = 30.7  # widths; the corners of longer sides change a single turn by less than 1e-5
+_WIDE_ANGLE = 0.97  # cosine of 14°; below it both kinks of a corner are nearly one
 _WIDE_NODES, _WIDE_LAYERS = 8, 6  # most nodes of a wide corner, 6 · 8 · 3 · 8 · 6 · 2 in all
 _LOG_TOLERANCE = -16.1  # ln 1e-7: error of the rules across the cross-section, relative to the pair's variation
 _LOG_TOLERANCE_ANGLED = -13.8  # ln 1e-6: the same for bars at an angle, whose errors change sign from pair to pair
@@ -58,12 +72,18 @@ _LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant t
 _LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
 _NO_SHIFT = np.zeros(3)
 INNER = 0.5 / math.sqrt(3.0)
-"""Of a width: the two nodes of a Gauss rule across it."""
+"""Nodes of the two-point Gauss rule across a width.
+
+They are relative to the width.
+"""
 
 
 def _triangle_tables() -> tuple[FloatArray, FloatArray]:
-    """Gauss rules on [−1, 1] for the density 1 − |x|, by Stieltjes' recurrence and Golub & Welsch (1969)."""
-    half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for what the recurrence integrates
+    """Gauss rules for the density 1 − |x|.
+
+    They are on [−1, 1] and follow from Stieltjes' recurrence and Golub & Welsch (1969).
+    """
+    half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for the integrands of the recurrence
     x = np.concatenate((0.5 * (half - 1.0), 0.5 * (half + 1.0)))
     density = np.tile(0.5 * weight, 2) * (1.0 - np.abs(x))
     betas: list[float] = []
@@ -91,13 +111,19 @@ def _normal(a: FloatArray) -> Vector:
 
 @kernel
 def _same_side(a: FloatArray, b: FloatArray) -> float:
-    """1 where the lateral directions of two nearly parallel bars agree, −1 where they oppose each other."""
+    """Relative sign of two lateral directions.
+
+    It is 1 if the lateral directions of two nearly parallel bars agree, and −1 if they oppose each other.
+    """
     return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
 
 
 @kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
-    """Vector from start to start of two bars, the second moved, and the distance of their middles."""
+    """Vector from start to start of two bars, and distance.
+
+    The second bar is moved. The distance is between their middles.
+    """
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
     first, second = 0.5 * a[6], 0.5 * b[6]
     mx, my, mz = dx + second * b[3] - first * a[3], dy + second * b[4] - first * a[4], dz + second * b[5] - first * a[5]
@@ -106,7 +132,10 @@ def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, fl
 
 @kernel
 def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
-    """Shortest vector from the first segment to the second; (dx, dy, dz) leads from start to start."""
+    """Shortest vector from the first segment to the second.
+
+    (dx, dy, dz) leads from start to start.
+    """
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     du = dx * a[3] + dy * a[4] + dz * a[5]
     dv = dx * b[3] + dy * b[4] + dz * b[5]
@@ -122,7 +151,10 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
 
 @kernel
 def _log_bernstein(x: float, y: float) -> float:
-    """Give ln ρ of the Bernstein ellipse of [−1, 1] through x + iy: a Gauss rule of n nodes errs like ρ^(−2n)."""
+    """Logarithm ln ρ of a Bernstein ellipse.
+
+    The ellipse belongs to [−1, 1] and passes through x + iy. A Gauss rule of n nodes errs like ρ^(−2n).
+    """
     return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
         max(0.25 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) ** 2 - 1.0, 0.0)
     ))  # fmt: skip
@@ -132,7 +164,10 @@ def _log_bernstein(x: float, y: float) -> float:
 def _set_offset(
     rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
 ) -> None:
-    """Write row k of a rule: filaments s and t to the side of the middles of two bars, and h above each other."""
+    """Write row k of a rule.
+
+    The filaments are s and t to the side of the middles of two bars, and h above each other.
+    """
     rule[k, 0] = weight
     rule[k, 1] = t * b[7] - s * a[7] + h * normal[0]
     rule[k, 2] = t * b[8] - s * a[8] + h * normal[1]
@@ -143,11 +178,12 @@ def _set_offset(
 def _parallel_rule(
     a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
-    """Offsets of (nearly) parallel bars of equal size, the nearest places (gx, gy, gz) apart; 0 where they touch.
+    """Offsets of (nearly) parallel bars of equal size.
 
-    The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness; its
-    direction is the mean of the two, so that a tilt counts in second order.
-    Offsets up and down are alike for bars that lie `level` with each other: then one stands for both.
+    The nearest places are (gx, gy, gz) apart. The result is 0 if the bars touch. The lateral offset of two filaments
+    has a triangular density on [−width, width]. The same applies across the thickness. Its direction is the mean of the
+    two, so that a tilt counts in second order. Offsets up and down are alike for bars that lie `level` with each other.
+    Then one offset represents both.
     """
     width, thickness = a[10], a[11]
     normal = _normal(a)
@@ -155,7 +191,7 @@ def _parallel_rule(
     lateral = abs(gx * a[7] + gy * a[8] + gz * a[9])
     above = abs(gx * normal[0] + gy * normal[1] + gz * normal[2])
     axial = abs(gx * a[3] + gy * a[4] + gz * a[5])
-    # the nearest singularities, in the plane of the complex offset
+    # The nearest singularities, in the plane of the complex offset.
     log_w = _log_bernstein(lateral / width, math.hypot(above, axial) / width)
     beside = math.hypot(max(lateral - width, 0.0), axial)
     log_t = _log_bernstein(above / thickness, beside / thickness)
@@ -178,9 +214,10 @@ def _parallel_rule(
 
 @kernel
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
-    """Offset, to both sides, that stands for parallel bars far apart against their size.
+    """Offset to both sides that represents distant parallel bars.
 
-    In the plane across the bars the kernel is harmonic, so only the difference of the two variances counts.
+    The bars are far apart against their size. In the plane across the bars the kernel is harmonic, so only the
+    difference of the two variances counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     step = math.sqrt(abs(variance))
@@ -192,7 +229,10 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
 
 @kernel
 def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
-    """Offsets of parallel bars far apart, see `_two_node_offset`."""
+    """Offsets of distant parallel bars.
+
+    See `_two_node_offset`.
+    """
     offset = _two_node_offset(a, b)
     for k in range(2):
         _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
@@ -201,10 +241,10 @@ def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
 
 @kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of two bars at an angle, or of parallel ones of different size.
+    """Offsets of two bars at an angle.
 
-    Across the thickness two nodes with the variance of the offset, or one where the bars are too far apart or `level`
-    with each other, so that up and down are alike.
+    It also treats parallel bars of different size. Across the thickness there are two nodes with the variance of the
+    offset. One node suffices if the bars are too far apart or `level` with each other, so that up and down are alike.
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
@@ -228,7 +268,10 @@ def _add_layers(
     rule: FloatArray, count: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, thickness: float,
     sides: int, n_z: int, normal: Vector,
 ) -> int:  # fmt: skip
-    """Add the offsets across the thickness at s and t across the widths, by their triangular density."""
+    """Add the offsets across the thickness.
+
+    They are at s and t across the widths, and follow their triangular density.
+    """
     for c in range(n_z):
         z = 0.5 * (1.0 + _NODES[n_z, c])
         for side in range(sides):
@@ -240,11 +283,11 @@ def _add_layers(
 
 @kernel
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of two bars at an angle that meet, as neighbours in a path do.
+    """Offsets of two bars that meet at an angle.
 
-    The integrand has a kink where the two filaments meet end to end, at equal lateral offsets, so the second width
-    is cut there; the thickness rounds the kink off and enters by its triangular offset density, of which one half
-    stands for both where the bars lie `level` with each other.
+    Neighbours in a path do this. The integrand has a kink where the two filaments meet end to end, at equal lateral
+    offsets, so the second width is cut there. The thickness rounds the kink off and enters by its triangular offset
+    density. One half of the density represents both if the bars lie `level` with each other.
     """
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)
@@ -268,11 +311,11 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
 
 @kernel
 def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of two bars at a wide angle that meet and are short, so that their corner counts for much.
+    """Offsets of short bars that meet at a wide angle.
 
-    The integrand has kinks where the end of one filament lies on the other: the offsets s and t have the ratio of
-    the cosine, either way. The second width is cut there, and the first one where such a cut meets an edge of the
-    second one, and in its middle, where both cuts cross.
+    As the bars are short, their corner counts for much. The integrand has kinks where the end of one filament lies on
+    the other. There the offsets s and t have the ratio of the cosine, either way. The second width is cut there. The
+    first width is cut where such a cut meets an edge of the second, and in its middle, where both cuts cross.
     """
     n = min(5 + extra, _WIDE_NODES)
     n_z = min(3 + extra, _WIDE_LAYERS)
@@ -305,9 +348,12 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
 
 @kernel
 def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
-    """Exact bars in the first one's frame, a tilt left out; (dx, dy, dz) leads from start to start."""
+    """Exact integral of touching parallel bars.
+
+    It is in the first bar's frame, without the tilt. (dx, dy, dz) leads from start to start.
+    """
     sign = 1.0 if cosine > 0.0 else -1.0
-    # the start of the second bar that comes first along the first one, and its middle
+    # The start of the second bar that comes first along the first bar, and its middle.
     ex = dx + (0.0 if cosine > 0.0 else b[6] * b[3])
     ey = dy + (0.0 if cosine > 0.0 else b[6] * b[4])
     ez = dz + (0.0 if cosine > 0.0 else b[6] * b[5])
@@ -324,7 +370,10 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
 
 @kernel
 def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, tolerance: float) -> bool:
-    """Say whether an end of one segment is within `tolerance` of an end of the other."""
+    """Check whether ends of two segments meet.
+
+    They meet if an end of one segment is within `tolerance` of an end of the other.
+    """
     for i in range(2):
         for j in range(2):
             s, t = i * a[6], j * b[6]
@@ -340,12 +389,12 @@ def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, to
 def bar_pair(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, rule: FloatArray
 ) -> float:
-    """∬ dl·dl'/R of two bars, rows `a` and `b` of segment tables, the second moved by `shift`, averaged.
+    """Averaged integral ∬ dl·dl'/R of two bars.
 
-    Bars farther apart than `near_widths` widths are taken as their centre lines, which leaves out about
-    (1/near_widths)²/12 of the pair.
-    `extra` adds nodes to every rule, for convergence studies. `rule` is scratch of shape (RULE_SIZE, 4): weights and
-    offsets of one filament against the other.
+    The bars are rows `a` and `b` of segment tables, the second moved by `shift`. Bars farther apart than `near_widths`
+    widths are taken as their centre lines, which leaves out about (1/near_widths)²/12 of the pair. `extra` adds nodes
+    to every rule, for convergence studies. `rule` is scratch of shape (RULE_SIZE, 4) for weights and offsets of one
+    filament against the other.
     """
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     if abs(cosine) < 1e-15:
@@ -402,10 +451,10 @@ def bar_pair(
 def _collect(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, count: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes of a pair of bars that lie apart, see `kernels.far_pairs`; −1 where they do not.
+    """Collect the nodes of distant bars.
 
-    The mean over the cross-sections is that of two lateral offsets of each bar, or of two in all where they are
-    parallel, as in `bar_pair` at this distance.
+    See `kernels.far_pairs`. The result is −1 if the bars do not lie apart. The mean over the cross-sections is the mean
+    over two lateral offsets of each bar. Parallel bars need two offsets in all, as in `bar_pair` at this distance.
     """
     dx, dy, dz, centre_distance = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
@@ -418,7 +467,7 @@ def _collect(
     nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
     if nodes > MOST_NODES:
         return -1
-    # offsets across the bars are ±s of the first and ±t of the second; one loop, so that `add_nodes` is compiled once
+    # Offsets across the bars are ±s of the first and ±t of the second. One loop lets `add_nodes` be compiled once.
     sx, sy, sz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     sides = 1
@@ -446,16 +495,19 @@ def _rows_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, near_widths: float, extra: int,
     own: bool,
 ) -> float:  # fmt: skip
-    """Sum of the rows start:stop of `first` with all of `second`, or of one path's `own` pairs i < j."""
+    """Sum rows start:stop of `first` with all of `second`.
+
+    For one path's `own` pairs, it sums the pairs i < j.
+    """
     rule = np.empty((RULE_SIZE, 4))
     batch = np.empty((4, CAPACITY))
     total = 0.0
     for i in range(start, stop):
         near, far = 0.0, 0.0
-        # a plain 0 has a type of its own, for which all that takes it would be compiled once more
+        # A plain 0 has a type of its own, for which all kernels that take it would be compiled once more.
         count, begin = int(0.0), i + 1 if own else int(0.0)
         for j in range(begin, second.shape[0] + 1):
-            last = j == second.shape[0]  # so that `batch_sum` is called, and compiled into this, at one place
+            last = j == second.shape[0]  # lets `batch_sum` be called, and compiled into this, at one place
             if not last:
                 collected = _collect(first[i], second[j], shift, near_widths, extra, count, batch)
                 if collected < 0:
@@ -469,18 +521,24 @@ def _rows_sum(
     return total
 
 
-# both are one kernel, for every kernel compiles all that it calls once more
+# Both are one kernel, as every kernel compiles all that it calls once more.
 
 
 def mutual_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, near_widths: float, extra: int
 ) -> float:
-    """Sum of `bar_pair` over rows start:stop of `first` and all rows of `second` moved by `shift`."""
+    """Sum `bar_pair` over rows start:stop of `first`.
+
+    All rows of `second` moved by `shift` are taken.
+    """
     return _rows_sum(first, second, shift, start, stop, near_widths, extra, False)
 
 
 def own_mutual_sum(
     path: FloatArray, start: int, stop: int, near_widths: float, extra: int, shift: FloatArray = _NO_SHIFT
 ) -> float:
-    """Twice the sum of `bar_pair` over the pairs i < j of one path, with start ≤ i < stop and j moved by `shift`."""
+    """Twice the sum of `bar_pair` over one path's pairs.
+
+    The pairs are i < j with start ≤ i < stop, and j is moved by `shift`.
+    """
     return 2.0 * _rows_sum(path, path, shift, start, stop, near_widths, extra, True)

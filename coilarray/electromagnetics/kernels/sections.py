@@ -1,13 +1,14 @@
-"""Cross-sections of parallel traces: mean logarithms of cell pairs, and the unit-current fields on every segment.
+"""Cross-sections of parallel traces.
 
-The mutual inductance per length of two infinitely long parallel bars is −µ0/2π times the mean of ln r over both
-cross-sections. In closed form that is the fourth difference of a fourth antiderivative of ln r (twice in x, twice in
-z; the two-dimensional limit of Hoer & Love, J. Res. NBS 69C, 127, 1965),
+The module has mean logarithms of cell pairs, and the unit-current fields on every segment. The mutual inductance per
+length of two infinitely long parallel bars is −µ0/2π times the mean of ln r over both cross-sections. In closed form
+this is the fourth difference of a fourth antiderivative of ln r (twice in x, twice in z; the two-dimensional limit of
+Hoer & Love, J. Res. NBS 69C, 127, 1965),
 
     F(x, z) = −[(x⁴ − 6x²z² + z⁴)/2 · ln(x² + z²) − 4x³z·atan(z/x) − 4xz³·atan(x/z)]/24,
 
-with 25/12 to subtract. The differences cancel as (distance/size)⁴; cells further apart than `NEAR` sizes therefore
-take the expansion of Re ln ζ, ζ = x + iz, in the moments of the cells, of which the first left out is the sixth.
+with 25/12 to subtract. The differences cancel as (distance/size)⁴. Cells further apart than `NEAR` sizes therefore take
+the expansion of Re ln ζ, ζ = x + iz, in the moments of the cells. The first moment left out is the sixth.
 """
 
 from __future__ import annotations
@@ -19,12 +20,18 @@ from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 NEAR = 6.0
-"""Distance, in sides of the larger cell, up to which the closed form is used."""
+"""Distance up to which the closed form is used.
+
+It is in sides of the larger cell.
+"""
 
 
 @kernel
 def _antiderivative(x: float, z: float) -> float:
-    """Return −24 F of the module's text; even in x and z, zero at the origin."""
+    """Return −24 F of the module's text.
+
+    It is even in x and z, and zero at the origin.
+    """
     x, z = abs(x), abs(z)
     x2, z2 = x * x, z * z
     r2 = x2 + z2
@@ -37,7 +44,10 @@ def _antiderivative(x: float, z: float) -> float:
 
 @kernel
 def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
-    """Difference of the variances, and fourth cumulants, of the offset between a point of each: halved, quartered."""
+    """Moments of the offset between points of two cells.
+
+    They are the difference of the variances, halved, and the fourth cumulants, divided by four.
+    """
     a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
     sx, sz = (a1 + a2) / 12.0, (b1 + b2) / 12.0
     fourth = (a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2) / 80.0 + (a1 * a2 + b1 * b2) / 24.0 - 6.0 * sx * sz
@@ -46,7 +56,10 @@ def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
 
 @kernel
 def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
-    """Mean of ln r between cells (x, z) apart by `_moments`; without a branch, so that many are computed at once."""
+    """Mean of ln r between distant cells by `_moments`.
+
+    The cells are (x, z) apart. Without a branch, many are computed at once.
+    """
     r2 = x * x + z * z
     inverse = 1.0 / r2
     cosine, sine = (x * x - z * z) * inverse, 2.0 * x * z * inverse
@@ -56,7 +69,10 @@ def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
 
 @kernel
 def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
-    """Mean of ln r between two cells w1 × t1 and w2 × t2 that are (x, z) apart, in closed form."""
+    """Mean of ln r between two cells in closed form.
+
+    The cells are w1 × t1 and w2 × t2, and are (x, z) apart.
+    """
     total = 0.0
     for i in range(4):
         xi = x + (0.5 * w1 if i & 1 else -0.5 * w1) + (0.5 * w2 if i & 2 else -0.5 * w2)
@@ -72,9 +88,9 @@ def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: floa
 def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
     """Mean of ln r between the cells of two traces.
 
-    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre, `second` (4, m) those of the
-    other trace, one a row, so that the processor takes several at once; the second trace lies at (x, z) from the first.
-    `out` (n, m).
+    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4, m) holds those of
+    the other trace, one per row, so that the processor takes several at once. The second trace lies at (x, z) from the
+    first. `out` has shape (n, m).
     """
     xs, zs, ws, ts = second[0], second[1], second[2], second[3]
     for i in range(first.shape[0]):
@@ -93,12 +109,12 @@ def transverse_fields(
     points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, starts: IntArray,
     out: FloatArray,
 ) -> None:  # fmt: skip
-    """Field H of unit current in every polyline, resolved along two axes, at points on segments.
+    """Field H of unit current in every polyline in 1/m.
 
-    `points`, `lateral`, `normal` (n, 3); `own` (n,) is the row of `vertices` where the point's own segment begins,
-    which adds nothing. `vertices` (m, 3) holds all polylines, polyline c being rows starts[c]:starts[c + 1]. `out`
-    (n, polylines, 2) receives H·lateral and H·normal in 1/m. The formula is that of
-    `coilarray.electromagnetics.kernels.segments`.
+    It is resolved along two axes, at points on segments. `points`, `lateral` and `normal` have shape (n, 3). `own` (n,)
+    is the row of `vertices` where the point's own segment begins, which adds nothing. `vertices` (m, 3) holds all
+    polylines, polyline c being rows starts[c]:starts[c + 1]. `out` (n, polylines, 2) receives H·lateral and H·normal in
+    1/m. The formula is from `coilarray.electromagnetics.kernels.segments`.
     """
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

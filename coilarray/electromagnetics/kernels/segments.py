@@ -1,11 +1,11 @@
-"""Exact field of straight current segments: B and A of polylines.
+"""Exact fields B and A of straight current segments.
 
-With u = X − P0, v = X − P1 and d = P1 − P0 = u − v,
+They are summed over polylines. With u = X − P0, v = X − P1 and d = P1 − P0 = u − v,
 
     B = µ0 I/4π · (|u| + |v|) / (|u||v| (|u||v| + u·v)) · d × u        (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002)
     A = µ0 I/4π · d/|d| · ln((|u| + |v| + |d|) / (|u| + |v| − |d|))
 
-Where u·v < 0 (beside the segment) |u||v| + u·v cancels; there it equals |d × u|²/(|u||v| − u·v), which does not.
+For u·v < 0 (beside the segment) |u||v| + u·v cancels. There it equals |d × u|²/(|u||v| − u·v), which does not cancel.
 Neighbours in a polyline share a vertex and so a square root.
 """
 
@@ -19,7 +19,10 @@ from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import kernel
 
 ON_WIRE = 1e-12
-"""A point nearer to a segment than this fraction of its length counts as on it; the segment then adds nothing."""
+"""Relative distance of points that count as on a segment.
+
+It is a fraction of the segment's length. The segment then adds nothing.
+"""
 _LN_2 = math.log(2.0)
 
 
@@ -30,8 +33,8 @@ def add_magnetic_field(
 ) -> None:  # fmt: skip
     """Add the B of polylines at a block of points.
 
-    `x`, `y`, `z`, `bx`, `by`, `bz`, `norm` have shape (n,); `vertices` (m, 3) holds all polylines one after the
-    other, polyline c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π in `weights`; `norm` is scratch.
+    `x`, `y`, `z`, `bx`, `by`, `bz`, `norm` have shape (n,). `vertices` (m, 3) holds all polylines in sequence, polyline
+    c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π in `weights`. `norm` is scratch.
     """
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
@@ -68,16 +71,18 @@ def add_magnetic_field(
 
 @kernel
 def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
-    """Give ln(top/bottom) without a branch, so that many are computed at once; `ratio` is tanh of half of it.
+    """Compute ln(top/bottom) without a branch.
 
-    With top/bottom = 2^k m, m near one, it is k ln 2 + 2 atanh((m − 1)/(m + 1)). Where k = 0 the argument of atanh is
-    `ratio`, known without the rounding of m − 1: far from a segment it keeps its relative accuracy.
+    Many are then computed at once. `ratio` is tanh of half of the result. With top/bottom = 2^k m, m near one, the
+    result is k ln 2 + 2 atanh((m − 1)/(m + 1)). For k = 0 the argument of atanh is `ratio`, known without the rounding
+    of m − 1. Far from a segment it keeps its relative accuracy.
     """
-    # the difference of two floating-point numbers' bits is near that of their logarithms to base 2, times 2^52
+    # The difference of two floating-point numbers' bits is near the difference of their logarithms to base 2, times
+    # 2^52.
     k = (np.float64(top).view(np.int64) - np.float64(bottom).view(np.int64) + (1 << 51)) >> 52
     scaled = bottom * np.int64((k + 1023) << 52).view(np.float64)
     q = ratio if k == 0 else (top - scaled) / (top + scaled)
-    q2 = q * q  # at most 0.042: twelve terms of the series leave 1e-17
+    q2 = q * q  # at most 0.042; twelve terms of the series leave 1e-17
     series = 1.0 / 23.0
     for m in range(10, -1, -1):
         series = series * q2 + 1.0 / (2 * m + 1)
@@ -89,7 +94,10 @@ def add_vector_potential(
     x: FloatArray, y: FloatArray, z: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray,
     ax: FloatArray, ay: FloatArray, az: FloatArray, norm: FloatArray,
 ) -> None:  # fmt: skip
-    """Add the A of polylines at a block of points; arguments as in `add_magnetic_field`."""
+    """Add the A of polylines at a block of points.
+
+    The arguments are as in `add_magnetic_field`.
+    """
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
         weight = weights[c]
@@ -118,7 +126,7 @@ def add_vector_potential(
                 off = (c2 > on_wire2) | (dot > 0.0)
                 total = a + b
                 ends = total + length
-                # the argument of the logarithm; (|u| + |v|)² − |d|² = 2 (|u||v| + u·v)
+                # the argument of the logarithm, with (|u| + |v|)² − |d|² = 2 (|u||v| + u·v)
                 top = ends * ends * (ab - dot if beside else 1.0)
                 bottom = 2.0 * (c2 if beside else ab + dot)
                 factor = scale * log_of_ratio(top, bottom if off else 1.0, length / total)

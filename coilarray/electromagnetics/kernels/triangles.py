@@ -1,8 +1,8 @@
 """Integrals of 1/r over pairs of triangles.
 
-∫∫ dA dA'/|x − x'|: near pairs by the closed form of the inner integral (Wilton et al., IEEE Trans. Antennas Propag. 32,
-276 (1984)) at the nodes of a rule over the outer triangle; far ones by the moments of both up to the second order,
-A A' (1/R + ½ (S + S'):∇∇(1/R)), R between the centroids and A S = ∫ (x − c)(x − c)ᵀ dA.
+∫∫ dA dA'/|x − x'| of near pairs follows from the closed form of the inner integral (Wilton et al., IEEE Trans. Antennas
+Propag. 32, 276 (1984)) at the nodes of a rule over the outer triangle. Far pairs follow from the moments of both up to
+the second order, A A' (1/R + ½ (S + S'):∇∇(1/R)), R between the centroids and A S = ∫ (x − c)(x − c)ᵀ dA.
 
 Double layers of linear functions λ: ∫ dA ∫ dA' λ(x') n'·(x − x')/|x − x'|³, with the inner integral λ(x) Ω −
 d ∇λ·Σ m ∫ dl/|x − x'| over the edges, Ω the solid angle, d the height of x over the plane and m the edges' outward
@@ -18,7 +18,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import kernel
 
-_NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of one pair
+_NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of a pair
 _A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
 _WA, _WB = (155.0 - math.sqrt(15.0)) / 1200.0, (155.0 + math.sqrt(15.0)) / 1200.0
 # Radon's rule of degree 5: barycentric coordinates and weight
@@ -37,10 +37,11 @@ _RULE = np.array(
 
 @kernel
 def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals: FloatArray) -> None:
-    """Write the integrals in m³ of the triangles `corners` (k, 3, 3) with those of `other` (n, 3, 3), shape (k, n).
+    """Write the integrals of triangle pairs in m³.
 
-    Where `other` is the whole set of which `corners` are those from number `first` on, or their mirror images, so that
-    the integrals are symmetric, those up to the diagonal are written; all where `first` is n.
+    The triangles are `corners` (k, 3, 3) and `other` (n, 3, 3), and the result has shape (k, n). The integrals are
+    symmetric if `corners` are the triangles of `other` from number `first` on, or their mirror images. Then only the
+    integrals up to the diagonal are written. If `first` is n, all are written.
     """
     n = other.shape[0]
     moments, areas = np.empty((n, 10)), np.empty(n)
@@ -68,7 +69,7 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
 
 @kernel
 def _normal(t: FloatArray) -> tuple[float, float, float, float]:
-    """Return the unit normal of a triangle, and twice its area."""
+    """Return a triangle's unit normal and twice its area."""
     ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
     vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -83,7 +84,10 @@ def _area(t: FloatArray) -> float:
 
 @kernel
 def _moments(t: FloatArray, out: FloatArray) -> None:
-    """Centroid, second moments xx, yy, zz, xy, yz, zx over the area, and the radius about the centroid."""
+    """Centroid, second moments and radius of a triangle.
+
+    The second moments xx, yy, zz, xy, yz, zx are over the area, the radius is about the centroid.
+    """
     for a in range(3):
         out[a] = (t[0, a] + t[1, a] + t[2, a]) / 3.0
     for a in range(3):
@@ -101,6 +105,7 @@ def _moments(t: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
+    """Integral of 1/r of two near triangles in m³."""
     total = 0.0
     for q in range(_RULE.shape[0]):
         a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
@@ -113,7 +118,10 @@ def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
 
 @kernel
 def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
-    """∫ dA'/|x − x'| of one triangle: Σ over its edges of p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (their angles at x)."""
+    """Potential ∫ dA'/|x − x'| of one triangle.
+
+    It is Σ over its edges of p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (their angles at x).
+    """
     nx, ny, nz, _ = _normal(t)
     d = abs((x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz)
     total = 0.0
@@ -127,9 +135,10 @@ def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
 def _edge(
     t: FloatArray, k: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, d: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Return an edge's outward normal in the plane, the point's distance from its line along that, ∫ dl/r and an angle.
+    """Return normal, distance, ∫ dl/r and angle of an edge.
 
-    `d` is the distance of the point from the plane; the angles of all edges add up to the solid angle.
+    The normal is outward, in the plane. The distance of the point from the edge's line is along this normal. `d` is the
+    distance of the point from the plane. The angles of all edges add up to the solid angle.
     """
     m = (k + 1) % 3
     ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
@@ -143,14 +152,17 @@ def _edge(
     ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
     away2 = p * p + d * d  # of the line
     if away2 < 1e-24 * length * length:
-        return mx, my, mz, p, 0.0, 0.0  # on the line of the edge: p ln → 0
+        return mx, my, mz, p, 0.0, 0.0  # on the line of the edge, with p ln → 0
     angle = math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra) if d > 0.0 else 0.0
     return mx, my, mz, p, _along(start, stop, ra, rb, away2), angle
 
 
 @kernel
 def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> float:
-    """∫ dl/r along an edge, of ends at `start` and `stop` on its line and at `ra` and `rb` from the point."""
+    """Integrate dl/r along an edge.
+
+    Its ends are at `start` and `stop` on its line, and at `ra` and `rb` from the point.
+    """
     if start > 0.0:
         return math.log((rb + stop) / (ra + start))
     if stop < 0.0:
@@ -162,10 +174,11 @@ def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> flo
 def double_layers(
     corners: FloatArray, other: FloatArray, nodes: IntArray, factor: float, integrals: FloatArray
 ) -> None:
-    """Add `factor` times the integrals in m² over triangles `corners` (k, 3, 3) of layers on `other` ones, (k, n).
+    """Add double-layer integrals over triangles in m².
 
-    `nodes` (l, 3) are the numbers of the other triangles' corners, at one of which each linear function is 1; normals
-    point to where the corners are seen anticlockwise.
+    `factor` times the integrals over triangles `corners` (k, 3, 3) of layers on the `other` triangles is added, (k, n).
+    `nodes` (l, 3) are the numbers of the other triangles' corners, at one of which each linear function is 1. Normals
+    point to the side from which the corners are seen anticlockwise.
     """
     radii = np.empty(other.shape[0])
     centres = np.empty((other.shape[0], 3))
@@ -195,7 +208,10 @@ def double_layers(
 
 @kernel
 def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
-    """∫ λ_c n·(x − x')/|x − x'|³ dA' of the three linear functions of one triangle; 0 in its plane."""
+    """Double-layer integrals of a triangle's three linear functions.
+
+    They are ∫ λ_c n·(x − x')/|x − x'|³ dA', and 0 in the plane of the triangle.
+    """
     nx, ny, nz, double = _normal(t)
     d = (x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz
     out[0] = out[1] = out[2] = 0.0

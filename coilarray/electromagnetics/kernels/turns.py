@@ -1,11 +1,12 @@
-"""Neumann sums over the turns of a winding by quadrature: a few turns stand for all of them.
+"""Neumann sums over the turns of a winding by quadrature.
 
-The same side of successive turns is a *series* of segments whose ends step evenly. A sum over a series is replaced by
-one over a few of its members, with the weights that are exact for polynomials of the index (`series_rules`):
+A few turns represent all of them. The same side of successive turns is a *series* of segments whose ends step evenly. A
+sum over a series is replaced by a sum over a few of its members, with the weights that are exact for polynomials of the
+index (`series_rules`):
 
-* two series that lie apart: a few members of each;
-* two that run beside or across each other: the pairs of one difference (or one sum) of the indices lie alike, and
-  their sum is taken by the rule, halved wherever a rule with fewer members disagrees.
+* two series that lie apart: a few members of each,
+* two series that run beside or across each other: the pairs of one difference (or one sum) of the indices lie alike,
+  and their sum is taken by the rule, halved wherever a rule with fewer members disagrees.
 
 Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between windings that lie apart.
 """
@@ -24,19 +25,20 @@ from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, closes
 
 BoolArray = npt.NDArray[np.bool_]
 
-_MEMBERS, _CHECK = 5, 4  # members that stand for a series, and those of the rule that checks them
-_APART = 0.3  # of a series' width: distance from which two series are taken as a whole
+_MEMBERS, _CHECK = 5, 4  # members that represent a series, and those in the rule that checks them
+_APART = 0.3  # of a series' width; distance from which two series are taken as a whole
 _FEW = 49  # pairs of series that are never taken as a whole
-_AGREE = 1e-2  # of a sum: what its two rules may differ by; the better rule errs far less
-_STEP = 1e-10  # of the path's size: evenness of the steps
+_AGREE = 1e-2  # of a sum; largest difference of its two rules, of which the better errs far less
+_STEP = 1e-10  # of the path's size; evenness of the steps
 
 
 @cache
 def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Rules for sums over n = 1 … `longest` equidistant indices, one a row: members, weights, check, counts.
+    """Rules for sums over equidistant indices, one per row.
 
-    Of the `counts[n]` members (indices from 0) the weights are exact for polynomials of degree 4, those of `check` of
-    degree 3 without the middle member; all but the counts have the shape (longest + 1, 5).
+    The sums are over n = 1 … `longest` indices. The rules have members, weights, check, counts. Of the `counts[n]`
+    members (indices from 0) the weights are exact for polynomials of degree 4. The weights `check` are exact for degree
+    3 without the middle member. All except the counts have the shape (longest + 1, 5).
     """
     members = np.zeros((longest + 1, _MEMBERS), dtype=np.int64)
     weights, check = np.zeros((longest + 1, _MEMBERS)), np.zeros((longest + 1, _MEMBERS))
@@ -57,10 +59,11 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 
 
 def find_series(path: FloatArray) -> IntArray:
-    """Cut a path, rows of `coilarray.electromagnetics.kernels.paths`, into series of segments that step evenly.
+    """Cut a path into series of evenly stepping segments.
 
-    Rows of the result are first row, stride and number of rows of a series, whose starts and ends step evenly; every
-    segment is in one series, a single one is a series of one.
+    The path is rows of `coilarray.electromagnetics.kernels.paths`. Rows of the result are first row, stride and number
+    of rows of a series, whose starts and ends step evenly. Every segment is in one series, and a single segment is a
+    series of its own.
     """
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
@@ -87,7 +90,10 @@ def _step_evenly(
     places: FloatArray, sizes: FloatArray, free: BoolArray, i: IntArray | int, j: IntArray, k: IntArray,
     tolerance: float,
 ) -> BoolArray:  # fmt: skip
-    """Say which triples of free segments have one cross-section, and starts and ends on equidistant points."""
+    """Mask of the triples of segments that step evenly.
+
+    They are free, have one cross-section, and have their starts and ends on equidistant points.
+    """
     alike = (sizes[i] == sizes[j]).all(axis=-1) & (sizes[j] == sizes[k]).all(axis=-1)
     bend = np.abs(places[i] - 2.0 * places[j] + places[k]).max(axis=-1)
     return np.asarray(alike & (bend <= tolerance) & free[i] & free[j] & free[k])
@@ -96,7 +102,10 @@ def _step_evenly(
 def series_members(
     series: IntArray, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray
 ) -> tuple[IntArray, FloatArray]:
-    """Rows of a path that stand for all of it, and their weights, both of shape (n,)."""
+    """Rows and weights that represent a whole path.
+
+    Both have shape (n,).
+    """
     rows = [first + step * members[n, : counts[n]] for first, step, n in series]
     return np.concatenate(rows), np.concatenate([weights[n, : counts[n]] for n in series[:, 2]])
 
@@ -122,9 +131,10 @@ def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
-    """Sum of two series, or of the pairs i < j of one's `own`.
+    """Sum of two series.
 
-    It is cut into lines of pairs (i + t·di, j + t·dj), 0 ≤ t < n, and a line is halved where its two rules disagree.
+    For one series' `own` pairs, the pairs i < j are summed. The sum is cut into lines of pairs (i + t·di, j + t·dj), 0
+    ≤ t < n, and a line is halved if its two rules disagree.
     """
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
@@ -132,14 +142,14 @@ def _sum_two_series(
     near_too, far_too = _distance(first[a_last], second[b_last], shift), _distance(first[a_last], second[b[0]], shift)
     nearest = min(near, far, near_too, far_too)
     apart = m * n > _FEW and min(m, n) > 2 and nearest > _APART * max(_width(first, a), _width(second, b))
-    # the pairs of one difference of the indices lie alike, or those of one sum: whichever leads along the nearness
+    # The pairs of one difference of the indices lie alike, or of one sum, whichever leads along the nearness.
     alike = near + near_too <= far + far_too
     j_begin, dj = (b[0], b[1]) if alike or apart else (b_last, -b[1])
     begins, lengths = np.empty(64, np.int64), np.empty(64, np.int64)
     total = 0.0
-    # nothing is called at two places, for it would be compiled into this twice
+    # Nothing is called at two places, as it would be compiled into this twice.
     for line in range(m if own else int(0.0), counts[m] if apart else m + n - 1):
-        if apart:  # some members of the first series, each with the second one
+        if apart:  # some members of the first series, each with the second
             i, di, j, weight = a[0] + members[m, line] * a[1], int(0.0), j_begin, weights[m, line]
             lengths[0] = n
         else:
@@ -158,7 +168,7 @@ def _sum_two_series(
                 value = bar_pair(first[i + t * di], second[j + t * dj], shift, near_widths, int(0.0), rule)
                 better += weights[count, k] * value
                 worse += check[count, k] * value
-            if count <= _MEMBERS or abs(better - worse) <= _AGREE * abs(better):  # of a few, all are taken
+            if count <= _MEMBERS or abs(better - worse) <= _AGREE * abs(better):  # all of a few are taken
                 total += weight * better
             else:
                 half = count // 2
@@ -173,8 +183,9 @@ def series_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, own: bool,
     near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
-    """Sum of `bar_pair` over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one's `own`.
+    """Sum `bar_pair` over the series of two paths.
 
+    It is over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one path's `own` rows.
     `of_first` and `of_second` are their series (`find_series`), the last four arguments the rules (`series_rules`).
     """
     rule = np.empty((RULE_SIZE, 4))
