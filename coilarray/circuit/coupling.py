@@ -352,7 +352,7 @@ def _circuit_resistance(design: Design, frequencies: FloatArray) -> xr.Dataset:
 def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
     """Resistance matrix without losses in the copper of others.
 
-    The format is as of `resistance_matrix`. Equal coils are computed once.
+    The format is as in `resistance_matrix`. Equal coils are computed once.
     """
     conductors = array.conductors()
     known: dict[bytes, xr.Dataset] = {}

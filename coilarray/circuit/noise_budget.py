@@ -305,7 +305,7 @@ def noise_budget(
     design : Design or DesignFile
         Design with the circuit of its coils.
     readout : Readout, optional
-        Settings and coefficients. By default those of the design.
+        Settings and coefficients. By default from the design.
     network : Network, optional
         Coils, switches and strays. By default `coilarray.circuit.coupling.design_circuit`.
 
@@ -357,7 +357,7 @@ def budget_of(
     frequency, quality_factor : array_like, shape (states,)
         Resonance of every state in Hz and the quality factor of the whole resonator, infinite without losses.
     switches : Switches, optional
-        Switches and tank of the board. By default those of the design.
+        Switches and tank of the board. By default from the design.
 
     Notes
     -----

@@ -131,9 +131,9 @@ class PathDrive:
     read, positions : int
         Positions that `path_code` reads, and all of them.
     alone : bool
-        Whether it reads the coil alone as well.
+        Whether `path_code` reads the coil alone as well.
     heights : str
-        Distances or depths that it reads at the place of the least R_p.
+        Distances or depths that `path_code` reads at the place of the least R_p.
     """
 
     state: str

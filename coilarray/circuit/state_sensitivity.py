@@ -158,7 +158,7 @@ def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW)
     """Solve states of one measured coil in groups.
 
     It yields the numbers and the solution of the states for which a faster method exists. Coils alone (`_is_bare`) are
-    solved together from an array of `fewest` coils on, all others from `_FEW`.
+    solved together from an array of `fewest` coils on, all others from `_FEW` coils on.
     """
     n, bare = len(network.names), _is_bare(network)
     groups: dict[bytes, list[int]] = {}

@@ -40,7 +40,7 @@ from coilarray.geometry import Conductor
 from coilarray.geometry.winding import Cut, FlatPath, find_turns
 
 WIDE = 2.0
-"""Trace width in skin depths above which the section filaments take over."""
+"""Trace width in skin depths from which section filaments apply."""
 MOST_SKIN_DEPTHS = 300.0
 """Longest trace side in skin depths that the meshes resolve.
 

@@ -79,7 +79,7 @@ def coil_segments(source: Source) -> list[Segments]:
 
 
 def mirrored_segments(coils: Sequence[Segments], height: float) -> list[Segments]:
-    """Mirror the segments of coils, with their currents, at a height in m."""
+    """Mirror coil segments and currents at a height in m."""
     flip, lift = np.array([1.0, 1.0, -1.0]), np.array([0.0, 0.0, 2 * height])
     return [replace(coil, start=coil.start * flip + lift, stop=coil.stop * flip + lift) for coil in coils]
 

@@ -206,7 +206,7 @@ def _joined(
     """Reflection ρ of waves between media, and 1 − ρ.
 
     The waves go from a to b. There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if
-    both media are nearly alike, or if one passes nearly nothing.
+    both media are nearly equal, or if one passes nearly nothing.
     """
     if math.isinf(b.conductivity) or math.isinf(a.conductivity):
         return np.full_like(r, -1.0), np.full_like(r, 2.0)
@@ -295,9 +295,9 @@ class Backing:
     ) -> tuple[ComplexArray, ComplexArray]:
         """Multiple reflections between the backing and flat sheets.
 
-        The sheets reach from z = `lift` in m upwards. The first result is the number of arrivals of each wave at the
-        sheets, 1/(1 − ρ_u ρ e^{−2kD}). The second is ρ e^{−2kD} times that, which arrives for a wave that leaves z =
-        `lift` downwards. Both have shape (k,).
+        The sheets reach from z = `lift` in m upwards. The first result is how often each wave arrives at the sheets,
+        1/(1 − ρ_u ρ e^{−2kD}). The second is ρ e^{−2kD} times that, which arrives for a wave that leaves z = `lift`
+        downwards. Both have shape (k,).
         """
         back = self.reflection(wavenumbers) * np.exp(-2 * wavenumbers * (lift - self.face))
         often = 1 / (1 + reflection(wavenumbers, thicknesses, permeabilities) * back)

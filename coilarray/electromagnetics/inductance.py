@@ -1,4 +1,4 @@
-"""Self and mutual inductance of current paths, and the coupling coefficients of an array."""
+"""Inductance of current paths and coupling coefficients of an array."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ class LayeredMedium:
     def mean_green(self) -> FloatArray:
         """Potential per charge density in V m²/C at k=0.
 
-        The result is as of `green`, with shape (planes, planes). Without ground it is relative to the bottom plane, for
+        The result is as in `green`, with shape (planes, planes). Without ground it is relative to the bottom plane, for
         no net charge. The limit of the slabs is ε0 ε/d. Without a grounded plane the potential of a net charge is
         infinite, and the potential of a neutral set of planes is fixed up to a constant.
         """
@@ -230,16 +230,16 @@ def crossed_grid_capacitance(
 ) -> FloatArray:
     """Compute the Maxwell matrix of crossed grids in F/m².
 
-    The grids of traces lie above each other and run in unlike directions. Each of n faces has its plane in the medium,
-    the width and pitch of its traces in m, the number of its grid (the faces of one grid lie above each other) and its
-    conductor 0, 1, …, with `basis` as in `strip_capacitance`. A trace that is not narrower than its pitch raises a
-    GeometryError.
+    The grids of traces lie above each other and run in different directions. Each of n faces has its plane in the
+    medium, the width and pitch of its traces in m, the number of its grid (the faces of one grid lie above each other)
+    and its conductor 0, 1, …, with `basis` as in `strip_capacitance`. A trace that is not narrower than its pitch
+    raises a GeometryError.
 
     Notes
     -----
-    Grids of unlike direction, pitch or phase act on each other by the mean charge alone (k = 0). Their other harmonics
-    have no wavevector in common, and their induced charge comes back damped by exp(−4πh/pitch). Within a grid all
-    harmonics count. So the fill factor enters with its fringing.
+    Grids of different direction, pitch or phase act on each other by the mean charge alone (k = 0). Their other
+    harmonics have no wavevector in common, and their induced charge comes back damped by exp(−4πh/pitch). Within a grid
+    all harmonics count. So the fill factor enters with its fringing.
 
     Examples
     --------

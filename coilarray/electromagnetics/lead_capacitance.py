@@ -116,8 +116,8 @@ def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float)
                 count = min(max(math.ceil(width / near - _GRAIN), 1), _MOST_BESIDE) if math.isfinite(near) else 1
                 for k in range(count):
                     shift = ((k + 0.5) / count - 0.5) * width * sideways
-                    # The first is for a strip of one wire. The second is for a sheet of many wires, near which they
-                    # have its mean field.
+                    # The radius of one wire is for a strip. Many wires make up a sheet and have its mean field near
+                    # it.
                     radius = (width + thickness) / 4 if count == 1 else (width + thickness) / count / (2 * math.pi)
                     yield _Wire(points[:-1] + shift, points[1:] + shift, radius, int(planes[line]), potential)
 

@@ -53,7 +53,7 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
     """Numbers of nodes for n pairs of boxes.
 
     The numbers, shape (n, 2), are along x and y, and along z. The second box is moved by `shifts` (n, 3) in m. Boxes
-    are as of `bounding_boxes`. A value above `MOST_NODES` means that they are too near each other.
+    are those from `bounding_boxes`. A value above `MOST_NODES` means that they are too near each other.
     """
     between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)

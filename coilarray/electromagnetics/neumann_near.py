@@ -152,7 +152,7 @@ def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArra
 
 
 def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
-    """Write equal pairs alike and group them.
+    """Write equal pairs in the same form and group them.
 
     The result is the pairs, an example of each class and the class of each pair. M(a, gb, d) = M(b, ga, −gd) for a
     mirror g, and of two flat parts either may be the upper.

@@ -128,7 +128,7 @@ def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
 
 
 def _upward(path: Conductor) -> FloatArray:
-    """Vertical part of half the thickness of every bar in m."""
+    """Vertical part of half the bar thickness in m."""
     level = np.hypot(*np.diff(path.vertices[:, :2], axis=0).T) / path.lengths
     return np.asarray(level * path.thicknesses / 2)
 
@@ -284,7 +284,7 @@ def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
 
 
 def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
-    """Integrate a plane wave along a path of bars in m.
+    """Integrate a plane wave along bars in m.
 
     The integral is ∫ e^{i(k_x x + k_y y)} e^{kz} dl. The result has shape (3, n), and `waves` have shape (n, 2) in 1/m.
     """

@@ -257,8 +257,8 @@ def _finite(
     The wide sample is `pressed` at all parts of its depths. A finite sample's dent is the dent of the wide sample at a
     depth that follows the rise of the top under the indenter. A rise and a slope of everything there move the dent with
     them, which changes its effect on the field. Both are weighted sums of dents, whose weights add up to zero beside
-    the weights of the wide sample. A round tip presses alike on a slope, so that the dent turns about the tip's centre.
-    Other tips are taken for pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
+    the weights of the wide sample. A round tip presses equally on a slope, so that the dent turns about the tip's
+    centre. Other tips are taken for pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
     `coilarray.elastomer.face_shift`. A tilted sample has the correction of the level sample.
     """
     setup, sheets = indentation_of(wide.design), wide.design.sheets

@@ -257,7 +257,10 @@ def _around(frequencies: FloatArray) -> FrequencyBand:
 
 
 def _cases(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
-    """Take distances and places (…, …, nodes, n, n) as cases."""
+    """Take distances and places as cases.
+
+    The shape is (…, …, nodes, n, n).
+    """
     return ChangeOverFrequency(band, values.reshape(-1, *values.shape[2:]))
 
 

@@ -30,7 +30,10 @@ class Ladder:
     inductances: FloatArray
 
     def resistance(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Real part of the impedance in Ω at frequencies (f,) in Hz."""
+        """Real part of the impedance in Ω over frequency.
+
+        The frequencies (f,) are in Hz.
+        """
         square = self._corner_ratio(frequencies) ** 2
         return np.asarray(self.direct + (self.resistances * square / (1 + square)).sum(axis=-1))
 

@@ -64,7 +64,7 @@ def magnetic_field_on_gpu(
 ) -> FloatArray:
     """Compute the flux density B of polylines in T.
 
-    The points (n, 3) are in m. The arguments are as of `kernels.segments.add_magnetic_field`. If numba finds no usable
+    The points (n, 3) are in m. The arguments are as in `kernels.segments.add_magnetic_field`. If numba finds no usable
     GPU, a MissingDependencyError is raised.
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]

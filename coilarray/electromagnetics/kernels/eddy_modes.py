@@ -29,7 +29,10 @@ Basis = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def cosine_edges(size: float, count: int) -> FloatArray:
-    """Cell edges from −size/2 to size/2, finest at both ends, shape (count + 1,)."""
+    """Cell edges from −size/2 to size/2, finest at both ends.
+
+    The shape is (count + 1,).
+    """
     return -0.5 * size * np.cos(np.pi * np.arange(count + 1) / count)
 
 

@@ -182,7 +182,7 @@ def _parallel_rule(
 
     The nearest places are (gx, gy, gz) apart. The result is 0 if the bars touch. The lateral offset of two filaments
     has a triangular density on [−width, width]. The same applies across the thickness. Its direction is the mean of the
-    two, so that a tilt counts in second order. Offsets up and down are alike for bars that lie `level` with each other.
+    two, so that a tilt counts in second order. Offsets up and down are equal for bars that lie `level` with each other.
     Then one offset represents both.
     """
     width, thickness = a[10], a[11]
@@ -244,7 +244,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     """Offsets of two bars at an angle.
 
     It also treats parallel bars of different size. Across the thickness there are two nodes with the variance of the
-    offset. One node suffices if the bars are too far apart or `level` with each other, so that up and down are alike.
+    offset. One node suffices if the bars are too far apart or `level` with each other, so that up and down are equal.
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
@@ -285,9 +285,9 @@ def _add_layers(
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars that meet at an angle.
 
-    Neighbours in a path do this. The integrand has a kink where the two filaments meet end to end, at equal lateral
-    offsets, so the second width is cut there. The thickness rounds the kink off and enters by its triangular offset
-    density. One half of the density represents both if the bars lie `level` with each other.
+    Neighbours in a path meet in this way. The integrand has a kink where the two filaments meet end to end, at equal
+    lateral offsets, so the second width is cut there. The thickness rounds the kink off and enters by its triangular
+    offset density. One half of the density represents both if the bars lie `level` with each other.
     """
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)

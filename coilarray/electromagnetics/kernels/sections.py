@@ -88,9 +88,9 @@ def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: floa
 def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
     """Mean of ln r between the cells of two traces.
 
-    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4, m) holds those of
-    the other trace, one per row, so that the processor takes several at once. The second trace lies at (x, z) from the
-    first. `out` has shape (n, m).
+    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4, m) holds the same
+    for the other trace, one per row, so that the processor takes several at once. The second trace lies at (x, z) from
+    the first. `out` has shape (n, m).
     """
     xs, zs, ws, ts = second[0], second[1], second[2], second[3]
     for i in range(first.shape[0]):

@@ -5,8 +5,8 @@ sum over a series is replaced by a sum over a few of its members, with the weigh
 index (`series_rules`):
 
 * two series that lie apart: a few members of each,
-* two series that run beside or across each other: the pairs of one difference (or one sum) of the indices lie alike,
-  and their sum is taken by the rule, halved wherever a rule with fewer members disagrees.
+* two series that run beside or across each other: the pairs of one difference (or one sum) of the indices have
+  equal positions, and their sum is taken by the rule, halved wherever a rule with fewer members disagrees.
 
 Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between windings that lie apart.
 """
@@ -118,7 +118,7 @@ def _distance(a: FloatArray, b: FloatArray, shift: FloatArray) -> float:
 
 @kernel
 def _width(path: FloatArray, series: IntArray) -> float:
-    """Distance of the last member of a series from its first."""
+    """Distance from the first to the last of a series."""
     last = series[0] + (series[2] - 1) * series[1]
     square = 0.0
     for axis in range(3):
@@ -142,7 +142,7 @@ def _sum_two_series(
     near_too, far_too = _distance(first[a_last], second[b_last], shift), _distance(first[a_last], second[b[0]], shift)
     nearest = min(near, far, near_too, far_too)
     apart = m * n > _FEW and min(m, n) > 2 and nearest > _APART * max(_width(first, a), _width(second, b))
-    # The pairs of one difference of the indices lie alike, or of one sum, whichever leads along the nearness.
+    # Pairs of one difference, or one sum, of the indices have equal positions, whichever leads along the nearness.
     alike = near + near_too <= far + far_too
     j_begin, dj = (b[0], b[1]) if alike or apart else (b_last, -b[1])
     begins, lengths = np.empty(64, np.int64), np.empty(64, np.int64)
