@@ -409,8 +409,7 @@ def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress:
         - ``sheet_inductance`` (coil, other): in H, the part of the inductance due to the magnetic sheets,
         - ``x`` and ``y`` (coil): centres in m,
         - with plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): the contribution of the
-          plates at the frequency of the attribute ``working_frequency_Hz``, for which inductance and coupling then
-          hold,
+          plates at the attribute ``working_frequency_Hz``, for which inductance and coupling then hold,
         - with plates that have an outline, the attributes ``plate_error_inductance`` and ``plate_error_resistance``,
           relative errors of ΔL and ΔR by mesh and model, and ``plate_skin_depths``, the thickness in skin depths,
         - the attributes of `provenance`.

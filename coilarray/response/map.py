@@ -166,9 +166,8 @@ def response_map(
 
         Beside plates
 
-        - ``resistance_change`` (depth, y, x, coil, other): in Ω, the change of the losses in the plates by the dent. It
-          and
-          ``inductance_change`` hold at the mean frequency of the states, the attribute ``plate_frequency_Hz``,
+        - ``resistance_change`` (depth, y, x, coil, other): in Ω, the change of the losses in the plates by the dent.
+          It and ``inductance_change`` hold at the mean frequency of the states, the attribute ``plate_frequency_Hz``.
         - ``plate_inductance_change`` and ``plate_resistance_change``: the same over ``plate_frequency`` in Hz.
           ``delta`` uses the values at the frequency of each state.
 

@@ -156,7 +156,7 @@ def target_map(
 
         - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are the relative errors of ΔL and ΔR
           by mesh and model, the largest of the target and of the fixed plates. ``plate_skin_depths`` is the thickness
-          of that plate in skin depths,
+          of that plate in skin depths.
         - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ due to the errors of
           ΔL
           and ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.

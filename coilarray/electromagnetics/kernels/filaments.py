@@ -18,7 +18,7 @@ from coilarray.electromagnetics.kernels.segments import log_of_ratio
 Point = tuple[float, float, float]
 
 PARALLEL_SIN2 = 1e-9
-"""Value of sin² of the angle for panels.
+"""Limit of sin² of the angle for panels.
 
 Below it the panel rule replaces the skew form, which errs like 1e-17/sin².
 """

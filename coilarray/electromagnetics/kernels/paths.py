@@ -3,9 +3,9 @@
 A row of a segment table holds, in m: start (0:3), unit direction (3:6), length (6), unit lateral direction (7:10),
 width (10), thickness (11). Each pair of bars is the mean of filament pairs over both cross-sections:
 
-* far apart against the cross-section: the centre lines,
+* far apart against the cross-section: the centre lines.
 * parallel: the lateral offset of the two filaments has a triangular density (equal widths), integrated by a Gauss
-  rule on each half with as many nodes as the nearest singularity demands. Bars that nearly touch go to `bars`,
+  rule on each half with as many nodes as the nearest singularity demands. Bars that nearly touch go to `bars`.
 * at an angle, or parallel and of different size: Gauss rules across both widths, and more where they meet in a
   corner.
 
@@ -46,9 +46,9 @@ They come from three Gauss rules, and four signs or pieces.
 # The following numbers in widths are no round numbers. Distances are round, and rounding would decide on them as a coil
 # is turned.
 NODE_PAIR = 12.3
-"""Distance in widths from which parallel bars need two nodes.
+"""Distance in widths from which two nodes suffice.
 
-The two nodes have the variance of the cross-section.
+It applies to parallel bars. The two nodes have the variance of the cross-section.
 """
 THICK = 6.2
 """Distance in widths beyond which thickness does not count.
@@ -58,7 +58,7 @@ It applies to bars at an angle.
 TOUCHING = 0.47
 """Distance in widths within which bars at an angle meet."""
 PARALLEL_SIN2 = 4e-4
-"""Value of sin² of the angle of nearly parallel bars.
+"""Limit of sin² of the angle of nearly parallel bars.
 
 Bars below it share their lateral direction (turns of a spiral are tilted by 3e-3).
 """
