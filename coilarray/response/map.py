@@ -632,7 +632,7 @@ def _mean_frequency(network: Network, plan: Sequence[ScanState]) -> float:
 def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerMesh) -> FloatArray | float:
     """Contribution to δ of a finite sample's sides and seat.
 
-    It adds to the sample's dents and has shape (depths, places, states). It is 0 for a wide sample.
+    It is added to δ of the dents and has shape (depths, places, states). It is 0 for a wide sample.
     """
     if pressed.correction is None:
         return 0.0
