@@ -1,4 +1,4 @@
-"""Circular arcs in lines: as straight pieces, and as the corners of a line that are rounded."""
+"""Circular arcs in lines: as straight pieces, and as rounded corners of a line."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ Place = Point | FloatArray
 CHORD_ERROR = 0.9e-6
 """Largest distance in m of a straight piece from its arc."""
 
-_LEAST_PIECES = 3  # of which the inner points lie no further outside than the error
+_LEAST_PIECES = 3  # with fewer, the inner points would lie further outside than the error
 _FLATTEST = 2e-10  # m: an arc of less height is straight, below the resolution of any board file
 
 
 def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERROR) -> FloatArray:
-    """Points in m, shape (n >= 2, 2), on the arc from `start` over `middle` to `end`, which are its first and last.
+    """Points in m on an arc, including both ends.
 
-    `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line; where start and end
-    are one point it is the whole circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
+    The arc runs from `start` over `middle` to `end`. The array has the shape (n >= 2, 2). `middle` may lie anywhere
+    between the ends. If all three points lie on a line, the arc is this line. If start and end are one point, it is the
+    whole circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
 
-    The inner points lie a little outside the arc, so that the pieces enclose the same area with its centre as the arc
-    does: with n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil of
-    arcs too small.
+    The inner points lie slightly outside the arc, so that pieces and arc enclose the same area with the arc's centre.
+    With n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil of arcs
+    too small.
 
     Examples
     --------
@@ -45,13 +46,16 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
 
 
 def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
-    """Angle in rad of the chord that leaves its arc by an error in m, the sagitta."""
+    """Angle in rad of a chord with a given sagitta in m."""
     # the arc sine keeps it above 0 for the largest radius
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
 
 def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
-    """Points as those of `arc_points`, for at least 3 straight pieces of equal angle instead of an error."""
+    """Points in m on an arc, for a given number of pieces.
+
+    There are at least 3 straight pieces of equal angle. The points lie as in `arc_points`.
+    """
     a, c = np.array(start), np.array(end)
     centre = arc_centre(start, middle, end)
     if centre is None:
@@ -66,7 +70,10 @@ def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArra
 
 
 def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
-    """Radius in m and angle in rad of an arc, positive counter-clockwise; of a straight line inf and 0."""
+    """Radius in m and angle in rad of an arc.
+
+    The angle is positive counter-clockwise. For a straight line they are inf and 0.
+    """
     centre = arc_centre(start, middle, end)
     if centre is None:
         return math.inf, 0.0
@@ -78,13 +85,19 @@ def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
 
 
 def _inner_radius(pieces: int, angle: float) -> float:
-    """Radius of the inner points over that of the arc: the positive root of the equation in `arc_points`."""
+    """Radius of the inner points over the radius of the arc.
+
+    It is the positive root of the equation in `arc_points`.
+    """
     middle, area = pieces - 2, pieces * angle / math.sin(angle)
     return (math.sqrt(1 + middle * area) - 1) / middle
 
 
 def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
-    """Centre in m of an arc, shape (2,); None if the three points lie on a line."""
+    """Centre in m of an arc, shape (2,).
+
+    None if the three points lie on a line.
+    """
     a, b, c = (np.array(point) for point in (start, middle, end))
     if np.array_equal(a, c):
         return None if np.array_equal(a, b) else (a + b) / 2
@@ -98,14 +111,15 @@ def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class Arc:
-    """A run of pieces of a line that stand for one arc.
+    """Run of pieces of a line that stand for one arc.
 
     Parameters
     ----------
     first, last : int
         Vertices of the line where the arc begins and ends.
     bulge : float
-        tan(θ/4) of the arc's angle θ, positive counter-clockwise, as in DXF files; no motion of the line changes it.
+        tan(θ/4) of the arc's angle θ, positive counter-clockwise, as in DXF files. It is invariant under motions of the
+        line.
     """
 
     first: int
@@ -113,22 +127,24 @@ class Arc:
     bulge: float
 
     def shifted(self, count: int) -> Arc:
-        """Return the arc of the line with a `count` of more vertices before it.
+        """Return the arc with `count` more vertices before it.
 
         Returns
         -------
         Arc
-            The arc with its vertices counted anew.
+            The arc with shifted vertex numbers.
         """
         return replace(self, first=self.first + count, last=self.last + count)
 
     def points(self, line: FloatArray) -> tuple[Point, Point, Point]:
-        """Begin, middle and end in m of the arc on its line, whose vertices have the shape (n, 2).
+        """Begin, middle and end in m of the arc on its line.
+
+        The vertices of the line have the shape (n, 2).
 
         Returns
         -------
         tuple of three Point
-            x and y in m of each.
+            x and y in m of each point.
         """
         (x0, y0), (x1, y1) = line[[self.first, self.last]].tolist()
         middle = (x0 + x1 + self.bulge * (y1 - y0)) / 2, (y0 + y1 - self.bulge * (x1 - x0)) / 2
@@ -136,7 +152,10 @@ class Arc:
 
 
 def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
-    """Give a line, shape (n, 2), piece by piece in order: its arcs, and what is straight as arcs without a bulge."""
+    """Yield a line, shape (n, 2), as arcs and straight pieces.
+
+    The pieces come in order. A straight piece is an arc without a bulge.
+    """
     done = 0
     for arc in (*arcs, Arc(len(line) - 1, len(line) - 1, 0.0)):
         yield from (Arc(k, k + 1, 0.0) for k in range(done, arc.first))
@@ -146,7 +165,7 @@ def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
 
 
 def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: float = 0.0) -> tuple[FloatArray, IntArray]:
-    """Take larger pieces for the arcs of a line.
+    """Replace the arcs of a line by larger pieces.
 
     Parameters
     ----------
@@ -157,14 +176,14 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: floa
     step : float
         Largest angle of a piece in rad.
     small : float
-        Radius in m up to which an arc has the fewest pieces that it can have.
+        Radius in m up to which an arc has the smallest possible number of pieces.
 
     Returns
     -------
     points : ndarray, shape (m, 2)
         Vertices in m.
     pieces : ndarray of int, shape (m − 1,)
-        For each piece, one of the line's pieces that it stands for.
+        For each piece, the index of a piece of the original line for which it stands.
     """
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:
@@ -185,15 +204,16 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
     corners : ndarray, shape (n, 2)
         Ends and corners of the line in m.
     radii : sequence of float, length n − 2
-        Radius in m of every inner corner, small enough that the arcs of neighbours do not overlap; 0 leaves it sharp.
+        Radius in m of every inner corner, small enough that neighbouring arcs do not overlap. 0 leaves the corner
+        sharp.
 
     Returns
     -------
     points : ndarray, shape (m, 2)
-        The line in m, with arcs as pieces like those of `arc_points`, all with the angle that the largest one needs: so
-        the pieces of arcs about one centre are parallel, and their distance is that of the arcs.
+        The line in m, with arcs as pieces like in `arc_points`. All pieces have the angle that the largest arc needs.
+        The pieces of concentric arcs are therefore parallel and as far apart as the arcs.
     arcs : tuple of Arc
-        Which of the pieces stand for arcs.
+        The runs of pieces that stand for arcs.
 
     Examples
     --------
@@ -204,7 +224,7 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
     along = np.diff(corners, axis=0)
     along /= np.hypot(*along.T)[:, None]
     step = chord_angle(max(radii, default=0.0) or 1.0)
-    near = 1e-12 * float(np.ptp(corners))  # where the straight piece between two arcs has no length
+    near = 1e-12 * float(np.ptp(corners))  # the straight piece between two arcs may have no length
     points = [corners[:1]]
     arcs: list[Arc] = []
     count = 1

@@ -28,18 +28,18 @@ _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 class Placement:
     """One coil on the board.
 
-    Raises GeometryError for a position that is not finite, a number of layers that is not that of the lines, a via from
-    a layer to itself, or two lines that meet on one layer.
+    Raises GeometryError if a position is not finite, the number of layers differs from the number of lines, a via joins
+    a layer to itself, or two lines meet on one layer.
 
     Parameters
     ----------
     name : str
-        Unique in the array; also the name of its net.
+            Name, unique in the array. It is also the name of the net.
     coil : Coil
-        The shape.
+            Shape of the coil.
     layers : tuple of str
-        Copper layer of each of the coil's lines, in order. Lines that follow each other lie on different layers; a
-        layer may serve several.
+            Copper layer of each of the coil's lines, in order. Successive lines lie on different layers. A layer may
+            carry several lines.
     x, y : float
         Position of the coil's centre in m.
     rotation : float
@@ -81,7 +81,9 @@ class Placement:
                 raise GeometryError(f"lines {i} and {j} of {self.name} meet on {self.layers[i]}, at {at} of the coil.")
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
-        """Return the indices of the coil's lines on the copper layer `layer`, in the order of the path.
+        """Return the indices of the coil's lines on a layer.
+
+        They are in the order of the path.
 
         Returns
         -------
@@ -91,7 +93,9 @@ class Placement:
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Turn and shift `points` of the coil's frame, shape (n, 2) in m, to the frame of the board.
+        """Transform `points` from the coil's frame to the board's.
+
+        `points` has the shape (n, 2), in m.
 
         Returns
         -------
@@ -102,7 +106,7 @@ class Placement:
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
     def at_origin(self) -> Placement:
-        """Return the same coil where the frame of the board is its own.
+        """Return the same coil at the origin, not turned.
 
         Returns
         -------
@@ -112,7 +116,9 @@ class Placement:
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
-        """Give each line in the frame of the board, shape (n, 2), its widths, shape (n − 1,), in m, and its layer.
+        """Yield each line on the board with its widths and layer.
+
+        A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
 
         Yields
         ------
@@ -124,8 +130,10 @@ class Placement:
 
 
 LatticeKind = Literal["single", "linear", "square", "hexagonal", "triangle", "rings"]
-"""One coil, a row, rows one above the other, rows shifted by half a pitch, such rows each shorter by one coil, or rings
-of hexagons about one coil."""
+"""Kind of lattice: one coil, a row, aligned rows, rows shifted by half a pitch, a triangle of such rows, or rings.
+
+The rows of a triangle are each shorter by one coil. The rings are hexagons about one coil.
+"""
 
 
 @dataclass(frozen=True)
@@ -135,28 +143,28 @@ class Lattice:
     Parameters
     ----------
     kind : {"single", "linear", "square", "hexagonal", "triangle", "rings"}
-        Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second
-        one shifted by half a pitch, so that every inner point has six neighbours one pitch away. Triangle: such points,
-        in as many rows as columns, each shorter by one. Rings: one such point and its neighbours ring by ring,
-        counter-clockwise from `direction`.
+            Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, with
+            every second row shifted by half a pitch, so every inner point has six neighbours one pitch away. Triangle:
+            points of a hexagonal lattice in as many rows as columns, each row shorter by one. Rings: a point of a
+            hexagonal lattice and its neighbours ring by ring, counter-clockwise from `direction`.
     pitch : float or None
-        Distance of neighbours in m; None is for one coil.
+            Distance of neighbours in m. None for a single coil.
     columns, rows : int
-        Coils a row and number of rows; a linear lattice and a triangle are given one row, a single point and rings one
-        of both.
+            Coils per row and number of rows. A linear lattice and a triangle have one row given. A single point and
+            rings have one column and one row given.
     layers : tuple of tuple of str
-        Sets of copper layers that the coils take in turn along a row.
+            Sets of copper layers that the coils use in turn along a row.
     direction : float
         Angle of the rows in rad.
     rotation : float
         Counter-clockwise turn of every coil in rad.
     layer_shift : int or None
-        Steps in `layers` from row to row; by default −1 on a hexagonal lattice, 2 for four sets on a square one, else
-        1, so that neighbours differ.
+            Steps in `layers` from row to row, so that neighbours differ. By default it is −1 on a hexagonal lattice, 2
+            for four sets on a square lattice, and 1 otherwise.
     names : tuple of str or None
         Names of the coils row by row; coil1, coil2, … by default.
     rings : int
-        Rings about the middle: 1 makes seven coils, 2 nineteen.
+            Rings about the middle: 1 ring makes seven coils, 2 rings make nineteen.
     """
 
     kind: LatticeKind
@@ -173,7 +181,8 @@ class Lattice:
     def placements(self, coil: Coil) -> tuple[Placement, ...]:
         """Return the coil placed on every point, row by row.
 
-        GeometryError as `lattice` and `Placement`, for no layers, or where the names are not as many as the points.
+        Raises GeometryError as `lattice` and `Placement` do, if there are no layers, or if names and points differ in
+        number.
 
         Returns
         -------
@@ -188,8 +197,8 @@ class Lattice:
             raise GeometryError(f"a lattice of {len(points)} points must have as many names; got {len(names)}.")
         if not self.layers:
             raise GeometryError("a lattice must have at least one set of layers; got none.")
-        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
-        # one, and (i + 2j) mod 4 between its diagonal neighbours too
+        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice. On a square lattice (i + j) mod 2 differs
+        # between all neighbours, and (i + 2j) mod 4 between diagonal neighbours too.
         default = -1 if self.kind in ("hexagonal", "triangle", "rings") else 2 if len(self.layers) == 4 else 1
         shift = default if self.layer_shift is None else self.layer_shift
         return tuple(
@@ -200,20 +209,22 @@ class Lattice:
 
 @dataclass(frozen=True)
 class Connector:
-    """A row of plated holes along one edge of the board, two a coil in the order of the coils along the edge.
+    """Row of plated holes along one edge of the board.
+
+    Each coil has two holes, in the order of the coils along the edge.
 
     Parameters
     ----------
     side : {"right", "top", "left", "bottom"}
-        Edge at which it stands.
+            Edge of the board.
     pitch : float
         Distance of the holes in m.
     distance : float
         Distance in m of the holes' centres from the outermost point of the coils and their leads.
     at : float or None
-        Middle of the row along the edge in m; None for the middle of the array.
+            Middle of the row along the edge in m. None for the middle of the array.
     trace_width, gap : float or None
-        Width of the leads and distance from other copper in m; None for those of the coils.
+            Width of the leads and distance from other copper in m. None for the values of the coils.
     """
 
     side: Side = "bottom"
@@ -238,7 +249,10 @@ class Connector:
 
 @dataclass(frozen=True, eq=False)
 class Routing:
-    """The array and connector that `coilarray.geometry.connector.route_leads` made other placements from."""
+    """Array and connector from which `route_leads` made other placements.
+
+    The function is `coilarray.geometry.connector.route_leads`.
+    """
 
     array: CoilArray
     connector: Connector
@@ -254,16 +268,17 @@ class CoilArray:
     stackup : Stackup
         The board's layers.
     placements : tuple of Placement
-        At least one; names all different, layers all in the stack-up.
+            At least one coil. All names differ, and all layers are in the stack-up.
     board_margin : float
         Distance in m from the outermost copper to the edge of the rectangular board.
     through_holes : bool
-        True: every hole is drilled through the whole board. False: it spans only the layers it joins.
+            True: every hole is drilled through the whole board. False: it spans only the layers it joins.
     lattice : Lattice or None
-        The lattice that `lattice_array` made the placements from: a hint for design files, which has no effect where
-        the placements have been changed since.
+            The lattice from which `lattice_array` made the placements. It is a hint for design files and has no effect
+            if the placements were changed since.
     routing : Routing or None
-        What `coilarray.geometry.connector.route_leads` made the placements from: such a hint, too.
+            The array and connector from which `coilarray.geometry.connector.route_leads` made the placements. It is a
+            hint as well.
     """
 
     stackup: Stackup
@@ -297,7 +312,10 @@ class CoilArray:
 
     @property
     def unrouted(self) -> CoilArray:
-        """The array before its leads were routed to a connector; itself where they were not."""
+        """The array before its leads were routed to a connector.
+
+        It is the array itself if no leads were routed.
+        """
         return self if self.routing is None else self.routing.array
 
     @property
@@ -312,13 +330,19 @@ class CoilArray:
 
     @property
     def least_distance(self) -> float:
-        """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
+        """Smallest distance in m between two coils.
+
+        It is infinite for a single coil.
+        """
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
 
     @property
     def neighbours(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of coils, by their numbers, that are as near to each other as any two, to within a hundredth."""
+        """Pairs of nearest coils, by their numbers.
+
+        Their distance is the smallest distance of any two coils, to within a hundredth.
+        """
         one, other = np.triu_indices(len(self.placements), 1)
         near = np.hypot(*(self.centres[one] - self.centres[other]).T) <= _NEAREST * self.least_distance
         return tuple(zip(one[near].tolist(), other[near].tolist(), strict=True))
@@ -344,13 +368,19 @@ class CoilArray:
 
     @property
     def outline_bounds(self) -> tuple[float, float, float, float]:
-        """Edges in m of the rectangle about the outlines of all coils, without leads: x_min, y_min, x_max, y_max."""
+        """Bounds in m of all coil outlines, without leads.
+
+        They are given as x_min, y_min, x_max, y_max.
+        """
         outlines = np.vstack([placement.to_board(placement.coil.outline) for placement in self.placements])
         x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
         return x_min, y_min, x_max, y_max
 
     def nearest_coil(self, x: float, y: float) -> str:
-        """Return the name of the coil whose centre is nearest to (x, y) in m, the first one of several.
+        """Return the name of the coil nearest to (x, y).
+
+        The position is in m and is compared with the centres of the coils. Of several nearest coils the first is
+        returned.
 
         Returns
         -------
@@ -362,12 +392,15 @@ class CoilArray:
 
     @property
     def middle_coil(self) -> str:
-        """Name of the coil nearest to the middle of the rectangle about all centres, the first one of several."""
+        """Name of the coil nearest to the middle.
+
+        The middle is the centre of the rectangle about all coil centres. Of several nearest coils it is the first.
+        """
         x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
         return self.nearest_coil(x, y)
 
     def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
-        """Return the same board with other coils, those of the `placements`.
+        """Return the same board with other `placements`.
 
         Returns
         -------
@@ -377,18 +410,21 @@ class CoilArray:
         return replace(self, placements=tuple(placements))
 
     def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
-        """Return the current path of every coil, vias included, from its first to its second terminal.
+        """Return the current path of every coil, vias included.
 
-        `chord` is the resolution of arcs, see `Coil.current_lines`.
+        It runs from the first to the second terminal.
+
+        `chord` is the resolution of arcs, as in `Coil.current_lines`.
 
         Returns
         -------
         tuple of Conductor
-            One path a coil, in the order of the coils, in m.
+                One path per coil, in the order of the coils, in m.
         """
         return tuple(self._conductor(placement, chord) for placement in self.placements)
 
     def _conductor(self, placement: Placement, chord: float) -> Conductor:
+        """Return the current path of one coil, vias included."""
         coil = placement.coil
         vertices: list[FloatArray] = []
         widths: list[float] = []
@@ -421,7 +457,7 @@ def lattice_array(
     coil : Coil
         The shape of all coils.
     lattice : Lattice
-        Their positions and layers.
+            Positions and layers of the coils.
 
     Returns
     -------
@@ -504,7 +540,10 @@ def lattice(
 
 
 def _rings(count: int) -> IntArray:
-    """Axial coordinates (i, j) of a point and so many rings of hexagons about it, each from its corner at angle 0."""
+    """Axial coordinates (i, j) of a point and its hexagonal rings.
+
+    There are `count` rings. Each starts at its corner at angle 0.
+    """
     points = [np.zeros((1, 2), dtype=np.int64)]
     corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])
     for ring in range(1, count + 1):

@@ -10,9 +10,9 @@ from coilarray.geometry.material import Material
 
 @dataclass(frozen=True)
 class Ball:
-    """A solid sphere of one material, without a position of its own.
+    """Solid sphere of one material, without a position.
 
-    `radius` in m is positive and finite; GeometryError otherwise.
+    `radius` in m must be positive and finite. Otherwise GeometryError is raised.
     """
 
     radius: float

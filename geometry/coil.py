@@ -22,7 +22,7 @@ from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import place_in_mm
 
 CHORD = 1e-3
-"""How far straight pieces leave the largest arc of a coil by default, over half its size."""
+"""Deviation of straight pieces from a coil's largest arc, over half its size, by default."""
 _TOUCH = 1e-9  # of a gap: rounding
 
 
@@ -59,12 +59,14 @@ class PlatedHole:
 
     @property
     def barrel_area(self) -> float:
-        """Conducting cross-section of the barrel in m²."""
+        """Conducting cross-section in m² of the barrel."""
         return math.pi * self.plating * (self.drill - self.plating)
 
     @property
     def bar_width(self) -> float:
-        """Side in m of the square bar with the geometric mean distance of the barrel.
+        """Side in m of the equivalent square bar of the barrel.
+
+        Bar and barrel have the same geometric mean distance (GMD).
 
         A thin tube of radius r has GMD r; a square of side a has GMD 0.447049 a (Grover 1946, ch. 3).
         """
@@ -73,9 +75,9 @@ class PlatedHole:
 
 @dataclass(frozen=True)
 class Leads:
-    """The two leads that take a spiral's outer ends to its terminals.
+    """Two leads from a spiral's outer ends to its terminals.
 
-    Both leave the corner at 45° to either side and then run outwards.
+    Both leave the corner at 45°, to either side, and then run outwards.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ class Leads:
     spacing : float
         Distance in m between the two terminals.
     terminal : PlatedHole
-        The hole that makes a terminal.
+        Hole of each terminal.
     """
 
     length: float
@@ -104,7 +106,7 @@ class Leads:
 
 @dataclass(frozen=True)
 class Wound:
-    """What `spiral_coil` wound a coil from: its arguments."""
+    """Arguments from which `spiral_coil` wound a coil."""
 
     spiral: Winding
     winding_layers: int
@@ -115,37 +117,39 @@ class Wound:
 
 @dataclass(frozen=True, eq=False)
 class Coil:
-    """Centre lines of a coil in its own frame, in the direction of the current.
+    """Centre lines of a coil in the direction of the current.
 
-    Raises GeometryError for fewer than two points in a line, a value that is not finite, a repeated point, ends that do
-    not meet, or widths that are not one a segment.
+    The lines are in the coil's own frame.
+
+    Raises GeometryError if a line has fewer than two points, a value is not finite, a point is repeated, ends do not
+    meet, or there is not one width per segment.
 
     Parameters
     ----------
     lines : tuple of ndarray, each of shape (n, 2)
-        Centre lines, each on one copper layer, x and y in m, leads and the stubs to the vias included. Each begins
-        where the one before ended; a via stands there.
+        Centre lines, each on one copper layer, x and y in m. Leads and the stubs to the vias are included. Each line
+        begins at the end of the line before, where a via stands.
     widths : tuple of ndarray, each of shape (n − 1,)
         Width of every segment of every line in m.
     gap : float
-        Distance of the turns, edge to edge, in m.
+        Distance of neighbouring turns, edge to edge, in m.
     via : PlatedHole
-        The hole that joins consecutive lines.
+        Hole that joins consecutive lines.
     terminal : PlatedHole or None
-        The hole at both ends of the path; None if the ends are bare.
+        Hole at both ends of the path. None for bare ends.
     outline : ndarray, shape (m, 2)
-        Closed outline of the winding without leads, x and y in m, first point not repeated.
+        Closed outline of the winding without leads, x and y in m. The first point is not repeated.
     name : str
         Name of the shape in a design file; may be empty.
     arcs : tuple of tuple of Arc
-        Runs of pieces of every line that stand for arcs: they are made as arcs, and the field is computed with larger
-        pieces. Empty where all lines are straight.
+        Runs of pieces in every line that stand for arcs. They are manufactured as arcs, and the field is computed with
+        larger pieces. Empty if all lines are straight.
 
     Attributes
     ----------
     wound : Wound or None
-        The spiral that `spiral_coil` made the lines from. `dataclasses.replace` does not take it over, so that it is
-        there only while the lines are those of the spiral.
+        The spiral from which `spiral_coil` made the lines. `dataclasses.replace` does not copy it, so it is present
+        only while the lines are the lines of the spiral.
     """
 
     lines: tuple[FloatArray, ...]
@@ -193,20 +197,21 @@ class Coil:
             widths.setflags(write=False)
 
     def arcs_of(self, line: int) -> tuple[Arc, ...]:
-        """Return the arcs of a line by its index.
+        """Return the arcs of a line, given by its index.
 
         Returns
         -------
         tuple of Arc
-            Arcs of the line, in the order of the path; empty where all of it is straight.
+            Arcs of the line, in the order of the path. Empty if the line is straight.
         """
         return self.arcs[line] if self.arcs else ()
 
     def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Give each line, shape (n, 2), and its widths, shape (n − 1,), in m, with arcs in pieces fit for the field.
+        """Yield each line and its widths for the field computation.
 
-        All arcs have pieces of the same angle, so that those of neighbouring turns are parallel: on the largest one
-        they leave the arc by `chord` times half the size of the outline. Bends within a trace have three pieces.
+        Arcs are divided into pieces of a suitable size. The pieces of all arcs have the same angle, so the pieces of
+        neighbouring turns are parallel. On the largest arc they deviate by `chord` times half the size of the outline.
+        Bends within a trace have three pieces.
 
         Yields
         ------
@@ -223,20 +228,29 @@ class Coil:
 
     @cached_property
     def trace_width(self) -> float:
-        """Width in m of most of the path's length; the smallest of several with the same length."""
+        """Trace width in m of most of the path's length.
+
+        Of several widths with the same length it is the smallest.
+        """
         widths, which = np.unique(np.concatenate(self.widths), return_inverse=True)
         lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in self.lines])
         share = np.bincount(which, weights=lengths) / lengths.sum()
-        return float(widths[np.argmax(np.round(share, 9))])  # how a path is turned decides nothing
+        return float(widths[np.argmax(np.round(share, 9))])  # the orientation of a path has no influence
 
     @property
     def via_points(self) -> FloatArray:
-        """Positions of the vias between consecutive lines, shape (lines − 1, 2), in m."""
+        """Positions in m of the vias between consecutive lines.
+
+        The array has the shape (lines − 1, 2).
+        """
         return np.array([line[-1] for line in self.lines[:-1]]).reshape(-1, 2)
 
     @property
     def terminal_points(self) -> FloatArray:
-        """Positions of the first and last point of the path, shape (2, 2), in m."""
+        """First and last point of the path, in m.
+
+        The array has the shape (2, 2).
+        """
         return np.array([self.lines[0][0], self.lines[-1][-1]])
 
 
@@ -251,23 +265,23 @@ def spiral_coil(
 ) -> Coil:
     """Wind a spiral on several layers in series.
 
-    Vias are moved off the winding's end, inwards or outwards along the corner's ray, by just as much as their pads
-    need to clear the windings and leads of every layer by the gap, so that they may be drilled through the whole
-    board. Where several vias belong to one corner they spread to both sides of the ray.
+    Vias are moved off the winding's end, inwards or outwards along the corner's ray, just far enough for their pads to
+    keep the gap to the windings and leads of every layer. They can then be drilled through the whole board. Several
+    vias at one corner spread to both sides of the ray.
 
     Parameters
     ----------
     spiral : Spiral or RoundedSpiral
-        The winding of each layer.
+        Winding of each layer.
     winding_layers : int
-        Number of layers, at least 1. With an odd number the path ends inside.
+        Number of layers, at least 1. With an odd number the path ends inside the winding.
     via : PlatedHole
-        Joins consecutive layers.
+        Hole that joins consecutive layers.
     leads : Leads, optional
-        Without them the path begins and ends at the winding's ends, with no terminal pads.
+        Leads to the terminals. By default the path begins and ends at the winding's ends, without terminal pads.
     return_lead : bool
-        For an odd number of layers: one more layer carries a straight trace from the inner end out to the second
-        terminal. Needs `leads`.
+        For an odd number of layers, add a layer with a straight trace from the inner end out to the second terminal.
+        Requires `leads`.
     name : str
         Name of the shape in a design file.
 
@@ -279,7 +293,7 @@ def spiral_coil(
     Raises
     ------
     GeometryError
-        No layer, or no room for a via inside the winding.
+        If there is no layer, or no room for a via inside the winding.
 
     Examples
     --------
@@ -301,10 +315,11 @@ def _wound(of: Wound, name: str) -> Coil:
 
 
 class _NoRoomBesideLeadsError(GeometryError):
-    """A pad finds no place beside the leads, which more spacing may make."""
+    """A pad does not fit beside the leads; wider spacing may help."""
 
 
 def _wind(of: Wound, name: str) -> Coil:
+    """Wind a spiral as `spiral_coil` does, without the cache."""
     spiral, winding_layers, via, leads = of.spiral, of.winding_layers, of.via, of.leads
     if winding_layers < 1:
         raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
@@ -326,7 +341,7 @@ def _wind(of: Wound, name: str) -> Coil:
         elif not ends_inside:
             last_lead = _lead(windings[last][-1], spiral.outwards(steps), leads, sense)
 
-    # the hole at the end of each layer: every layer but the last, and the last where it ends inside at a hole
+    # the hole at the end of each layer: of every layer but the last, and of the last if it ends inside at a hole
     pads = [via.pad] * last
     if leads is not None and ends_inside:
         pads.append(via.pad if of.return_lead else leads.terminal.pad)
@@ -353,11 +368,15 @@ def _wind(of: Wound, name: str) -> Coil:
 
 
 def _remedy(of: Wound) -> str:
-    """Say which spacing of the leads makes room for a pad that finds none beside them, to 0.1 mm; else nothing."""
+    """Hint of the lead spacing that makes room for a pad.
+
+    The spacing is given to 0.1 mm. The hint is empty if no spacing helps.
+    """
     if of.leads is None:
         return ""
 
     def fits(tenths: int) -> bool:
+        """Whether the coil can be wound with a lead spacing in tenths of mm."""
         assert of.leads is not None
         spacing = tenths * 1e-4
         wider = replace(of.leads, spacing=spacing, length=max(of.leads.length, spacing / 2))
@@ -385,32 +404,34 @@ def path_coil(
     *,
     name: str = "",
 ) -> Coil:
-    """Make a coil of any shape from its centre lines, each on one copper layer.
+    """Make a coil of any shape from its centre lines.
+
+    Each line lies on one copper layer.
 
     Parameters
     ----------
     lines : sequence of array_like, each of shape (n, 2)
-        x, y in m; each begins where the one before ended.
+        x and y in m. Each line begins at the end of the line before.
     trace_width : float or sequence of array_like, each of shape (n − 1,)
-        Width in m: one for all, or the width of every segment of each line.
+        Width in m: a single number, or the width of every segment of each line.
     gap : float
-        Distance of the turns, edge to edge, in m.
+        Distance of neighbouring turns, edge to edge, in m.
     via : PlatedHole
-        Joins consecutive lines.
+        Hole that joins consecutive lines.
     terminal : PlatedHole, optional
-        Hole at both ends.
+        Hole at both ends of the path.
     name : str
         Name of the shape in a design file.
 
     Returns
     -------
     Coil
-        Its outline is the convex hull of the lines, half a trace wider.
+        The coil. Its outline is the convex hull of the lines, widened by half a trace.
 
     Raises
     ------
     GeometryError
-        As `Coil`, and for a line that crosses itself.
+        For the reasons given in `Coil`, or if a line crosses itself.
 
     Examples
     --------
@@ -433,7 +454,10 @@ def path_coil(
 
 
 def hull_outline(coil: Coil) -> FloatArray:
-    """Return the convex hull of a coil's lines, half a trace wider: x and y in m, first point not repeated."""
+    """Convex hull of a coil's lines, widened by half a trace.
+
+    It is given by x and y in m, without repeating the first point.
+    """
     hull = shapely.MultiPoint(np.vstack(coil.lines)).convex_hull.buffer(coil.trace_width / 2)
     return np.asarray(shapely.get_coordinates(hull)[:-1])
 
@@ -446,7 +470,7 @@ def _arrays(values: Sequence[npt.ArrayLike], message: str) -> tuple[FloatArray, 
 
 
 def _refuse_self_crossing(line: FloatArray, index: int) -> None:
-    """Raise where the polyline touches itself, naming the place."""
+    """Raise GeometryError with the place if a line touches itself."""
     closed = bool(np.array_equal(line[0], line[-1]))
     string = shapely.LineString(line)
     if string.is_simple and not closed:
@@ -461,6 +485,7 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
+    """Find the first two segments that meet, and the place in m."""
     segments = [shapely.LineString(pair) for pair in np.stack((line[:-1], line[1:]), axis=1)]
     tree = shapely.STRtree(segments)
     i, j = tree.query(segments, predicate="intersects")
@@ -477,7 +502,10 @@ def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
 
 
 def _lead(end: FloatArray, outwards: FloatArray, leads: Leads, side: float) -> FloatArray:
-    """Knee and terminal of one lead, shape (2, 2); `side` +1 to the left seen outwards, −1 to the right."""
+    """Knee and terminal of one lead, shape (2, 2).
+
+    `side` is +1 to the left seen outwards, −1 to the right.
+    """
     tangent = np.array([-outwards[1], outwards[0]])
     half = leads.spacing / 2
     knee = end + half * (outwards + side * tangent)
@@ -493,10 +521,10 @@ def _hole_points(
     first_lead: FloatArray,
     last_lead: FloatArray,
 ) -> list[FloatArray]:
-    """Places of the holes at the ends of the first `len(pads)` layers.
+    """Positions in m of holes at the ends of layers.
 
-    A hole may be drilled through the whole board, so its pad has to clear the windings, leads and holes of every
-    layer. Holes that belong to the same corner are spread like a fan.
+    They belong to the first `len(pads)` layers. A hole may be drilled through the whole board, so its pad must clear
+    the windings, leads and holes of every layer. Holes at the same corner are spread like a fan.
     """
     lines = [*windings]
     fixed: list[tuple[FloatArray, float]] = []  # holes already placed: point and pad
@@ -530,7 +558,10 @@ def _hole_points(
 
 @dataclass(frozen=True)
 class _Fan:
-    """Holes of one place: it, shape (2,), direction of the rays, pads, shape (m,), begins of the stubs; in m."""
+    """Holes at one place, with their rays, pads and stubs.
+
+    Place and direction of the rays have the shape (2,), the pads have the shape (m,). Lengths are in m.
+    """
 
     place: FloatArray
     direction: FloatArray
@@ -546,15 +577,16 @@ def _fan(
     *,
     inside: bool,
 ) -> FloatArray:
-    """Nearest points in m, shape (m, 2), on rays from a place where pads clear all copper and one another by the gap.
+    """Nearest points in m where all pads have clearance.
 
-    `lines` are the centre lines to be cleared, each of shape (n, 2), and `fixed` the holes, place and pad diameter, all
-    in m. The rays run towards the centre where `inside`.
+    The points have the shape (m, 2) and lie on rays from a place. The pads keep the gap to all copper and to one
+    another. `lines` are the centre lines to be cleared, each of shape (n, 2). `fixed` are the other holes, by place and
+    pad diameter. All are in m. The rays run towards the centre if `inside`.
     """
     end, direction, pads = fan.place, fan.direction, fan.pads
     m = len(pads)
-    gap = (1 - _TOUCH) * spiral.gap  # what just fits does so however the coil is turned
-    # to the other side in a winding of the other sense, which is then the mirror image
+    gap = (1 - _TOUCH) * spiral.gap  # a pad that just fits does so in every orientation of the coil
+    # to the other side for a winding of the other sense, which is the mirror image
     across = (1 if spiral.winding == "ccw" else -1) * np.array([-direction[1], direction[0]])
     clear_of_trace = pads / 2 + gap + spiral.trace_width / 2
     longest = float(np.hypot(*end)) if inside else 4 * m * float(clear_of_trace.max())
@@ -581,7 +613,7 @@ def _fan(
             free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + gap
             for j, other in ((i, i + 1), (i + 1, i)):
                 free &= _to_stubs(points[:, j], fan.begins[other], points[:, other]) >= clear_of_trace[j]
-        for i in range(m):  # last, and only where it decides: it takes by far the longest
+        for i in range(m):  # last, and only if it decides: it takes by far the longest
             there = np.flatnonzero(free)
             free[there] = ~shapely.dwithin(shapely.points(points[there, i]), obstacles, float(clear_of_trace[i]))
         if free.any():
@@ -601,7 +633,10 @@ def _fan(
 
 
 def _to_stubs(centre: FloatArray, begins: Sequence[FloatArray], ends: FloatArray) -> FloatArray:
-    """Distance in m, shape (n,), of places, shape (2,) or (n, 2), from the nearest stub to each of `ends`, (n, 2)."""
+    """Distance in m of places from the nearest stub.
+
+    The places have the shape (2,) or (n, 2), and `ends` has the shape (n, 2). The result has the shape (n,).
+    """
     nearest = np.full(len(ends), math.inf)
     for begin in begins:
         along = ends - begin

@@ -1,4 +1,4 @@
-"""What the physics sees of a coil: one current path of straight bars."""
+"""Current path of a coil, made of straight bars, as the physics sees it."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ _STRAIGHT = 1e-6  # rad; less is not a bend
 
 @dataclass(frozen=True, eq=False)
 class Conductor:
-    """A current path of straight segments, each a rectangular bar from vertex to vertex.
+    """Current path of straight segments, each a rectangular bar.
 
-    The width lies in the x-y plane across the segment (for a vertical segment: along x), the thickness is
-    perpendicular to both. A width and thickness of zero mean a thin filament.
+    A bar runs from vertex to vertex. Its width lies in the x-y plane across the segment, for a vertical segment along
+    x. Its thickness is perpendicular to both. A width and thickness of zero stand for a thin filament.
 
-    Raises GeometryError for fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of length
-    zero, a negative width, or a bar with a width and no thickness.
+    Raises GeometryError if there are fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of
+    length zero, a negative width, or a bar with a width and no thickness.
 
     Parameters
     ----------
     vertices : array_like, shape (n + 1, 3)
-        Points of the path in m, in the direction of the current, up to 1e30; neighbours must differ, by 1e-30 at least.
+        Points of the path in m, in the direction of the current, up to 1e30. Neighbours must differ by at least 1e-30.
     widths, thicknesses : array_like, shape (n,) or scalar
-        Cross-section in m that sets the inductance; both zero or both positive.
+        Cross-section in m that determines the inductance. Both are zero or both positive.
     areas : array_like, shape (n,) or scalar, optional
-        Conducting cross-section in m² that sets the resistance; width × thickness where not given.
+        Conducting cross-section in m² that determines the resistance. By default it is width × thickness.
     name : str
-        Shown in messages and results.
+        Name shown in messages and results.
 
     Examples
     --------
@@ -95,7 +95,9 @@ class Conductor:
         return np.asarray(np.linalg.norm(np.diff(self.vertices, axis=0), axis=1))
 
     def straightened(self) -> Conductor:
-        """Return the path without the vertices between segments of one cross-section that go on straight.
+        """Return the path without vertices on straight runs.
+
+        A vertex is left out if the segments at it have the same cross-section and direction.
 
         Returns
         -------
@@ -119,11 +121,12 @@ class Conductor:
 
     @property
     def is_filament(self) -> bool:
-        """True if any segment has no cross-section."""
+        """Whether any segment has no cross-section."""
         return bool((self.widths == 0).any())
 
 
 def _per_segment(value: npt.ArrayLike, n: int, key: str, name: str) -> FloatArray:
+    """Broadcast a value to one number per segment and check it."""
     try:
         array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (n,)), order="C")
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Net check on copper itself: which pieces hang together through the plated holes, and whether they are the coils."""
+"""Net check on copper itself: which pieces are connected through the plated holes, and whether they are the coils."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SHARP = np.cos(np.radians(100.0))
 
 @dataclass(frozen=True)
 class Barrel:
-    """The plated wall of a hole.
+    """Plated wall of a hole.
 
     Parameters
     ----------
@@ -56,19 +56,20 @@ Place = Sequence[float] | FloatArray
 
 @dataclass(frozen=True)
 class NetFault:
-    """One difference between the copper of a file and the coils it should hold.
+    """Difference between the copper of a file and its coils.
 
     Parameters
     ----------
     kind : {"bridge", "cut", "missing", "foreign", "net"}
-        Two coils in one piece; a terminal cut off; copper or a hole missing beside an unbroken path; copper or a hole
-        that the design does not have; copper with the net of another coil or none.
+        "bridge": two coils in one piece. "cut": a terminal cut off. "missing": copper or a hole missing beside an
+        unbroken path. "foreign": copper or a hole that the design does not have. "net": copper with no net or with the
+        net of another coil.
     coils : tuple of str
-        The coils concerned; none for copper that touches no coil.
+        The coils concerned. Empty for copper that touches no coil.
     layer : str
-        Copper layer of the place; of a hole the uppermost.
+        Copper layer of the place. For a hole it is the uppermost layer.
     x, y : float
-        The place in m.
+        Place in m.
     text : str
         One line with the place in mm.
     """
@@ -83,7 +84,7 @@ class NetFault:
 
 @dataclass(frozen=True)
 class NetCheck:
-    """What a net check found.
+    """Result of a net check.
 
     Parameters
     ----------
@@ -98,26 +99,28 @@ class NetCheck:
 
     @property
     def passed(self) -> bool:
-        """True if the copper is exactly the coils."""
+        """Whether the copper is exactly the coils."""
         return not self.faults
 
 
 def connected_pieces(
     layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
 ) -> tuple[dict[str, BaseGeometry], ...]:
-    """Sort copper into pieces that hang together, on a layer by touching, between layers through plated holes.
+    """Sort copper into connected pieces.
+
+    Copper is connected on a layer by touching, and between layers through plated holes.
 
     Parameters
     ----------
     layers : mapping of str to sequence of shapely geometry
         Copper of each layer in m, in any number of parts, which may overlap.
     holes : sequence of Barrel
-        A hole joins the layers it names where copper meets its wall.
+        Plated holes. A hole joins the layers it names if copper meets its wall.
 
     Returns
     -------
     tuple of dict of str to shapely geometry
-        United copper of each piece on every layer where it has some.
+        United copper of each piece, on every layer where it has copper.
 
     Examples
     --------
@@ -151,9 +154,10 @@ def connected_pieces(
 
 
 def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
-    """Copper and holes of a board, as any reader gives it, as `check_nets` takes them.
+    """Copper and holes of a board, as input of `check_nets`.
 
-    Tracks count with round ends, pads as round. The copper is outlines in m, for every layer of the stack-up.
+    The board comes from any reader. Tracks have round ends and pads are round. The copper is given by outlines in m,
+    for every layer of the stack-up.
     """
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
     ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))
@@ -180,27 +184,27 @@ def check_nets(
     array : CoilArray
         The design.
     layers : mapping of str to sequence of shapely geometry
-        Copper of the file in m by name of the layer; a layer that is left out has none.
+        Copper of the file in m by name of the layer. A layer that is left out has no copper.
     holes : sequence of Barrel
         Plated holes of the file.
     tolerance : float
-        Shapes may differ by this length in m: rounding and polygons of arcs in files.
+        Length in m by which shapes may differ, because of rounding and polygons of arcs in files.
 
     Returns
     -------
     NetCheck
-        Passed where both terminals of every coil are in one piece, no two coils are, all copper and holes of every
-        coil are there, also where they carry no current, and nothing else is.
+        The result. It has passed if both terminals of every coil are in one piece, no two coils are in one piece, all
+        copper and holes of every coil are present, also if they carry no current, and nothing else is present.
 
     Raises
     ------
     GeometryError
-        A layer that the stack-up does not have.
+        If the stack-up does not have a layer.
 
     Notes
     -----
-    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper
-    that joins neighbouring turns of one coil is foreign: the pieces alone would not show it.
+    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper that
+    joins neighbouring turns of one coil is foreign: the pieces alone would not show it.
     """
     for layer in layers:
         array.stackup.index(layer)
@@ -232,9 +236,10 @@ def check_nets(
 
 
 def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
-    """Compare the nets of a board's copper, which passed `check_nets`, with the coils on which it lies.
+    """Compare the nets of a board's copper with the coils.
 
-    One fault for each track, hole or pad that has another net than the name of its coil, or none.
+    The copper has passed `check_nets`. There is a fault for each track, hole or pad that has no net, or a net other
+    than the name of the coil on which it lies.
     """
     lines: list[tuple[str, str, BaseGeometry]] = [
         (layer, placement.name, shapely.LineString(line))
@@ -254,14 +259,14 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
 
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
-    """One fault, its place in m added to the text."""
+    """Make a fault whose text ends with the place in mm."""
     return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
 
 
 def _misnamed(
     what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
 ) -> Iterator[NetFault]:
-    """Compare the net at every place with the name of the nearest coil."""
+    """Compare the net at every place with the nearest coil's name."""
     if not coils or not places:
         return
     nearest = shapely.STRtree([shape for _, shape in coils]).query_nearest([at for at, _ in places], all_matches=False)
@@ -274,10 +279,10 @@ def _misnamed(
 
 @dataclass(frozen=True, eq=False)
 class _Coil:
-    """What the copper of one coil must cover and may cover, layer by layer.
+    """Least and most copper of one coil on each layer.
 
-    `least` is the rectangles of the segments and the rings of the pads, `most` the mitred outline with round ends and
-    the full pads; narrower and wider by the tolerance.
+    `least` must be covered: the rectangles of the segments and the rings of the pads, narrower by the tolerance. `most`
+    may be covered: the mitred outline with round ends and the full pads, wider by the tolerance.
     """
 
     name: str
@@ -289,6 +294,7 @@ class _Coil:
 
     @staticmethod
     def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
+        """Make the outlines of a placement with a tolerance in m."""
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
@@ -320,7 +326,10 @@ class _Coil:
         )
 
     def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
-        """Where the way from the first to the second terminal leaves the first one's piece; None if it does not."""
+        """Find where the path leaves the first terminal's piece.
+
+        None if both terminals are in one piece.
+        """
         begin, end = self.lines[0][0], self.lines[-1][-1]
         first, last = self.line_layers[0], self.line_layers[-1]
         piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
@@ -344,7 +353,10 @@ class _Coil:
         return NetFault("cut", (self.name,), last, float(end[0]), float(end[1]), f"{off}no copper on {last}")
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
-        """Whether the piece has copper at a point of a layer, or around the hole that is drilled there."""
+        """Whether the piece has copper at a point of a layer.
+
+        Copper around the hole that is drilled there counts too.
+        """
         here = [d for d in self.drills if d.drilled and np.hypot(d.x - point[0], d.y - point[1]) < 1e-9]
         radius = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_MARGIN
         return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), radius))
@@ -352,7 +364,7 @@ class _Coil:
     def missing(
         self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel], tolerance: float
     ) -> Iterator[NetFault]:
-        """Holes and copper of the coil that are not there."""
+        """Holes and copper of the coil that are missing in the file."""
         for drill in self.drills:
             if drill.drilled and not any(_same(hole, drill, tolerance) for hole in holes):
                 text = f"the plated hole of {self.name} at {place_in_mm(drill.x, drill.y)} is missing"
@@ -365,7 +377,10 @@ class _Coil:
 def _bridges(
     piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
 ) -> Iterator[NetFault]:
-    """Every pair of the coils in one piece that touch directly, and where; at least one pair."""
+    """Every pair of coils in one piece that touch, and where.
+
+    At least one pair is given.
+    """
     nowhere = True
     for a, b in combinations(owners, 2):
         for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
@@ -382,7 +397,10 @@ def _bridges(
 def _meetings(
     piece: Mapping[str, BaseGeometry], a: _Coil, b: _Coil, owners: Sequence[_Coil], foreign_holes: Sequence[Barrel]
 ) -> Iterator[tuple[str, float, float]]:
-    """Layer and place of what joins two coils: a hole, copper of both, or copper of neither beside both."""
+    """Layer and place of each connection between two coils.
+
+    It is a hole, copper of both coils, or foreign copper beside both.
+    """
     for hole in foreign_holes:
         if _reaches(hole, a) and _reaches(hole, b):
             yield hole.layers[0], hole.x, hole.y
@@ -423,6 +441,7 @@ def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], t
 
 
 def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
+    """Whether a hole of a file is a drilled hole of the design."""
     return (
         drill.drilled
         and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
@@ -432,7 +451,7 @@ def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
 
 
 def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
-    """Find a point in m inside every part with more than the smallest area in m²."""
+    """Find a point in m inside every part above an area in m²."""
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]
 
@@ -443,7 +462,10 @@ def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
 
 
 def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
-    """Discs where round strokes may stand out of the mitred outline: ends, sharp corners and changes of width."""
+    """Discs where round strokes may exceed the mitred outline.
+
+    They lie at ends, sharp corners and changes of width.
+    """
     step = np.diff(line, axis=0)
     along = step / np.hypot(*step.T)[:, None]
     sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP

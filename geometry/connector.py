@@ -1,7 +1,7 @@
 """Leads of all coils of an array, routed to one row of pads at an edge of the board without crossing.
 
-The leads run on a grid of their own pitch, straight or at 45°, each on the layer on which its coil ends, along the
-shortest way that keeps the gap from all copper there and from the leads before it. A way across a coil's winding, on
+The leads run on a grid of their own pitch, straight or at 45°, each on the layer on which its coil ends. They take the
+shortest way that keeps the gap to all copper there and to the leads routed before. A way across a coil's winding, on
 another layer, counts as longer.
 """
 
@@ -28,18 +28,20 @@ from coilarray.geometry.copper import disc, drills, trace_outline
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, Side
 
-_ACROSS = 4.0  # length of a way across a winding, over that beside it
+_ACROSS = 4.0  # weight of a way across a winding, over the same way beside it
 _MOST_NODES = 90_000  # of the grid: a larger board gets a coarser one
-_SHARE = 0.49  # of a piece between two corners, which each may round: they must not meet
-_TRIES = 4  # orders of the coils, each time that which found no way first
+_SHARE = 0.49  # of a piece between two corners, which may both be rounded: the arcs must not meet
+_TRIES = 4  # orders of the coils, each beginning with the coil that found no way
 _FIRST_LOOK = 1.5  # of the straight line from a coil to its pad: ways up to that length are looked for first
-_LOOK_AHEAD = 10  # corners of a way that one may replace
-_NANOMETRE = 9  # digits of m: rounding errors of a design's lengths are to lead no other way
+_LOOK_AHEAD = 10  # corners of a way that a single corner may replace
+_NANOMETRE = 9  # digits of m: rounding errors of a design's lengths must not change a way
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
 
 
 def route_leads(array: CoilArray, connector: Connector) -> CoilArray:
-    """Route both ends of every coil to a connector, whose holes take the place of the coils' own terminals.
+    """Route both ends of every coil to a connector.
+
+    The holes of the connector take the place of the coils' own terminals.
 
     Parameters
     ----------
@@ -51,12 +53,12 @@ def route_leads(array: CoilArray, connector: Connector) -> CoilArray:
     Returns
     -------
     CoilArray
-        Each coil with a path of its own; `CoilArray.routing` says from what it was made.
+        The array, in which each coil has a path of its own. `CoilArray.routing` holds the original array.
 
     Raises
     ------
     GeometryError
-        A coil without leads, pads that overlap, or a lead that finds no way.
+        If a coil has no leads, pads overlap, or a lead finds no way.
 
     Examples
     --------
@@ -81,6 +83,7 @@ _Place = tuple[str, Coil, tuple[str, ...], float, float, float]
 def _routed(
     stackup: Stackup, through_holes: bool, places: tuple[_Place, ...], connector: Connector
 ) -> tuple[Placement, ...]:
+    """Route the leads of placements to a connector."""
     array = CoilArray(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
     for place in array.placements:
         if place.coil.terminal is None:
@@ -113,14 +116,14 @@ def _routed(
 
 
 class NoWayError(GeometryError):
-    """The lead of a coil finds no way to its pad of a connector.
+    """No way was found from a coil to its connector pad.
 
     Attributes
     ----------
     coil : int
-        Index of the coil: it had better be the first.
+        Index of the coil, which should better be routed first.
     routed : int
-        Number of coils that had been routed before it.
+        Number of coils that were routed before it.
     """
 
     def __init__(self, coil: int, message: str) -> None:
@@ -130,18 +133,21 @@ class NoWayError(GeometryError):
 
 
 def _to_bottom(side: Side) -> int:
-    """Quarter turns that bring a side to the bottom."""
+    """Count the quarter turns that bring a side to the bottom."""
     return (SIDES.index("bottom") - SIDES.index(side)) % 4
 
 
 def _turn(quarters: int) -> FloatArray:
-    """Matrix that turns rows of points by quarter turns counter-clockwise, without rounding."""
+    """Matrix of counter-clockwise quarter turns, free of rounding.
+
+    It turns rows of points.
+    """
     c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
     return np.array([[c, s], [-s, c]], dtype=np.float64)
 
 
 def _turned(array: CoilArray, side: Side) -> CoilArray:
-    """Turn an array so that the connector's side is at the bottom."""
+    """Turn an array to bring the connector's side to the bottom."""
     quarters = _to_bottom(side)
     if not quarters:
         return array
@@ -153,7 +159,10 @@ def _turned(array: CoilArray, side: Side) -> CoilArray:
 
 
 def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
-    """Order of the coils along the edge at the bottom; of those above one another the nearest first, or last."""
+    """Order of the coils along the edge at the bottom.
+
+    Of coils above one another the nearest comes first if `near_first`, otherwise last.
+    """
     ends = np.array([place.to_board(place.coil.terminal_points).mean(axis=0) for place in array.placements])
     x, y = ends.T
     apart = min((place.coil.terminal.pad for place in array.placements if place.coil.terminal), default=1e-3)
@@ -162,7 +171,10 @@ def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
 
 
 def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> FloatArray:
-    """Places of the pads of every coil's two ends in m, shape (coils, 2, 2)."""
+    """Positions of the pads of every coil's two ends, in m.
+
+    The array has the shape (coils, 2, 2).
+    """
     largest = max(place.coil.terminal.pad for place in array.placements if place.coil.terminal)
     if connector.pitch <= largest:
         raise GeometryError(
@@ -185,7 +197,7 @@ def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> Float
 
 
 class _Grid:
-    """Nodes and edges on which leads may run, layer by layer, and what has been taken from them."""
+    """Nodes and edges for leads on each layer, and their use."""
 
     def __init__(self, array: CoilArray, connector: Connector, pads: FloatArray) -> None:
         self.array, self.connector, self.pads = array, connector, pads
@@ -245,7 +257,10 @@ class _Grid:
                 self._take(hole.layers, disc(hole.x, hole.y, hole.pad), None)
 
     def with_pads(self, pads: FloatArray) -> _Grid:
-        """Return the grid with the pads of the coils, shape (coils, 2, 2), in m; it shares what does not change."""
+        """Return the grid with the pads of the coils.
+
+        `pads` has the shape (coils, 2, 2), in m. Unchanged parts of the grid are shared.
+        """
         grid = self._copy()
         grid.pads = pads
         for k, place in enumerate(grid.array.placements):
@@ -256,16 +271,20 @@ class _Grid:
         return grid
 
     def _copy(self) -> _Grid:
-        """Return the grid with a record of its own of what has been taken."""
+        """Return the grid with its own record of occupied edges."""
         grid = copy.copy(self)
         grid.copper = {layer: list(taken) for layer, taken in self.copper.items()}
         return grid
 
     def ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
-        """Lead out the coils in an order: for each the ways of both ends, from the coil to its pad, in m."""
+        """Route the coils in the given order.
+
+        For each coil the ways of both ends are given in m, from the coil to its pad.
+        """
         return self._copy()._ways(order)
 
     def _ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
+        """Route the coils once, then straighten all ways."""
         found: dict[int, list[FloatArray]] = {}
         for coil in order:
             try:
@@ -283,7 +302,10 @@ class _Grid:
         return found
 
     def _foreign(self, coil: int, end: int) -> list[_Taken]:
-        """Copper on the layer of a lead that it must not meet: not its own pad, nor its own trace near its end."""
+        """Copper on the layer of a lead that it must not meet.
+
+        The lead may meet its own pad, and its own trace near its end.
+        """
         place = self.array.placements[coil]
         line = (coil, len(place.coil.lines) - 1 if end else 0)
         x, y = place.to_board(place.coil.terminal_points)[end].tolist()
@@ -301,6 +323,7 @@ class _Grid:
         return pieces
 
     def _way(self, coil: int, end: int) -> FloatArray:
+        """Find the shortest way from a coil's end to its pad."""
         from scipy.sparse import coo_array  # loaded for boards with a connector only
         from scipy.sparse.csgraph import dijkstra
 
@@ -340,16 +363,20 @@ class _Grid:
         )
 
     def _ahead(self, coil: int, end: int) -> FloatArray:
-        """Direction in which the own lead of a coil arrives, from where its way may not turn back on it."""
+        """Direction in which the own lead of a coil arrives.
+
+        Its way may not turn back on it.
+        """
         place = self.array.placements[coil]
         line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
         direction: FloatArray = line[-1] - line[-2]
         return direction
 
     def _with_fewer_corners(self, way: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> FloatArray:
-        """Replace corners of a way, shape (n, 2), by one wherever a straight and a slanting piece are as free.
+        """Replace corners of a way by fewer corners.
 
-        It begins in the direction `ahead`, or aside of it.
+        A straight and a slanting piece replace several corners if they are free of copper. The way has the shape (n,
+        2). It begins in the direction `ahead`, or to the side of it.
         """
         short, k = [way[0]], 0
         while k < len(way) - 1:
@@ -375,21 +402,30 @@ class _Grid:
         return _straightened(np.array(short))
 
     def _hops(self, place: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> IntArray:
-        """Nodes that a straight piece reaches from a place in m, but for those behind it."""
+        """Nodes that a straight piece reaches from a place in m.
+
+        Nodes behind the place are left out.
+        """
         apart = self.nodes - place
         close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
         hops = np.asarray(shapely.linestrings([(place, node) for node in self.nodes[close]]))
         return close[~shapely.intersects(others[:, None], hops).any(axis=0)]
 
     def _take(self, layers: Sequence[str], shape: BaseGeometry, owner: _Owner) -> None:
-        """Keep what comes after off a piece of copper; the own leads of `owner` may touch it."""
+        """Block the edges near a piece of copper for later leads.
+
+        The own leads of `owner` may touch it.
+        """
         near = shape.buffer(self.clearance).simplify(1e-3 * self.clearance)
         taken = _Taken(near, owner, self._meeting(near))
         for layer in layers:
             self.copper[layer].append(taken)
 
     def _meeting(self, shape: BaseGeometry) -> IntArray:
-        """Edges of the grid that meet a shape: those of its nodes, and of the others near it those that cross it."""
+        """Edges of the grid that meet a shape.
+
+        They are the edges of its nodes, and the other edges near it that cross it.
+        """
         x_min, y_min, x_max, y_max = (np.array(shape.bounds) - np.tile(self.nodes[0], 2)) / self.step
         around, first = [], 0
         for columns, rows in (*self._families, self._shape):  # an edge lies in the cell right of and above its number's
@@ -420,7 +456,10 @@ _Owner = tuple[int, int] | tuple[int, str, int] | None
 
 
 class _Taken(NamedTuple):
-    """A piece of copper, a clearance wider, whose it is, and the edges of the grid that it meets."""
+    """Piece of copper, widened by a clearance, with owner and edges.
+
+    The edges are the edges of the grid that it meets.
+    """
 
     shape: BaseGeometry
     owner: _Owner
@@ -428,7 +467,10 @@ class _Taken(NamedTuple):
 
 
 def _straightened(way: FloatArray) -> FloatArray:
-    """Leave out the points of a way, shape (n, 2), at which it does not turn, and those that it repeats."""
+    """Leave out repeated points, and points without a turn.
+
+    The way has the shape (n, 2).
+    """
     step = np.diff(way, axis=0)
     way = way[np.append(True, np.hypot(*step.T) > 1e-9 * np.ptp(way))]
     along = np.diff(way, axis=0)
@@ -438,7 +480,10 @@ def _straightened(way: FloatArray) -> FloatArray:
 
 
 def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
-    """Round the corners of a line with a radius in m, or as far as nearly half of its pieces allow."""
+    """Round the corners of a line with a radius in m.
+
+    The radius is reduced if it needs more than nearly half of a piece.
+    """
     step = np.diff(corners, axis=0)
     length = np.hypot(*step.T)
     along = step / length[:, None]
@@ -449,7 +494,10 @@ def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc,
 
 
 def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
-    """Return a coil whose path begins and ends with the ways, in m on the board, from its ends to their pads."""
+    """Return a coil whose path begins and ends with the ways.
+
+    The ways are in m on the board, from the coil's ends to their pads.
+    """
     coil = place.coil
     c, s = math.cos(place.rotation), math.sin(place.rotation)
     lines, widths, arcs = list(coil.lines), list(coil.widths), list(coil.arcs) or [()] * len(coil.lines)

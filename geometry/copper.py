@@ -15,16 +15,16 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import CoilArray, Placement
 
-# A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle; 4 leaves room
-# for corners down to 29°.
+# A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle. 4 leaves room for
+# corners down to 29°.
 MITRE_LIMIT = 4.0
-# Segments a quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
+# Segments per quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
 _QUADRANT = 32
 
 
 @dataclass(frozen=True)
 class CopperFeature:
-    """One piece of copper on one layer.
+    """Piece of copper on one layer.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class CopperFeature:
     kind : {"trace", "via", "terminal"}
         One line of a coil, or one pad.
     shape : shapely.Polygon
-        Outline in m, in the frame of the board; the drilled hole is not cut out.
+        Outline in m, in the frame of the board. The drilled hole is not cut out.
     """
 
     layer: str
@@ -46,7 +46,9 @@ class CopperFeature:
 
 @dataclass(frozen=True)
 class Drill:
-    """One plated hole with its pads, or a terminal's pad without a hole.
+    """Plated hole with its pads, or a pad without a hole.
+
+    The latter is a terminal that reaches a single layer.
 
     Parameters
     ----------
@@ -59,11 +61,11 @@ class Drill:
     diameter, pad : float
         Diameter of the hole and of its pads in m.
     layers : tuple of str
-        Copper layers it pierces, top to bottom; on each stands a pad.
+        Copper layers that it pierces, top to bottom. Each has a pad.
     plating : float
         Thickness of the copper barrel inside the hole in m.
     drilled : bool
-        False for a terminal that reaches one layer of several: there is its pad, and no hole is made.
+        False for a terminal that reaches one layer of several. It has a pad on this layer and no hole.
     """
 
     net: str
@@ -78,7 +80,9 @@ class Drill:
 
 
 def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
-    """Return every piece of copper: one trace a line of a coil, one pad a hole and pierced layer.
+    """Return every piece of copper.
+
+    There is a trace for each line of a coil, and a pad for each hole and pierced layer.
 
     Parameters
     ----------
@@ -118,12 +122,18 @@ def _pads_of(array: CoilArray, placement: Placement) -> Iterator[CopperFeature]:
 
 
 def drills(array: CoilArray) -> tuple[Drill, ...]:
-    """Return every hole and pad, coil by coil: the vias along the path, then the two terminals."""
+    """Return every hole and pad, coil by coil.
+
+    The vias along the path come first, then the two terminals.
+    """
     return tuple(drill for placement in array.placements for drill in drills_of(array, placement))
 
 
 def drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
-    """Return the holes and pads of one coil, as `drills`; `placement` need not be one of the array."""
+    """Return the holes and pads of one coil, as in `drills`.
+
+    `placement` need not belong to the array.
+    """
     coil, stackup, name = placement.coil, array.stackup, placement.name
     holes = []
     for (x, y), first, last in zip(
@@ -144,12 +154,12 @@ def drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
 
 
 def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
-    """Unite the copper of every net of a board on every layer.
+    """Unite the copper of every net on every layer.
 
     Returns
     -------
     dict of str to dict of str to Polygon or MultiPolygon
-        By layer, from top to bottom: copper of each net in m, in the order of the coils; nets without copper on the
+        By layer, from top to bottom, the copper of each net in m, in the order of the coils. Nets without copper on a
         layer are left out.
     """
     copper: dict[str, dict[str, BaseGeometry]] = {layer: {} for layer in array.stackup.names}
@@ -164,7 +174,7 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
 
 
 def _united(array: CoilArray, placement: Placement) -> dict[str, BaseGeometry]:
-    """Unite the copper of a coil on every layer that has some."""
+    """Unite the copper of a coil on every layer that has copper."""
     shapes: dict[str, list[shapely.Polygon]] = {}
     for feature in (*_traces_of(placement), *_pads_of(array, placement)):
         shapes.setdefault(feature.layer, []).append(feature.shape)
@@ -172,28 +182,33 @@ def _united(array: CoilArray, placement: Placement) -> dict[str, BaseGeometry]:
 
 
 def board_outline(array: CoilArray) -> shapely.Polygon:
-    """Edge of the board in m: the rectangle of `CoilArray.bounds`."""
+    """Edge of the board in m, the rectangle of `CoilArray.bounds`."""
     return shapely.box(*array.bounds)
 
 
 def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
-    """Polygon with 128 corners on the circle of the given centre and diameter, in m."""
+    """Polygon with 128 corners on a circle, in m.
+
+    `x` and `y` are the centre of the circle.
+    """
     return shapely.Point(x, y).buffer(diameter / 2, quad_segs=_QUADRANT)
 
 
 def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Cut a centre line, shape (n, 2), where its width, shape (n − 1,), changes, all in m.
+    """Cut a centre line where its width changes.
 
-    The pieces come in order, each with its one width; every piece begins where the one before ends.
+    The line has the shape (n, 2), the widths have the shape (n − 1,), all in m. The pieces come in order, each with its
+    width. Every piece begins at the end of the piece before.
     """
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
 
 
 def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
-    """Return rectangles of the given widths in m about segments, with no corners and ends beyond them, shape (n, 4, 2).
+    """Return rectangles of the given widths about segments.
 
-    `ends` are those of the segments, shape (n, 2, 2) in m; the corners are anticlockwise.
+    They have the shape (n, 4, 2) and do not extend beyond the ends of the segments. `ends` are the ends of the segments
+    in m, shape (n, 2, 2). The corners are anticlockwise.
     """
     start, stop = ends[:, 0], ends[:, 1]
     along = stop - start
@@ -203,8 +218,11 @@ def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
 
 
 def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
-    """Lowest index with which each of `count` indices hangs together through the pairs."""
-    from scipy.sparse import coo_array  # loaded by who reads a board only
+    """Lowest index connected with each index through the pairs.
+
+    There are `count` indices.
+    """
+    from scipy.sparse import coo_array  # slow to import, and needed only to read a board
     from scipy.sparse.csgraph import connected_components
 
     i, j = np.array(list(pairs), dtype=np.int64).reshape(-1, 2).T
@@ -214,13 +232,14 @@ def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
 
 
 def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
-    """Outline in m of a trace: flat ends, mitred corners, round ones where the width changes.
+    """Outline in m of a trace.
 
-    `line` is its centre line, shape (n, 2), and `widths` the width of every segment, shape (n − 1,) or scalar, in m.
+    It has flat ends, mitred corners, and round corners where the width changes. `line` is the centre line, shape (n,
+    2), and `widths` the width of every segment, shape (n − 1,) or scalar, in m.
     """
     runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
     ribbons = [_ribbon(piece, width) for piece, width in runs]
-    # the joint fills the corner and makes the pieces overlap, so that their union is one polygon
+    # the joint fills the corner and makes the pieces overlap, so their union is one polygon
     joints = [
         disc(float(piece[-1, 0]), float(piece[-1, 1]), min(width, following))
         for (piece, width), (_, following) in pairwise(runs)
@@ -229,9 +248,9 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
 
 
 def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
-    """Outline of a trace of one width whose corners and runs leave each other free; None for any other.
+    """Outline of a trace of one width, if it is simple.
 
-    `line` is its centre line, shape (n, 2), in m.
+    None if corners or runs of the trace meet. `line` is the centre line, shape (n, 2), in m.
     """
     offset = _corners(line, width)[1]
     if offset is None:
@@ -245,7 +264,7 @@ def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
 
     Notes
     -----
-    Built from the offset corners themselves: the general buffer of GEOS simplifies its input by up to 1 % of the
+    Built from the offset corners themselves. The general buffer of GEOS simplifies its input by up to 1 % of the
     distance, which shows in the area of a finely divided circle.
     """
     simple = simple_outline(line, width)
@@ -253,10 +272,11 @@ def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
 
 
 def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArray], FloatArray | None]:
-    """Find normals of segments (n − 1, 2), mitres of corners (n − 2, 2), and offsets of the sides (n, 2) in m.
+    """Find normals, mitres and side offsets of a centre line.
 
-    A mitre beyond the limit is zero. The offsets are None if there is one, or where a segment is shorter than its
-    corners.
+    The normals of segments have the shape (n − 1, 2), the mitres of corners (n − 2, 2), and the offsets of the sides
+    (n, 2), in m. A mitre beyond the limit is zero. The offsets are None if there is such a mitre, or if a segment is
+    shorter than its corners.
     """
     half = width / 2
     step = np.diff(line, axis=0)
@@ -275,7 +295,10 @@ def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArr
 
 
 def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: FloatArray) -> shapely.Polygon:
-    """Union of a rectangle a segment and a wedge a corner, for traces that overlap themselves."""
+    """Unite the segment rectangles and corner wedges of a trace.
+
+    It is needed for traces that overlap themselves.
+    """
     side = half * left
     rectangles = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
     turn = np.sign(left[:-1, 0] * left[1:, 1] - left[:-1, 1] * left[1:, 0])[
@@ -283,7 +306,7 @@ def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: Floa
     ]  # +1: the corner opens on the right
     corner, before, after = line[1:-1], -turn * side[:-1], -turn * side[1:]
     tip = np.where((mitre == 0).all(axis=1, keepdims=True), 0.5 * (before + after), -turn * half * mitre)
-    # the wedge starts a little inside, so that the union leaves no slit between it and the rectangles
+    # the wedge starts slightly inside, so the union leaves no slit between it and the rectangles
     inside = -1e-3 * (before + after)
     wedges = np.stack((corner + before, corner + tip, corner + after, corner + inside), axis=1)
     pieces = [shapely.polygons(rectangles), shapely.polygons(wedges[turn[:, 0] != 0])]

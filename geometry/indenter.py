@@ -1,7 +1,7 @@
-"""Rigid indenters: what each looks like from below.
+"""Rigid indenters and their profiles.
 
-The tip is at r = 0 and points downwards; `profile` is the height of the surface above the tip. Axial bodies are bodies
-of revolution and r is the distance from the axis; plane ones are infinitely long along y and r is |x|.
+The tip is at r = 0 and points downwards. `profile` is the height of the surface above the tip. Axial bodies are bodies
+of revolution, and r is the distance from the axis. Plane bodies are infinitely long along y, and r is |x|.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError, require_positive
 
 Symmetry = Literal["axial", "plane"]
-"""``"axial"``: a body of revolution; ``"plane"``: infinitely long along y."""
+"""``"axial"`` is a body of revolution, ``"plane"`` a body infinitely long along y."""
 
 
 class _Tip:
-    """What all indenters share; each says its `profile` and `radius_at`."""
+    """Common base of all indenters.
+
+    Subclasses define `profile` and `radius_at`.
+    """
 
     radius: float
     name: ClassVar[str]
@@ -29,18 +32,24 @@ class _Tip:
 
     @property
     def largest_radius(self) -> float:
-        """Largest radius (of a plane body: size of x) in m at which the body can touch; inf where it has no end."""
+        """Largest radius in m at which the body can touch.
+
+        For a plane body it is the largest |x|. It is inf for an infinite body.
+        """
         return self.radius
 
     @property
     def height(self) -> float:
-        """Largest depth in m that the shape is known for; inf where it goes on, as the rod above an edge does."""
+        """Largest depth in m for which the shape is known.
+
+        It is inf if the shape continues, like the rod above an edge.
+        """
         return math.inf
 
 
 @dataclass(frozen=True)
 class _Body(_Tip):
-    """An indenter whose first parameter is its radius."""
+    """Indenter whose first parameter is its radius."""
 
     radius: float
 
@@ -49,15 +58,18 @@ class _Body(_Tip):
 
 
 class _Round(_Body):
-    """A body with a circular section."""
+    """Body with a circular section."""
 
     @property
     def height(self) -> float:
-        """Radius in m: what is above the lower half is not known."""
+        """Radius in m, because only the lower half is known."""
         return self.radius
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the distances `r` in m, R − √(R² − r²); inf beyond R."""
+        """Height above the tip in m, R − √(R² − r²).
+
+        `r` are distances in m. The height is inf beyond R.
+        """
         distance = np.asarray(r, dtype=float)
         inside = distance <= self.radius
         square = np.where(inside, distance, 0.0) ** 2
@@ -65,18 +77,23 @@ class _Round(_Body):
         return np.where(inside, height, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m (of a plane body: half the width) of the cut at a height in m above the tip, at most R."""
+        """Radius in m of the cut at a height in m.
+
+        For a plane body it is half the width. The height is above the tip. The radius is at most R.
+        """
         return self.radius if height >= self.radius else math.sqrt(height * (2 * self.radius - height))
 
 
 @dataclass(frozen=True)
 class Hemisphere(_Round):
-    """The lower half of a ball, as on the tip of a rod of the same radius.
+    """Lower half of a ball, as on the tip of a rod.
+
+    The rod has the same radius.
 
     Parameters
     ----------
     radius : float
-        Radius in m, positive and finite; GeometryError otherwise.
+        Radius in m, positive and finite. Otherwise GeometryError is raised.
 
     Examples
     --------
@@ -90,9 +107,9 @@ class Hemisphere(_Round):
 
 @dataclass(frozen=True)
 class Paraboloid(_Body):
-    """A paraboloid of revolution: what a ball looks like from near its tip.
+    """Paraboloid of revolution, the shape of a ball near its tip.
 
-    `radius` is that of curvature at the tip in m, positive and finite; GeometryError otherwise.
+    `radius` is the radius of curvature at the tip in m, positive and finite. Otherwise GeometryError is raised.
 
     Examples
     --------
@@ -104,11 +121,13 @@ class Paraboloid(_Body):
 
     @property
     def largest_radius(self) -> float:
-        """Largest radius in m: infinite, as a paraboloid has no end."""
+        """Largest radius in m, infinite for a paraboloid."""
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m, r²/(2R).
+        """Height above the tip in m at the radii `r`, r²/(2R).
+
+        `r` is in m.
 
         Returns
         -------
@@ -129,20 +148,24 @@ class Paraboloid(_Body):
 
 
 EDGE = 0.1
-"""Radius of the rounded edge of a punch over the punch's own, where none is given: it takes some 5 % of the force."""
+"""Default ratio of a punch's edge radius to its radius. It reduces the force by some 5 %."""
 
 
 class _Edged(_Tip):
-    """An indenter that ends with an edge, rounded for large deformations: a sharp one would cut the sheet."""
+    """Indenter with an edge, rounded for large deformations.
+
+    A sharp edge would cut the sheet.
+    """
 
     edge_radius: float | None
 
     @property
     def rounding(self) -> float:
-        """Radius of the edge in m; inf where there is no edge."""
+        """Radius of the edge in m, inf without an edge."""
         return EDGE * self.radius if self.edge_radius is None else self.edge_radius
 
     def _check_edge(self) -> None:
+        """Raise GeometryError if the edge radius is not allowed."""
         edge = self.edge_radius
         if edge is not None and not (0 < edge <= self.radius and math.isfinite(self.radius)):
             raise GeometryError(
@@ -153,15 +176,15 @@ class _Edged(_Tip):
 
 @dataclass(frozen=True)
 class FlatPunch(_Edged, _Body):
-    """The flat end of a rod.
+    """Flat end of a rod.
 
     Parameters
     ----------
     radius : float
-        Radius in m, positive and finite; GeometryError otherwise.
+        Radius in m, positive and finite. Otherwise GeometryError is raised.
     edge_radius : float, optional
-        Radius in m of its rounded edge under large deformations, at most `radius`; 10 % of it by default. Linear
-        elasticity takes the edge as sharp, and so does `profile`.
+        Radius in m of its rounded edge under large deformations, at most `radius`. By default it is 10 % of `radius`.
+        Linear elasticity and `profile` take the edge as sharp.
 
     Examples
     --------
@@ -177,7 +200,9 @@ class FlatPunch(_Edged, _Body):
         self._check_edge()
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m: 0 under the punch, inf beyond it.
+        """Height above the tip in m, 0 under the punch.
+
+        `r` are radii in m. The height is inf beyond the punch.
 
         Returns
         -------
@@ -199,18 +224,18 @@ class FlatPunch(_Edged, _Body):
 
 @dataclass(frozen=True)
 class Cone(_Edged):
-    """A cone with its tip down.
+    """Cone with its tip down.
 
-    Raises GeometryError for an angle or a radius that is not allowed.
+    Raises GeometryError if an angle or a radius is not allowed.
 
     Parameters
     ----------
     half_angle : float
-        Angle between the axis and the surface in rad, between 0 and π/2; near π/2 the cone is blunt.
+        Angle between the axis and the surface in rad, between 0 and π/2. Near π/2 the cone is blunt.
     radius : float, optional
-        Radius in m at which the cone ends, positive; without it the cone has no end.
+        Radius in m at which the cone ends, positive. By default the cone is infinite.
     edge_radius : float, optional
-        Radius in m of the rounded edge there, as that of a `FlatPunch`.
+        Radius in m of the rounded edge there, as in `FlatPunch`.
 
     Examples
     --------
@@ -231,7 +256,9 @@ class Cone(_Edged):
         self._check_edge()
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the end.
+        """Height above the tip in m, r/tan(half angle).
+
+        `r` are radii in m. The height is inf beyond the end.
 
         Returns
         -------
@@ -242,7 +269,9 @@ class Cone(_Edged):
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m above the tip, at most `radius`.
+        """Radius in m of the cut at a height in m.
+
+        The height is above the tip. The radius is at most `radius`.
 
         Returns
         -------
@@ -254,9 +283,9 @@ class Cone(_Edged):
 
 @dataclass(frozen=True)
 class CylinderEdge(_Round):
-    """An infinitely long cylinder that lies on the sample along y: plane strain.
+    """Infinite cylinder along y that lies on the sample.
 
-    `radius` in m is positive and finite; GeometryError otherwise.
+    The deformation is plane strain. `radius` in m must be positive and finite. Otherwise GeometryError is raised.
 
     Examples
     --------

@@ -13,21 +13,21 @@ from coilarray.errors import GeometryError
 
 @dataclass(frozen=True)
 class Material:
-    """A uniform, linear material that carries eddy currents.
+    """Uniform, linear material that carries eddy currents.
 
     Parameters
     ----------
     name : str
-        Name of the material, as in `MATERIALS` or of one's own.
+        Name of the material, as in `MATERIALS` or your own.
     conductivity : float
-        Conductivity in S/m, at least 0; inf is a perfect conductor.
+        Conductivity in S/m, at least 0. inf is a perfect conductor.
     relative_permeability : float
-        At least 1.
+        Relative permeability, at least 1.
 
     Raises
     ------
     GeometryError
-        A value that is not allowed, or neither conductivity nor permeability, which would be air.
+        If a value is not allowed, or the material has neither conductivity nor permeability and would be air.
 
     Examples
     --------
@@ -53,11 +53,13 @@ class Material:
 
     @property
     def words(self) -> str:
-        """Name for people, as "stainless steel"."""
+        """Name for people, such as "stainless steel"."""
         return self.name.replace("_", " ")
 
     def skin_depth(self, frequency: float) -> float:
-        """Depth in m at which a field of a frequency in Hz has fallen by e, 1/√(π f µ σ); inf without conductivity.
+        """Skin depth in m at a frequency in Hz.
+
+        At this depth, 1/√(π f µ σ), a field has fallen by e. It is inf without conductivity.
 
         Returns
         -------
@@ -81,6 +83,6 @@ _SOURCES: tuple[tuple[Material, str], ...] = (
     (Material("ferrite", 0.1, 2200.0), "MnZn N87, initial µr 2200 and 10 Ωm at 25 °C (TDK)"),
 )
 MATERIALS: Mapping[str, Material] = MappingProxyType({material.name: material for material, _ in _SOURCES})
-"""Materials by their names in files, at 20 °C where nothing else is said."""
+"""Materials by their names in files, at 20 °C unless stated otherwise."""
 MATERIAL_SOURCES: Mapping[str, str] = MappingProxyType({material.name: source for material, source in _SOURCES})
-"""Grade of every named material, where its values are from, and what is assumed."""
+"""Grade of every named material, source of its values, and assumptions."""

@@ -1,4 +1,4 @@
-"""Copper in copper: paths that would be one conductor where they are counted as two, or as a longer one."""
+"""Overlapping copper: paths that would be one conductor but are counted as two, or as a longer path."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ _ALIKE = 1e-9  # of a size: equal but for rounding
 
 @dataclass(frozen=True, eq=False)
 class _Trace:
-    """Flat bars of a path that follow each other: centre line, shape (n + 1, 2), and widths, shape (n,), in m.
+    """Consecutive flat bars of a path, by centre line and widths.
 
-    `path` is the number of the path, z and thickness are in m, and what has one `shape` is equal but for the place.
-    `closed` says that the trace is all of the path, whose end meets its beginning.
+    The centre line has the shape (n + 1, 2), the widths have the shape (n,), both in m. `path` is the number of the
+    path. z and thickness are in m. Traces of one `shape` are equal but for the place. `closed` is True if the trace is
+    the whole path and its end meets its beginning.
     """
 
     path: int
@@ -55,16 +56,17 @@ class _Trace:
 
 
 _Place = tuple[_Trace, _Trace, float, float, float]
-"""Two traces, or one twice, their distance in m, negative where they overlap, and x and y in m of the place."""
+"""Two traces (or the same trace twice), their distance in m, negative if they overlap, and x and y in m."""
 
 
 def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = None) -> None:
-    """Raise GeometryError where flat bars of two paths, or two turns of one path, overlap at one height.
+    """Raise GeometryError if flat bars overlap at one height.
 
-    Measured as `coilarray.geometry.check_rules` does: the outlines of different paths, with mitred corners, and within
-    a path the places that face each other across the way of the current. Copper may touch, and overlap by up to 1 µm as
-    the limits of the rules may be missed by so much, and the end of a path may meet its beginning. Bars that are not
-    flat, as those of vias, are left out. With the `stackup` the error names the layer instead of the height.
+    The bars may belong to two paths or to two turns of one path. The distance is measured as in
+    `coilarray.geometry.check_rules`: between the outlines of different paths, with mitred corners, and within a path
+    between the places that face each other across the way of the current. Copper may touch, and may overlap by up to 1
+    µm, which is also the tolerance of the rules. The end of a path may meet its beginning. Bars that are not flat, such
+    as the bars of vias, are left out. With the `stackup` the error names the layer instead of the height.
 
     Examples
     --------
@@ -86,7 +88,7 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
 
 
 def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
-    """Give the flat runs of a path, and keep what shapes there are."""
+    """Yield the flat runs of a path, and record their shapes."""
     vertices, z = conductor.vertices, conductor.vertices[:, 2]
     flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
     ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
@@ -101,12 +103,18 @@ def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iter
 
 
 def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
-    """Write vectors in m as steps that are small against the size of a line; + 0.0: no −0."""
+    """Write vectors in m as steps small against a line's size.
+
+    Adding 0.0 avoids −0.
+    """
     return np.asarray(np.round(way / (_ALIKE * np.abs(line - line[0]).max())) + 0.0)
 
 
 def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
-    """Give the nearest places of each trace that face each other, and of two traces of one path."""
+    """Yield the nearest places that face each other in one path.
+
+    They are within one trace or between two traces.
+    """
     for trace in {trace.shape: trace for trace in traces}.values():
         # the cheaper of two that agree
         if np.ptp(trace.widths) > 0 or simple_outline(trace.line, float(trace.widths[0])) is None:
@@ -123,7 +131,10 @@ def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
 
 
 def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Give a closed trace twice, without its end and without its beginning, which are joined to each other."""
+    """Yield a closed trace without its end, then without its beginning.
+
+    End and beginning are joined to each other.
+    """
     for line, widths in ((trace.line, trace.widths), (trace.line[::-1], trace.widths[::-1])):
         step = np.diff(line, axis=0)
         way = np.cumsum(np.hypot(*step.T))
@@ -135,7 +146,10 @@ def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
 
 
 def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
-    """Give the places where traces of two paths meet; of those that lie to each other alike, one."""
+    """Yield the places where traces of two paths meet.
+
+    Of pairs with the same relative position, one pair is measured.
+    """
     margin = MITRE_LIMIT / 2 * np.array([trace.widths.max() for trace in traces])
     low = np.array([trace.line.min(axis=0) for trace in traces]).reshape(-1, 2) - margin[:, None]
     high = np.array([trace.line.max(axis=0) for trace in traces]).reshape(-1, 2) + margin[:, None]

@@ -16,29 +16,31 @@ from coilarray.geometry.material import Material
 from coilarray.geometry.values import Point
 
 TOUCHING = 1e-9
-"""Length in m by which bodies that touch may overlap: rounding of sums of thicknesses."""
+"""Length in m by which touching bodies may overlap through rounding of summed thicknesses."""
 _CORNERS = 96  # of the polygon that stands for a circle of the same area
 
 
 @dataclass(frozen=True)
 class Plate:
-    """A flat plate parallel to the board, wide against the coils: an infinite plate.
+    """Infinite flat plate parallel to the board.
+
+    It stands for a plate that is wide compared with the coils.
 
     Parameters
     ----------
     name : str
         Name of the plate.
     z : float
-        Height of its lower face in m; the upper face of the board is at 0.
+            Height of its lower face in m. The upper face of the board is at 0.
     thickness : float
         Thickness in m.
     material : Material
-        Material.
+            Material of the plate.
 
     Raises
     ------
     GeometryError
-        A height that is not finite, or a thickness that is not positive.
+            If the height is not finite, or the thickness is not positive.
     """
 
     name: str
@@ -57,7 +59,7 @@ class Plate:
         return self.z, self.z + self.thickness
 
     def lifted(self, height: float) -> Plate:
-        """Return the plate moved up by a height in m.
+        """Return the plate moved up by `height` in m.
 
         Returns
         -------
@@ -69,7 +71,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Disc:
-    """A circular outline, by its radius in m."""
+    """Circular outline, given by its radius in m."""
 
     radius: float
 
@@ -78,18 +80,24 @@ class Disc:
 
     @property
     def exterior(self) -> tuple[Point, ...]:
-        """Corners in m of a polygon of the same area about the centre, anticlockwise."""
+        """Corners in m of a polygon of the same area.
+
+        It lies about the centre, anticlockwise.
+        """
         return _circle(self.radius)
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """No hole."""
+        """Empty, because a disc has no hole."""
         return ()
 
 
 @dataclass(frozen=True)
 class Rectangle:
-    """A rectangular outline, by its width along x and its height along y in m."""
+    """Rectangular outline, given by width and height in m.
+
+    The width lies along x and the height along y.
+    """
 
     width: float
     height: float
@@ -106,13 +114,16 @@ class Rectangle:
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """No hole."""
+        """Empty, because a rectangle has no hole."""
         return ()
 
 
 @dataclass(frozen=True)
 class Ring:
-    """An outline between two circles about one centre, of the larger `radius` and the smaller `inner_radius` in m."""
+    """Outline between two circles about one centre.
+
+    `radius` is the larger radius and `inner_radius` the smaller radius, both in m.
+    """
 
     radius: float
     inner_radius: float
@@ -127,30 +138,36 @@ class Ring:
 
     @property
     def exterior(self) -> tuple[Point, ...]:
-        """Corners in m of a polygon of the same area as the outer circle, anticlockwise."""
+        """Polygon corners in m for the outer circle, anticlockwise.
+
+        Polygon and circle have the same area.
+        """
         return _circle(self.radius)
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """Corners in m of a polygon of the same area as the inner circle."""
+        """Polygon corners in m for the inner circle.
+
+        Polygon and circle have the same area.
+        """
         return (_circle(self.inner_radius),)
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """An outline of any corners.
+    """Outline of any polygon, with holes.
 
     Parameters
     ----------
     exterior : tuple of points
-        Corners (x, y) in m about the centre of the plate, in either sense, the first one not repeated.
+            Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not repeated.
     holes : tuple of such tuples
         Corners of each hole.
 
     Raises
     ------
     GeometryError
-        Fewer than three corners, an outline that crosses itself, or holes that are not inside or touch.
+            If there are fewer than three corners, the outline crosses itself, or holes touch or are not inside.
     """
 
     exterior: tuple[Point, ...]
@@ -175,34 +192,34 @@ def _circle(radius: float) -> tuple[Point, ...]:
 
 
 Outline: TypeAlias = Disc | Rectangle | Ring | Polygon
-"""What a plate looks like from above; all have `exterior` and `holes`."""
+"""Outline of a plate seen from above. All kinds have `exterior` and `holes`."""
 
 
 @dataclass(frozen=True)
 class FinitePlate:
-    """A flat plate with an outline, parallel to the board or tilted.
+    """Flat plate with an outline, parallel to the board or tilted.
 
     Parameters
     ----------
     name : str
         Name of the plate.
     outline : Outline
-        Its outline about its centre.
+            Outline about the plate's centre.
     centre : tuple of float
-        x, y and z in m of the outline's origin in the middle of the thickness; the board's upper face is at z = 0.
+            x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper face is at z = 0.
     thickness : float
         Thickness in m.
     material : Material
-        Material.
+            Material of the plate.
     tilt : float
-        Angle in rad by which it rises towards `tilt_direction`, less than a right angle.
+            Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float
         Angle in rad from the x axis.
 
     Raises
     ------
     GeometryError
-        A value that is not allowed.
+            If a value is not allowed.
     """
 
     name: str
@@ -224,7 +241,10 @@ class FinitePlate:
 
     @property
     def axes(self) -> FloatArray:
-        """Unit vectors, without unit, along its own x, y and normal on the board, in rows, shape (3, 3)."""
+        """Unit vectors of the plate's x, y and normal.
+
+        They are dimensionless, in the frame of the board, and form the rows of an array of shape (3, 3).
+        """
         cos, sin = math.cos(self.tilt_direction), math.sin(self.tilt_direction)
         rise, run = math.sin(self.tilt), math.cos(self.tilt)
         along, across = np.array([cos * run, sin * run, rise]), np.array([-sin, cos, 0.0])
@@ -232,7 +252,9 @@ class FinitePlate:
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
     def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
-        """Places on the board in m, shape (n, 3), of points of the mid-plane in its own x and y in m, shape (n, 2).
+        """Transform points of the mid-plane to the board's frame.
+
+        The points are given in the plate's own x and y in m, shape (n, 2).
 
         Returns
         -------
@@ -242,7 +264,7 @@ class FinitePlate:
         return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
 
     def lifted(self, height: float) -> FinitePlate:
-        """Return the plate moved up by a height in m.
+        """Return the plate moved up by `height` in m.
 
         Returns
         -------

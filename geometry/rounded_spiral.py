@@ -1,13 +1,15 @@
 """Centre lines of spirals with parallel sides and round corners: rectangles, racetracks, circles, rounded polygons.
 
-The sides of a turn are parallel to those of the enclosing shape. With the rule "parallel" all N of the outermost turn
-lie at the stated size, and those of each following turn one pitch w + s further in; with the rule "corner" side k of a
-layer, counted from 0, lies w/2 + (w + s)·k/N further in. The turns keep the gap s everywhere on the sides. The corner
-after side k is an arc about the same centre in every turn, so that they keep it in the corners too, until its radius
-would fall below one trace width; inner turns keep that radius. A winding starts and ends in the middle of a side;
-one of parallel sides with sharp corners starts at the beginning of a side, as `Spiral` does.
+The sides of a turn are parallel to the sides of the enclosing shape. With the rule "parallel", all N sides of the
+outermost turn lie at the stated size, and the sides of each following turn lie one pitch w + s further in. With the
+rule "corner", side k of a layer, counted from 0, lies w/2 + (w + s)·k/N further in. Along the sides the turns keep the
+gap s everywhere. The corner after side k is an arc, with the same centre in every turn, so the gap is kept in the
+corners too. If the radius would fall below one trace width, the inner turns keep one trace width as radius. A winding
+starts and ends in the middle of a side. A winding with parallel sides and sharp corners starts at the beginning of a
+side, as `Spiral` does.
 
-A circle is a square whose corners are as round as can be: quarter circles joined by straight pieces of a quarter pitch.
+A circle is a square with the largest possible corner radius: quarter circles joined by straight pieces of a quarter
+pitch.
 """
 
 from __future__ import annotations
@@ -26,33 +28,35 @@ from coilarray.geometry.spiral import Sense, Winding, WindingRule
 
 @dataclass(frozen=True)
 class RoundedSpiral(Winding):
-    """A planar spiral with parallel sides, wound inwards on even layers and outwards on odd ones.
+    """Planar spiral with parallel sides and round or sharp corners.
 
-    Raises GeometryError for a size that is not positive and finite, fewer than 3 sides, sizes that differ where there
-    are not four sides, a radius that does not fit, or more turns than fit.
+    Even layers are wound inwards, odd layers outwards.
+
+    Raises GeometryError if the size is not positive and finite, if there are fewer than 3 sides, if the two sizes
+    differ without four sides, if the radius does not fit, or if the turns do not fit.
 
     Parameters
     ----------
     extent, breadth : float
-        Sizes in m between the outer copper edges, along the direction in which the winding starts and across it; twice
-        the apothem for other numbers of sides than four, for which both are equal.
+            Sizes in m between the outer copper edges, along the direction in which the winding starts and across it.
+            For a number of sides other than four, both are equal to twice the apothem.
     turns : float
-        Turns a layer, a positive multiple of 1/sides.
+            Turns per layer, a positive multiple of 1/sides.
     trace_width, gap : float
-        Width of the trace and of the space between turns in m.
+            Width of the trace and of the gap between turns in m.
     corner_radius : float
         Radius in m of the outer copper edge at the corners, up to half of the smaller size; 0 for sharp corners.
     sides : int
         Sides of the enclosing polygon, at least 3.
     direction : float
-        Angle in rad of the middle of the outermost turn's first side, seen from the centre. The turn starts there, or
-        at the side's beginning where its sides are parallel and its corners sharp.
+            Angle in rad of the middle of the outermost turn's first side, seen from the centre. The turn starts there.
+            With parallel sides and sharp corners it starts at the beginning of the side.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}
-        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in at the end of its
-        last side. "corner": each side lies 1/sides of a pitch further in than the one before. A circle follows the
-        latter whatever is given: its outer edge starts on the circle of the stated size and nears the centre steadily.
+            "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in at the end of its
+            last side. "corner": each side lies 1/sides of a pitch further in than the side before. A circle always
+            follows "corner": its outer edge starts on the circle of the stated size and approaches the centre steadily.
 
     Examples
     --------
@@ -92,26 +96,34 @@ class RoundedSpiral(Winding):
 
     @property
     def is_circle(self) -> bool:
-        """True if the enclosing shape is a circle."""
+        """Whether the enclosing shape is a circle."""
         return self.sides == 4 and self.extent == self.breadth == 2 * self.corner_radius
 
     @property
     def is_parallel(self) -> bool:
-        """True if the sides of a turn have the same distance from those of the enclosing shape; never for a circle."""
+        """Whether each turn is parallel to the enclosing shape.
+
+        This is never so for a circle.
+        """
         return super().is_parallel and not self.is_circle
 
     @property
     def is_racetrack(self) -> bool:
-        """True if the enclosing shape ends in half circles."""
+        """Whether the enclosing shape ends in half circles."""
         return self.sides == 4 and self.corner_radius == min(self.extent, self.breadth) / 2
 
     @property
     def inner_apothem(self) -> float:
-        """Distance in m from the centre to the nearest side of the centre line at its inner end."""
+        """Apothem in m of the centre line's inner end.
+
+        It is the distance from the centre to the nearest side there.
+        """
         return min(self.extent, self.breadth) / 2 - self.trace_width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer as `Winding.centre_line`, with arcs as short straight pieces.
+        """Vertices of one layer, with arcs as short straight pieces.
+
+        See `Winding.centre_line`.
 
         Returns
         -------
@@ -131,7 +143,9 @@ class RoundedSpiral(Winding):
         return () if self._starts_at_corner else self._rounded(layer)[1]
 
     def outline(self) -> FloatArray:
-        """Points of the enclosing shape (the nominal outer copper edge), shape (n, 2), x and y in m.
+        """Points of the enclosing shape, x and y in m.
+
+        The shape is the nominal outer copper edge.
 
         Returns
         -------
@@ -144,7 +158,9 @@ class RoundedSpiral(Winding):
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Middle in m of the side number `step` of the outermost turn, or its beginning if turns start there.
+        """Middle of side number `step` of the outermost turn.
+
+        If turns start at the beginning of a side, it is the beginning of the side.
 
         Returns
         -------
@@ -156,7 +172,9 @@ class RoundedSpiral(Winding):
         return np.asarray(self._foot(np.array([step]), np.array([self.trace_width / 2]))[0])
 
     def junction(self, layer: int) -> FloatArray:
-        """Place about whose ray the ends of a layer and the next one lie, as `Winding.junction`.
+        """Point shared by the ends of two successive layers.
+
+        See `Winding.junction`.
 
         Returns
         -------
@@ -166,7 +184,10 @@ class RoundedSpiral(Winding):
         return self._sharp_junction(layer) if self._starts_at_corner else super().junction(layer)
 
     def outwards(self, step: int) -> FloatArray:
-        """Direction straight outwards from the middle of side `step`, or between both sides from its beginning.
+        """Outward direction at the start of side `step`.
+
+        It is the normal of the side if turns start in its middle. Otherwise it lies between the normals of both sides
+        at its beginning.
 
         Returns
         -------
@@ -189,6 +210,7 @@ class RoundedSpiral(Winding):
         return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
 
     def _rounded(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
+        """Centre line of one layer, shape (n, 2) in m, and its arcs."""
         k = np.arange(self.steps + 1)
         inset = self._insets(k if layer % 2 == 0 else self.steps - k)
         sides = layer * self.steps + k
@@ -198,7 +220,7 @@ class RoundedSpiral(Winding):
         else:
             inner, radii = self._corners(sides, inset), self._radii(inset)
         if self.corner_radius:
-            # the first and the last half side may be a little short for the arc
+            # the first and the last half side may be slightly too short for the arc
             half = math.tan(math.pi / self.sides)
             for end in (0, -1):
                 radii[end] = min(radii[end], float(np.hypot(*(ends[end] - inner[end]))) / half)
@@ -210,6 +232,9 @@ class RoundedSpiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), distance
 
     def _foot(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Points in m of sides, moved in by `inset`, that are nearest to the centre."""
+        """Points in m of sides nearest to the centre.
+
+        The sides are moved in by `inset`.
+        """
         normal, distance = self._normals(sides)
         return np.asarray((distance - inset)[:, None] * normal)

@@ -1,4 +1,4 @@
-"""Fabrication rules as continuous margins: how far each limit is kept or broken, and where."""
+"""Fabrication rules as continuous margins: by how much each limit is kept or broken, and where."""
 
 from __future__ import annotations
 
@@ -25,50 +25,52 @@ if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
 
 # Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
-# every corner lies a fraction of a pitch further in than the one before: turns of nominal gap s come as close as
-# s − (w + s)·tan(π/N)·δ, with δ the difference of their tilts, 0.8 µm less than 0.1 mm for 30 hexagonal turns of
-# 23 mm. Fabricators state their limits to 10 µm. Floating-point noise is far below.
+# every corner lies a fraction of a pitch further in than the corner before. Turns of nominal gap s come as close as s −
+# (w + s)·tan(π/N)·δ, with δ the difference of their tilts. This is 0.8 µm less than 0.1 mm for 30 hexagonal turns of 23
+# mm. Fabricators state their limits to 10 µm. Floating-point noise is far below.
 KEPT_WITHIN = 1e-6
 
 # Pieces of copper further apart than this many limits are not listed.
 _HORIZON = 10.0
-# Two places of one trace count as separate pieces where the way along the copper is at least this many times the
-# distance across: a corner of 39° or more, an arc or a straight run never is, facing turns and hairpins are.
+# Two places of one trace count as separate pieces if the way along the copper is at least this many times the distance
+# across. A corner of 39° or more, an arc or a straight run never is. Facing turns and hairpins are.
 TRACE_DETOUR = 3.0
-# The same for a pad and the trace that leaves it; 1.42 is a right angle at the pad.
+# The same for a pad and the trace that leaves it. A right angle at the pad has 1.42.
 _PAD_DETOUR = 1.5
 
 
 @dataclass(frozen=True)
 class FabRules:
-    """Limits of a fabricator; the defaults suit common four-layer prototype services and leave the board itself free.
+    """Limits of a fabricator.
 
-    Raises GeometryError for a limit that is negative or not finite.
+    The defaults suit common four-layer prototype services. They do not limit the board itself.
+
+    Raises GeometryError if a limit is negative or not finite.
 
     Parameters
     ----------
     min_trace : float
         Narrowest trace in m.
     min_gap : float
-        Smallest distance of separate copper on one layer in m, within one net too.
+        Smallest distance in m of separate copper on one layer, also within one net.
     min_drill : float
         Smallest hole in m.
     min_annular_ring : float
         Narrowest copper ring around a hole in m.
     min_edge_clearance : float
-        Smallest distance of copper to the edge of the board in m.
+        Smallest distance in m of copper to the edge of the board.
     min_hole_spacing : float
-        Smallest distance of two holes, wall to wall, in m.
+        Smallest distance in m of two holes, wall to wall.
     max_layers : int or None
         Most copper layers.
     max_outer_copper, max_inner_copper : float or None
-        Thickest copper in m of the outer and of the inner layers: that for which the other limits hold.
+        Thickest copper in m of the outer and of the inner layers for which the other limits hold.
     max_aspect_ratio : float or None
         Largest ratio of the depth of a hole to its diameter.
     max_board : tuple of float or None
-        Largest sides of the board in m, either way round.
+        Largest sides of the board in m, in either orientation.
     blind_holes : bool
-        False: every hole must go through the whole board.
+        If False, every hole must go through the whole board.
     """
 
     min_trace: float = 0.1e-3
@@ -98,19 +100,21 @@ class FabRules:
         Parameters
         ----------
         layer, layers : int
-            Place of the layer, counted from 0, and number of copper layers of the board.
+            Position of the layer, counted from 0, and number of copper layers of the board.
 
         Returns
         -------
         float or None
-            Thickness in m; None where there is no limit.
+            Thickness in m. None if there is no limit.
         """
         return self.max_inner_copper if 0 < layer < layers - 1 else self.max_outer_copper
 
 
 @dataclass(frozen=True)
 class Margin:
-    """How far one rule is kept on one layer by one net or pair of nets at the worst place, or by the board.
+    """Margin by which one rule is kept at the worst place.
+
+    It belongs to one layer and to one net or pair of nets, or to the board.
 
     Parameters
     ----------
@@ -118,16 +122,16 @@ class Margin:
         "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing", "edge clearance",
         "aspect ratio", "blind holes", "copper thickness", "layer count" or "board size".
     layer : str
-        Copper layer; for holes the topmost one they pierce; empty for the board as a whole.
+        Copper layer. For holes it is the topmost layer they pierce. Empty for the board as a whole.
     feature : str
         The net, both nets joined by " – ", or "board".
     margin : float
-        Distance from the limit: positive if the rule is kept, negative if it is broken. `value` − `limit`, or `limit` −
-        `value` where the limit is a largest value.
+        Distance from the limit, positive if the rule is kept and negative if it is broken. It is `value` − `limit`, or
+        `limit` − `value` if the limit is a largest value.
     limit, value : float
         Limit and measured value.
     x, y : float or None
-        The place on the board in m; None for what has no place.
+        Place on the board in m. None for rules without a place.
     unit : str
         Unit of the three numbers: "m", or empty for a ratio or a count.
     """
@@ -152,17 +156,19 @@ class Margin:
 
     @property
     def kept(self) -> bool:
-        """True if the limit is kept to within `KEPT_WITHIN`."""
+        """Whether the limit is kept to within `KEPT_WITHIN`."""
         return self.margin > -KEPT_WITHIN
 
     @property
     def at_most(self) -> bool:
-        """True if the limit is a largest value, False if it is a smallest one."""
+        """Whether the limit is a largest value, not a smallest value."""
         return self.rule in ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
 
 
 def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
-    """Measure every rule on every layer, and the limits of the board as a whole that the rules have.
+    """Measure every fabrication rule on every layer.
+
+    The limits of the board as a whole are measured if the rules have any.
 
     Parameters
     ----------
@@ -176,23 +182,23 @@ def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None 
     Returns
     -------
     tuple of Margin
-        One for each rule, layer and net or pair of nets, the smallest margin first: broken counts and ratios, broken
-        lengths; kept lengths and ratios of the copper and its holes; what is kept of the bare board. Distances beyond
-        ten limits are not listed.
+        A margin for each rule, layer and net or pair of nets, the smallest margin first. The order is: broken counts
+        and ratios, broken lengths, kept lengths and ratios of the copper and its holes, and kept limits of the bare
+        board. Distances beyond ten limits are not listed.
 
     Notes
     -----
-    Pads count on every layer that their hole pierces, so that a hole through foreign copper shows as a clearance. A
+    Pads count on every layer that their hole pierces, so a hole through foreign copper shows as a clearance. A
     terminal's pad without a hole has neither drill nor ring.
 
-    The spacing within one net is the smallest distance of two places of its copper on one layer that face each
-    other across a gap: the way between them along the copper is at least three times (from a pad: one and a half
-    times) the distance of their centre lines. Corners of 39° and more and the directly neighbouring segments of a
-    path are joined copper, not a gap. Pads that no trace of that layer ends on, and two separate lines of one coil on
-    one layer, always count.
+    The spacing within one net is the smallest distance of two places of its copper on one layer that face each other
+    across a gap. The way between them along the copper is at least three times the distance of their centre lines, or
+    one and a half times from a pad. Corners of 39° and more and the directly neighbouring segments of a path are joined
+    copper, not a gap. Pads on which no trace of that layer ends, and two separate lines of one coil on one layer,
+    always count.
 
-    Copper of two nets that overlap has the value −d, with d the diameter of the largest circle in the overlap. It is
-    continuous at contact and saturates at the width of the narrower trace.
+    Overlapping copper of two nets has the value −d, with d the diameter of the largest circle in the overlap. The value
+    is continuous at contact and saturates at the width of the narrower trace.
 
     Examples
     --------
@@ -210,6 +216,7 @@ def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None 
 
 
 def _measured(array: CoilArray, rules: FabRules, progress: Progress | None) -> tuple[Margin, ...]:
+    """Margins of all rules, the smallest first."""
     holes = tuple(pad for pad in drills(array) if pad.drilled)
     done, total = itertools.count(1), len(array.stackup.names) * len(array.placements)
     margins = [*_board(array, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
@@ -231,25 +238,32 @@ def _measured(array: CoilArray, rules: FabRules, progress: Progress | None) -> t
 
 
 def _rank(margin: Margin) -> tuple[int, bool, float]:
-    """Order of a margin; a copper thickness as ordered has no margin at all, and would hide how near the traces are."""
+    """Sort key of a margin.
+
+    A copper thickness as ordered has no margin at all and would hide the margins of the traces.
+    """
     place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
     return place, (margin.unit == "m") != margin.kept, margin.margin
 
 
-# A command refuses broken rules first, and its report shows the same margins later
+# A command refuses broken rules first, and its report shows the same margins later.
 _MEASURED: Recent[tuple[Margin, ...]] = Recent(4)
 
 
 def require_rules(array: CoilArray, rules: FabRules) -> None:
-    """Raise RuleViolationError, which names the worst violation and how many more there are, where a rule is broken.
+    """Raise RuleViolationError if a rule is broken.
 
-    `array` and `rules` are those of `check_rules`.
+    The message names the worst violation and the number of further violations. `array` and `rules` are as in
+    `check_rules`.
     """
     require_kept(check_rules(array, rules))
 
 
 def require_kept(margins: Iterable[Margin]) -> None:
-    """Raise as `require_rules` where one of the margins that `check_rules` has measured already is broken."""
+    """Raise RuleViolationError if a measured margin is broken.
+
+    The margins come from `check_rules`, and the error is the same as in `require_rules`.
+    """
     broken = [margin for margin in margins if not margin.kept]
     if not broken:
         return
@@ -267,7 +281,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
 
 
 def broken_rules(margins: Iterable[Margin]) -> list[str]:
-    """Return a sentence for each rule that is not kept, about its worst place.
+    """Return a sentence for each broken rule, about its worst place.
 
     Examples
     --------
@@ -286,6 +300,7 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
 
 
 def _broken(margin: Margin) -> str:
+    """Sentence about one broken rule."""
     if margin.rule == "clearance" and margin.value < 0:
         nets = margin.feature.replace(" – ", " and ")
         return f"The copper of {nets} overlaps on {margin.layer}, by up to {MM.text(-margin.value, '.4')}."
@@ -302,7 +317,7 @@ def _margin(rule: str, layer: str, feature: str, value: float, limit: float, pla
 
 
 def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
-    """Layers, copper and size of the board."""
+    """Margins of layer count, copper thickness and board size."""
     stackup = array.stackup
     count = len(stackup.names)
     if rules.max_layers is not None:
@@ -319,7 +334,11 @@ def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
 
 
 def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Aspect ratio of the deepest hole for its diameter, and how many holes end inside the board."""
+    """Margins of the aspect ratio and of blind holes.
+
+    The aspect ratio is measured at the hole that is deepest for its diameter. Blind holes are the holes that end inside
+    the board, by their number.
+    """
     if holes and rules.max_aspect_ratio is not None:
 
         def ratio(hole: Drill) -> float:
@@ -334,6 +353,7 @@ def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) ->
 
 
 def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
+    """Margin of the narrowest trace of each coil on each layer."""
     for placement in array.placements:
         coil = placement.coil
         for layer in dict.fromkeys(placement.layers):
@@ -346,7 +366,10 @@ def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
 
 
 def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Drill, annular ring and distance of the holes, the worst of each net or pair of nets."""
+    """Worst margins of drill, annular ring and hole spacing.
+
+    They are given for each net or pair of nets.
+    """
     if not holes:
         return
     for net in array.names:
@@ -375,6 +398,7 @@ def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Itera
 
 
 def _edge_clearance(array: CoilArray, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+    """Margin of each net's distance to the edge of the board."""
     x_min, y_min, x_max, y_max = array.bounds
     for net, shape in copper.items():
         xy = shapely.get_coordinates(shape)
@@ -384,7 +408,10 @@ def _edge_clearance(array: CoilArray, layer: str, copper: dict[str, BaseGeometry
 
 
 def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
-    """Measure the distances of the nets of a layer, by their copper in m, up to ten limits; of an overlap −d."""
+    """Measure the distances between the nets of a layer.
+
+    `copper` holds the copper of each net in m. Distances up to ten limits are measured. An overlap has the value −d.
+    """
     nets = list(copper)
     if len(nets) < 2:
         return
@@ -403,7 +430,10 @@ def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> 
 
 
 def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | None]:
-    """Diameter in m and centre of the largest circle in the overlap; 0 and None if they only touch."""
+    """Diameter in m and centre of the overlap's largest circle.
+
+    They are 0 and None if the shapes only touch.
+    """
     parts = shapely.get_parts(shapely.intersection(a, b))
     parts = parts[shapely.area(parts) > 0]
     if parts.size == 0:
@@ -414,11 +444,14 @@ def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | 
 
 
 Gap = tuple[float, FloatArray]
-"""Distance in m of two places of one net, edge to edge, and the place between them, shape (2,)."""
+"""Edge-to-edge distance in m of two places of one net, and the place between them, shape (2,)."""
 
 
 def _gap_within(array: CoilArray, placement: Placement, layer: str, limit: float) -> Gap | None:
-    """Smallest distance of the separate pieces of one net on one layer; None if none are near."""
+    """Smallest gap between separate pieces of one net.
+
+    The pieces lie on one layer. None if no pieces are near.
+    """
     coil = placement.coil
     holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
@@ -438,7 +471,10 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 def trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
 ) -> Gap | None:
-    """Smallest gap of two traces, each with half its widths, up to `within` (m)."""
+    """Smallest gap of two traces up to `within` (m).
+
+    Each trace is a centre line with half its widths.
+    """
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
     if not len(i):
@@ -450,18 +486,19 @@ def trace_to_trace(
 
 
 def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Smallest gap of the trace to itself up to `within` (m)."""
+    """Smallest gap of a trace to itself up to `within` (m)."""
     near = min(float(4 * half.max()), within)
     while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
-        near = min(4 * near, within)  # pairs of segments by pairs: a wide search costs the square of their number
+        near = min(4 * near, within)  # a wide search costs the square of the number of segments
     return gap
 
 
 def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
+    """Smallest gap of a trace to itself up to `within` (m), in one search."""
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
     r = 2 * half.max() + within
-    # boxes that overlap, which costs less than distances: those below are computed anyway
+    # boxes that overlap, which is cheaper than distances: those are computed below anyway
     i, j = shapely.STRtree(segments).query(shapely.box(x_min - r, y_min - r, x_max + r, y_max + r))
     i, j = i[j > i + 1], j[j > i + 1]
     copper = half[i] + half[j]  # from centre line to centre line where the edges meet
@@ -488,15 +525,16 @@ def _nearest_beyond(
     length_j: FloatArray,
     way: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nearest places of pairs of segments that are at least `way` apart along both.
+    """Nearest places on pairs of segments, `way` apart along both.
 
-    Lengths are in m, arrays of shape (n,), vectors (n, 2): `apart` from the end of segment i to the beginning of
-    segment j, `along_…` unit vectors. The places a on i, back from its end, and b on j, onwards from its beginning,
-    have a + b ≥ way; their distance is inf where the segments are too short for it.
+    Lengths are in m. Lengths are arrays of shape (n,), vectors have the shape (n, 2). `apart` runs from the end of
+    segment i to the beginning of segment j, and `along_…` are unit vectors. The place a on i is measured back from its
+    end, and b on j onwards from its beginning. They satisfy a + b ≥ way. Their distance is inf if the segments are too
+    short.
 
     The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon 0 ≤ a ≤ l_i, 0 ≤ b
-    ≤ l_j, a + b ≥ way: the minimum is zero inside, where the segments cross, or lies on one of the polygon's five
-    edges, each of which is the distance of a point to a segment.
+    ≤ l_j, a + b ≥ way. The minimum is zero inside, where the segments cross, or lies on one of the polygon's five
+    edges. Each edge is the distance of a point to a segment.
     """
     zero, least = np.zeros_like(way), np.maximum(way, 0.0)
     one = np.ones_like(way)
@@ -510,11 +548,11 @@ def _nearest_beyond(
     a0, b0, da, db, low, high = (np.array(column) for column in zip(*edges, strict=True))
     offset = apart + a0[..., None] * along_i + b0[..., None] * along_j
     direction = da[..., None] * along_i + db[..., None] * along_j
-    square = np.maximum((direction**2).sum(axis=-1), 1e-30)  # zero for a hairpin's last edge, where all t are alike
+    square = np.maximum((direction**2).sum(axis=-1), 1e-30)  # zero for a hairpin's last edge, where all t are equal
     t = np.clip(-(offset * direction).sum(axis=-1) / square, low, np.maximum(low, high))
     distance = np.where(low <= high, np.linalg.norm(offset + t[..., None] * direction, axis=-1), np.inf)
     a, b = a0 + t * da, b0 + t * db
-    # of equally near places on parallel sides take the one furthest along
+    # of equally near places on parallel sides take the place furthest along
     best = np.argmin(distance - 1e-9 * (a + b), axis=0), np.arange(len(way))
     a, b, distance = a[best], b[best], distance[best]
 
@@ -528,7 +566,7 @@ def _nearest_beyond(
 
 
 def _end_at(line: FloatArray, hole: Drill) -> str | None:
-    """Which end of the line a pad stands on: "first", "last", or None."""
+    """End of the line at a pad: "first", "last" or None."""
     for end, point in (("first", line[:1]), ("last", line[-1:])):
         if len(point) and np.hypot(point[0, 0] - hole.x, point[0, 1] - hole.y) < 1e-9:
             return end
@@ -536,7 +574,7 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
 
 
 def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps of every pad and the part of the trace that does not lead into it."""
+    """Gaps between pads and traces that do not lead into them."""
     for hole in holes:
         end = _end_at(line, hole)
         points, radius = (line[::-1], half[::-1]) if end == "last" else (line, half)
@@ -556,7 +594,10 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
 
 
 def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps of every two pads of one net; pads joined by a short trace are one piece."""
+    """Gaps between every two pads of one net.
+
+    Pads joined by a short trace are one piece.
+    """
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
     for a, b in itertools.combinations(holes, 2):
         copper = (a.pad + b.pad) / 2

@@ -1,4 +1,4 @@
-"""Flat sheets that lie on the board, the elastomer layers, and the seat that they may lie on, even or uneven."""
+"""Flat sheets that lie on the board, the elastomer layers, and the even or uneven seat under them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from coilarray.errors import GeometryError, require_positive
 
 RigidBase = Literal["bonded", "frictionless"]
-"""How the lowest sheet lies on a rigid board: glued, or free to slide but not to lift off."""
+"""Contact of the lowest sheet with a rigid board: glued, or free to slide but not to lift off."""
 Strain = Literal["finite", "linear"]
 """Large deformations of neo-Hookean sheets, or linear elasticity."""
 KPA_PER_MM = 1e6
@@ -18,9 +18,9 @@ KPA_PER_MM = 1e6
 
 @dataclass(frozen=True)
 class Sheet:
-    """A flat sheet of uniform thickness that covers the board.
+    """Flat sheet of uniform thickness that covers the board.
 
-    Raises GeometryError for a value that is not allowed.
+    Raises GeometryError if a value is not allowed.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class Sheet:
     thickness : float
         Thickness in m.
     relative_permeability : float
-        1 for a plain elastomer, above 1 for a filled one.
+        1 for a plain elastomer, above 1 for a filled elastomer.
     youngs_modulus : float or None
-        Young's modulus in Pa; None if it is not known, and then the sheet cannot be indented.
+        Young's modulus in Pa. None if it is unknown, in which case the sheet cannot be indented.
     poissons_ratio : float
-        Poisson's ratio from 0 to 0.5; 0.5 is incompressible.
+        Poisson's ratio from 0 to 0.5. 0.5 is incompressible.
     """
 
     name: str
@@ -61,22 +61,23 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Seat:
-    """A soft support under the lowest sheet; pressure at a point is proportional to its displacement (a Winkler bed).
+    """Soft support under the lowest sheet (a Winkler bed).
 
-    What lies between a sheet and its board where it is not cast on it: a film, trapped air, the roughness of both.
+    The pressure at a point is proportional to its displacement. The seat stands for a film, trapped air or the
+    roughness between a sheet and a board on which it was not cast.
 
     Parameters
     ----------
     stiffness : float
-        Pressure per displacement normal to the board in Pa/m, positive and finite; 4.3 kPa/mm are 4.3e6 Pa/m. Under
+        Pressure per displacement normal to the board in Pa/m, positive and finite. 4.3 kPa/mm are 4.3e6 Pa/m. Under
         large deformations it is the force per undeformed area, as the shear stress is.
     shear : float
-        Shear stress per displacement along the board in Pa/m; 0 lets the sheet slide.
+        Shear stress per displacement along the board in Pa/m. 0 lets the sheet slide.
 
     Raises
     ------
     GeometryError
-        A value that is not allowed.
+        If a value is not allowed.
 
     Examples
     --------
@@ -103,17 +104,18 @@ Base: TypeAlias = RigidBase | Seat
 
 @dataclass(frozen=True)
 class Unevenness:
-    """How the seat under a sample differs from an even one that holds it down.
+    """Deviation of a sample's seat from an even, clamped seat.
 
     Parameters
     ----------
     stiffness_slope : tuple of float
-        Relative change of the seat's stiffness along x and y in 1/m: it is 1 + slope · position times that at the
-        origin of the map. Its shear stiffness changes alike.
+        Relative change of the seat's stiffness along x and y in 1/m. The stiffness at a position is 1 + slope ·
+        position times the stiffness at the origin of the map. The shear stiffness changes by the same factor.
     gap_slope : tuple of float
-        Rise of the gap between the seat and a flat sample along x and y in m per m, from the origin of the map; where
-        it would be negative there is none, for the sample would tilt with a seat that is flat everywhere. It counts
-        only where the sample can lift: a seat that also pulls is a linear spring, whose length at rest changes nothing.
+        Rise of the gap between the seat and a flat sample along x and y in m per m, from the origin of the map. A
+        negative gap is set to zero, because the sample would tilt with a seat that is flat everywhere. The gap has an
+        effect only if the sample can lift: a seat that also pulls is a linear spring, whose length at rest changes
+        nothing.
     lifts : bool
         Whether the sample can lift off its seat.
     weight : float
@@ -122,7 +124,7 @@ class Unevenness:
     Raises
     ------
     GeometryError
-        A value that is not finite, or a weight below zero.
+        If a value is not finite, or the weight is below zero.
     """
 
     stiffness_slope: tuple[float, float] = (0.0, 0.0)
@@ -139,4 +141,4 @@ class Unevenness:
 
 
 EVEN = Unevenness()
-"""A seat that is everywhere the same and pulls as it pushes."""
+"""Seat that is the same everywhere and pulls as it pushes."""

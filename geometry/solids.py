@@ -1,4 +1,4 @@
-"""Closed solids of the board, prisms all: copper, barrels, laminate and the sheets on top."""
+"""Closed solids of the board, all of them prisms: copper, barrels, laminate and the sheets on top."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ if TYPE_CHECKING:
 
 
 def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trimesh]:
-    """Build the closed solids of a board and the sheets that lie on it.
+    """Build the closed solids of a board and its sheets.
 
-    Raises GeometryError for two sheets of the same name.
+    Raises GeometryError if two sheets have the same name.
 
     Parameters
     ----------
     array : CoilArray
         The board.
     sheets : sequence of Sheet
-        Sheets from the board upwards, each as large as the board; names all different.
+        Sheets from the board upwards, each as large as the board. All names differ.
 
     Returns
     -------
     dict of str to trimesh.Trimesh
         Meshes in m, z = 0 at the top face of the top copper. The keys:
 
-        - ``copper/<layer>/<coil>``: trace and pads as one, with the holes cut out, as thick as the layer.
-        - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole (n from 0, in the order of `drills`; a pad
-          without a hole does not count), from the top of the uppermost to the bottom of the lowest layer it pierces.
-        - ``board``: the laminate as a whole, from the bottom of the top copper to the top of the bottom copper, less
-          the holes through the whole board. Inner copper and blind holes lie inside it. A board of one copper layer
-          has none.
+        - ``copper/<layer>/<coil>``: trace and pads as one solid, with the holes cut out, as thick as the layer.
+        - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole, from the top of the uppermost to the bottom of
+          the lowest layer it pierces. n counts from 0 in the order of `drills`, without pads that have no hole.
+        - ``board``: the laminate as a whole, from the bottom of the top copper to the top of the bottom copper, without
+          the holes through the whole board. Inner copper and blind holes lie inside it. A board of one copper layer has
+          no laminate.
         - ``sheet/<name>``: stacked upwards from z = 0.
 
     Notes
     -----
-    Every solid is watertight and its volume is that of its outline times its height. Circles have 128 corners.
+    Every solid is watertight, and its volume is the area of its outline times its height. Circles have 128 corners.
 
     Examples
     --------
@@ -64,12 +64,18 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
 
 
 def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
-    """Build the sheets of `solids` alone, which takes much less time; GeometryError for two of the same name."""
+    """Build the sheets of `solids` alone, which is much faster.
+
+    Raises GeometryError if two sheets have the same name.
+    """
     return {key: _extruded(prism) for key, prism in sheet_prisms(array, sheets).items()}
 
 
 def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
-    """Build the solid of a metal plate in m; an infinite one gets the rectangle x_min, y_min, x_max, y_max in m."""
+    """Build the solid of a metal plate in m.
+
+    An infinite plate gets the rectangle x_min, y_min, x_max, y_max in m.
+    """
     if isinstance(plate, Plate):
         return _extruded(Prism(shapely.box(*within), *plate.heights))
     outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
@@ -80,7 +86,10 @@ def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, f
 
 @lru_cache(maxsize=1)  # a report shows one board in two scenes
 def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
-    """Build copper, barrels and laminate of `solids`; they are kept for the next caller, who must not change them."""
+    """Build the copper, barrels and laminate of `solids`.
+
+    The result is cached for the next caller and must not be changed.
+    """
     import trimesh  # takes longer to import than the rest of the geometry together
 
     holes = _holes(array)
@@ -107,7 +116,7 @@ def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
 
 
 class _Alone:
-    """A board of one coil, equal to every other one with the same copper."""
+    """Board of one coil, equal to others with the same copper."""
 
     def __init__(self, array: CoilArray) -> None:
         self.array = array
@@ -125,7 +134,10 @@ class _Alone:
 
 @lru_cache(maxsize=16)  # as coils are moved one after the other, nothing is built again
 def _coil_solids(alone: _Alone) -> tuple[tuple[str, str, Prism, trimesh.Trimesh], ...]:
-    """Build the copper and barrels of a coil: kind, layer or number, outline with heights, and solid."""
+    """Build the copper and barrels of a coil.
+
+    Each has a kind, a layer or number, an outline with heights, and a solid.
+    """
     copper = [("copper", layer, prism) for layer, _, prism in _copper(alone.array)]
     barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone.array)]
     return tuple((kind, part, prism, _extruded(prism)) for kind, part, prism in (*copper, *barrels))
@@ -157,9 +169,10 @@ def _extruded(prism: Prism) -> trimesh.Trimesh:
 
 @dataclass(frozen=True)
 class Prism:
-    """A flat piece with upright walls: its outline and the heights of its two faces, in m.
+    """Flat piece with upright walls.
 
-    Circles of the outline are those of `coilarray.geometry.copper.disc`.
+    It has an outline and the heights of its two faces, in m. Circles of the outline are made by
+    `coilarray.geometry.copper.disc`.
     """
 
     shape: BaseGeometry
@@ -168,7 +181,10 @@ class Prism:
 
 
 def board_prisms(array: CoilArray) -> dict[str, Prism]:
-    """Divide a board into copper, barrels and laminate, by the keys of `coilarray.geometry.solids`."""
+    """Divide a board into prisms of copper, barrels and laminate.
+
+    The keys are the keys of `coilarray.geometry.solids`.
+    """
     copper = {f"copper/{layer}/{net}": prism for layer, net, prism in _copper(array)}
     barrels = {f"barrel/{net}/{n}": prism for net, n, prism in _barrels(array)}
     laminate = _laminate(array)
@@ -176,7 +192,7 @@ def board_prisms(array: CoilArray) -> dict[str, Prism]:
 
 
 def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
-    """Give layer, net and prism of all copper without its holes."""
+    """Yield layer, net and prism of all copper without its holes."""
     holes = _holes(array)
     for layer, nets in copper_by_layer(array).items():
         through = [hole for hole in holes if layer in hole.layers]
@@ -185,7 +201,7 @@ def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
 
 
 def _barrels(array: CoilArray) -> Iterator[tuple[str, int, Prism]]:
-    """Give net, number and prism of the barrel in every hole."""
+    """Yield net, number and prism of the barrel in every hole."""
     stackup, holes = array.stackup, _holes(array)
     for net in array.names:
         for n, hole in enumerate(hole for hole in holes if hole.net == net):
@@ -194,7 +210,7 @@ def _barrels(array: CoilArray) -> Iterator[tuple[str, int, Prism]]:
 
 
 def _laminate(array: CoilArray) -> Prism | None:
-    """Return the laminate; None for a board of one copper layer."""
+    """Return the laminate, or None for a single copper layer."""
     stackup = array.stackup
     if len(stackup.names) == 1:
         return None
@@ -203,7 +219,10 @@ def _laminate(array: CoilArray) -> Prism | None:
 
 
 def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
-    """Stack sheets as large as the board upwards from z = 0, by ``sheet/<name>``; GeometryError for two of one name."""
+    """Stack sheets as large as the board upwards from z = 0.
+
+    The keys are ``sheet/<name>``. Raises GeometryError if two sheets have the same name.
+    """
     names = [sheet.name for sheet in sheets]
     if len(set(names)) != len(names):
         raise GeometryError(f"sheet names must differ; got {', '.join(names)}.")

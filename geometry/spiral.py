@@ -1,12 +1,13 @@
 """Centre lines of polygonal spirals that start at a corner, one layer at a time.
 
-Two rules. "parallel": the sides of a turn are parallel to those of the enclosing polygon, all N of the outermost turn
-at the stated size, and those of each following turn one pitch w + s further in. The last side of a turn ends where it
-meets the line of the next turn's first side, and there the next turn begins. Where there are so many sides that the
-step is longer than the last one, it begins on a side before, and the last ones are left out.
+There are two winding rules. With "parallel", the sides of a turn are parallel to the sides of the enclosing polygon.
+All N sides of the outermost turn lie at the stated size, and the sides of each following turn lie one pitch w + s
+further in. The last side of a turn ends on the line of the next turn's first side, and the next turn begins there. With
+many sides the step inwards can be longer than the last side. The next turn then begins on an earlier side, and the
+remaining sides are left out.
 
-"corner": vertex k lies at the angle 2πk/N from the first corner, on the polygon whose apothem is
-(outer edge apothem − w/2) − (w + s)·k/N, so that only the first corner of the outer edge touches the enclosing polygon.
+With "corner", vertex k lies at the angle 2πk/N from the first corner, on the polygon with the apothem (outer edge
+apothem − w/2) − (w + s)·k/N. Only the first corner of the outer edge touches the enclosing polygon.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ from coilarray.geometry.arcs import Arc
 Sense = Literal["ccw", "cw"]
 """Sense of rotation of the current seen from above (+z)."""
 WindingRule = Literal["parallel", "corner"]
-"""Whether a turn steps in by its pitch on its last side, or by a part of it at every corner."""
+"""Rule by which turns step in: on the last side only, or partly at every corner."""
 
 
 def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corners"]) -> float:
-    """Apothem in m of a regular polygon from its size.
+    """Apothem in m of a regular polygon of given size.
 
     Parameters
     ----------
     size : float
-        Size in m: twice the apothem (`across="flats"`; for odd `sides` too) or twice the circumradius
-        (`across="corners"`).
+            Size in m. With `across="flats"` it is twice the apothem, for odd `sides` too. With `across="corners"` it is
+            twice the circumradius.
     sides : int
         Number of sides, at least 3.
     across : {"flats", "corners"}
@@ -51,7 +52,7 @@ def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corn
     Raises
     ------
     GeometryError
-        A size that is not positive and finite, fewer than 3 sides, or another word for `across`.
+            If the size is not positive and finite, `sides` is below 3, or `across` is another word.
 
     Examples
     --------
@@ -69,7 +70,10 @@ def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corn
 
 
 class Winding(ABC):
-    """What spirals of every shape have in common: N sides a turn, and one pitch further in after each turn."""
+    """Common base of spirals with N sides per turn.
+
+    Each turn lies one pitch further in than the turn before.
+    """
 
     sides: int
     turns: float
@@ -80,27 +84,32 @@ class Winding(ABC):
 
     @property
     def pitch(self) -> float:
-        """Distance in m from turn to turn."""
+        """Distance in m between neighbouring turns, centre to centre."""
         return self.trace_width + self.gap
 
     @property
     def steps(self) -> int:
-        """Number of sides that one layer runs along."""
+        """Number of sides in one layer."""
         return round(self.turns * self.sides)
 
     @property
     def is_parallel(self) -> bool:
-        """True if the sides of a turn have the same distance from those of the enclosing shape."""
+        """Whether each turn is parallel to the enclosing shape."""
         return self.winding_rule == "parallel"
 
     @property
     @abstractmethod
     def inner_apothem(self) -> float:
-        """Distance in m from the centre to the nearest side of the centre line at its inner end."""
+        """Apothem in m of the centre line's inner end.
+
+        It is the distance from the centre to the nearest side there.
+        """
 
     @abstractmethod
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer in the direction of the current: even layers, from 0, run inwards, odd ones outwards.
+        """Vertices of one layer in the direction of the current.
+
+        Layers count from 0. Even layers run inwards, odd layers outwards.
 
         Returns
         -------
@@ -114,14 +123,22 @@ class Winding(ABC):
 
     @abstractmethod
     def outline(self) -> FloatArray:
-        """Corners of the enclosing shape (the nominal outer copper edge), shape (n, 2), x and y in m."""
+        """Corners of the enclosing shape, x and y in m.
+
+        The shape is the nominal outer copper edge. The array has the shape (n, 2).
+        """
 
     @abstractmethod
     def rim(self, step: int) -> FloatArray:
-        """Place in m, shape (2,), where the outermost turn would pass the ray on which step `step` ends."""
+        """Point in m where the outermost turn crosses a ray.
+
+        The ray is the ray on which step number `step` ends. The point has the shape (2,).
+        """
 
     def junction(self, layer: int) -> FloatArray:
-        """Place about whose ray the ends of a layer and the next one lie; where they meet, that place.
+        """Point shared by the ends of two successive layers.
+
+        If the ends do not meet, they lie about the ray through this point.
 
         Returns
         -------
@@ -131,7 +148,9 @@ class Winding(ABC):
         return np.asarray(self.centre_line(layer)[-1])
 
     def outwards(self, step: int) -> FloatArray:
-        """Direction of the leads where step `step` ends; vias inside lie against it.
+        """Direction of the leads at the end of a step.
+
+        Vias inside the winding lie in the opposite direction.
 
         Returns
         -------
@@ -143,24 +162,36 @@ class Winding(ABC):
 
     @abstractmethod
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Give unit vectors from the centre to sides, shape (n, 2), and the distances of the enclosing sides in m."""
+        """Return unit normals and distances in m of enclosing sides.
+
+        The normals point from the centre to the sides and have the shape (n, 2).
+        """
 
     @property
     def _turns_in(self) -> float:
-        """Number of pitches that the innermost side lies further in than the outermost one."""
+        """Distance from the outermost to the innermost side, in pitches."""
         return (self.steps - 1) // self.sides if self.is_parallel else self.turns
 
     def _insets(self, inwards: IntArray) -> FloatArray:
-        """Distances in m of sides, by their numbers from the outer end, from those of the enclosing shape."""
+        """Distances in m of sides from the enclosing shape.
+
+        The sides are given by their numbers from the outer end.
+        """
         turns = inwards // self.sides if self.is_parallel else inwards / self.sides
         return np.asarray(self.trace_width / 2 + self.pitch * turns)
 
     def _radii(self, inset: FloatArray) -> FloatArray:
-        """Radii in m of the corners between successive sides, moved in by `inset`, shape (n − 1,)."""
+        """Radii in m of the corners between successive sides.
+
+        The sides are moved in by `inset`. The array has the shape (n − 1,).
+        """
         return np.zeros(len(inset) - 1)
 
     def _corners(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Points in m where each side, moved in by `inset`, meets the following one, shape (n − 1, 2)."""
+        """Intersections in m of successive sides moved in by `inset`.
+
+        The array has the shape (n − 1, 2).
+        """
         normal, distance = self._normals(sides)
         (a, b), p = (normal[:-1], normal[1:]), distance - inset
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -169,23 +200,29 @@ class Winding(ABC):
         return np.column_stack((x, y))
 
     def _sharp_line(self, layer: int) -> FloatArray:
-        """Vertices in m of a layer with parallel sides that starts and ends at a corner, shape (n, 2)."""
+        """Vertices in m of a layer with sharp corners.
+
+        The sides are parallel, and the layer starts and ends at a corner. The array has the shape (n, 2).
+        """
         number = np.arange(-1, self.steps + 1)  # from the outer end; the first and the last only bound the others
         sides = layer * self.steps + number if layer % 2 == 0 else (layer + 1) * self.steps - 1 - number
         line = self._parallel_corners(sides, self._insets(np.maximum(number, 0)))[0]
         return line if layer % 2 == 0 else line[::-1]
 
     def _sharp_junction(self, layer: int) -> FloatArray:
-        """Corner in m, shape (2,), of the polygon that a further turn would begin on, or of the outermost one."""
+        """Corner in m where a further turn would begin.
+
+        On the outside it is a corner of the outermost polygon. The array has the shape (2,).
+        """
         step = (layer + 1) * self.steps
         inset = self.trace_width / 2 + (self.pitch * (self.steps // self.sides) if layer % 2 == 0 else 0.0)
         return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
 
     def _parallel_corners(self, sides: IntArray, inset: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Corners in m between successive sides, moved in by `inset`, and their radii in m.
+        """Corners in m between parallel sides, and their radii.
 
-        Where the step inwards takes more than the last side of a turn, as where there are many sides, it begins on the
-        side before: what is too short is left out.
+        The sides are moved in by `inset`. If the step inwards is longer than the last side of a turn, as with many
+        sides, the next turn begins on the side before. Sides that are too short are left out.
         """
         while True:
             corners, radii = self._corners(sides, inset), self._radii(inset)
@@ -196,7 +233,7 @@ class Winding(ABC):
             along = np.sign(turn[:-1, None]) * np.column_stack((-normal[1:-1, 1], normal[1:-1, 0]))
             straight = (np.diff(corners, axis=0) * along).sum(axis=1) - tangent[:-1] - tangent[1:]
             near = 1e-12 * float(distance.max())
-            # arcs may follow one another, sharp corners may not fall together
+            # arcs may touch end to end, but sharp corners must not coincide
             short = straight < np.where(tangent[:-1] + tangent[1:] > 0, -near, near)
             if not short.any():
                 return corners, radii
@@ -204,13 +241,16 @@ class Winding(ABC):
             sides, inset = sides[kept], inset[kept]
 
     def _turned(self, steps: npt.ArrayLike) -> FloatArray:
-        """Angle in rad of so many steps in the sense of the winding."""
+        """Angle in rad after a number of steps, with sign of the winding."""
         # the whole number of steps keeps corners of different turns and layers on the same rays
         angle = 2 * math.pi * (np.asarray(steps) % self.sides) / self.sides
         return np.asarray(angle if self.winding == "ccw" else -angle)
 
     def _require_turns(self, outer: float, least: float, direction: str) -> None:
-        """Raise where turns cannot be: from the centre, the edge is at `outer`, their line beyond `least` (m)."""
+        """Raise GeometryError if the turns do not fit.
+
+        The outer edge lies at `outer` from the centre. The centre line must stay beyond `least`. Both are in m.
+        """
         if self.sides < 3:
             raise GeometryError(f"sides must be at least 3; got {self.sides}.")
         if not math.isfinite(getattr(self, direction)):
@@ -239,36 +279,37 @@ class Winding(ABC):
 
 @dataclass(frozen=True)
 class Spiral(Winding):
-    """A planar spiral, wound inwards on even layers and outwards on odd ones.
+    """Planar polygonal spiral, wound inwards on even layers.
 
-    A layer begins at a corner of the outermost turn. A turn ends, and the next one begins, where its last side meets
-    the line of the next turn's first side, one pitch further in (or, with the rule "corner", at the same corner one
-    pitch further in). Every layer starts at the corner where the one before ended, so that the current keeps its sense
-    of rotation: the outer ends of two layers lie above each other, and the inner ones symmetrically about the corner,
-    where a via joins them.
+    Odd layers run outwards. A layer begins at a corner of the outermost turn. A turn ends on the line of the next
+    turn's first side, one pitch further in, and the next turn begins there. With the rule "corner" it ends at the same
+    corner, one pitch further in. Every layer starts at the corner where the layer before ended, so the current keeps
+    its sense of rotation. The outer ends of two layers lie above each other. The inner ends lie symmetrically about the
+    corner, where a via joins them.
 
-    Raises GeometryError for a size that is not positive and finite, fewer than 3 sides, or more turns than fit.
+    Raises GeometryError if the size is not positive and finite, if there are fewer than 3 sides, or if the turns do not
+    fit.
 
     Parameters
     ----------
     sides : int
-        The polygon's sides, at least 3.
+            Number of sides of the polygon, at least 3.
     outer_apothem : float
-        Distance in m from the centre to the outer copper edge of the enclosing polygon's sides.
+            Apothem in m of the enclosing polygon, to the outer copper edge.
     turns : float
-        Turns a layer, a positive multiple of 1/sides.
+            Turns per layer, a positive multiple of 1/sides.
     trace_width, gap : float
-        Width of the trace and of the space between turns in m.
+            Width of the trace and of the gap between turns in m.
     first_corner : float
         Angle in rad of the corner where the outermost turn starts; 0 is the +x axis.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}
-        "parallel": all sides of the outermost turn lie at `outer_apothem`, and each turn steps in on its last side.
-        Where a side is too short for a step, the turn ends as many sides earlier: of 100 sides of a coil 40 mm wide
-        with a pitch of 0.5 mm the last three.
-        "corner": each corner lies 1/sides of a pitch further in than the one before, so that no side is parallel to
-        that of the enclosing polygon and only the first corner reaches it.
+            "parallel": all sides of the outermost turn lie at `outer_apothem`, and each turn steps in on its last side.
+            If sides are shorter than a step, the turn ends a few sides earlier. For a coil of 100 sides, 40 mm wide
+            with a pitch of 0.5 mm, it ends three sides earlier. "corner": each corner lies 1/sides of a pitch further
+            in than the corner before. No side is then parallel to the enclosing polygon, and only the first corner
+            reaches it.
     """
 
     sides: int
@@ -295,12 +336,13 @@ class Spiral(Winding):
         return self.outer_apothem - self.trace_width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer as `Winding.centre_line`.
+        """Vertices of one layer, as in `Winding.centre_line`.
 
         Returns
         -------
         ndarray, shape (n, 2)
-            Vertices in m: steps + 1, or fewer where parallel sides are too short for the step inwards.
+                Vertices in m. There are steps + 1 of them, or fewer if parallel sides are too short for the step
+                inwards.
         """
         if self.is_parallel:
             return self._sharp_line(layer)
@@ -310,7 +352,9 @@ class Spiral(Winding):
         return self._on_rays(layer * self.steps + k, apothem)
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return no arc, whichever `layer`: all corners are sharp.
+        """Return no arcs, because all corners are sharp.
+
+        `layer` has no effect.
 
         Returns
         -------
@@ -320,7 +364,9 @@ class Spiral(Winding):
         return ()
 
     def outline(self) -> FloatArray:
-        """Corners of the enclosing polygon (the nominal outer copper edge), shape (sides, 2), x and y in m.
+        """Corners of the enclosing polygon, x and y in m.
+
+        The polygon is the nominal outer copper edge.
 
         Returns
         -------
@@ -330,7 +376,7 @@ class Spiral(Winding):
         return self._on_rays(np.arange(self.sides), np.full(self.sides, self.outer_apothem))
 
     def rim(self, step: int) -> FloatArray:
-        """Corner number `step` in m of the outermost turn, shape (2,).
+        """Corner number `step` of the outermost turn, in m.
 
         Returns
         -------
@@ -341,7 +387,9 @@ class Spiral(Winding):
         return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
 
     def junction(self, layer: int) -> FloatArray:
-        """Corner about whose ray the ends of a layer and the next one lie, as `Winding.junction`.
+        """Corner shared by the ends of two successive layers.
+
+        See `Winding.junction`.
 
         Returns
         -------
@@ -356,7 +404,7 @@ class Spiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), np.full(len(sides), self.outer_apothem)
 
     def _on_rays(self, steps: IntArray, apothem: FloatArray) -> FloatArray:
-        """Corners of polygons of several apothems in m, so many steps from the first one."""
+        """Points at given steps on polygons of given apothems in m."""
         radius = apothem / math.cos(math.pi / self.sides)
         angle = self.first_corner + self._turned(steps)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))

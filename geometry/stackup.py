@@ -21,22 +21,22 @@ BOARD_THICKNESS = 1.6e-3
 class Stackup:
     """Copper layers and the dielectrics between them.
 
-    Heights are measured from the top face of the top copper layer (z = 0, where the elastomer lies) downwards, so
-    every layer has z < 0.
+    Heights are measured from the top face of the top copper layer, where the elastomer lies. There z = 0, and every
+    layer has z < 0.
 
-    Raises GeometryError for a length that does not fit, a repeated name, or a thickness or permittivity that is not
+    Raises GeometryError if a tuple has a wrong length, a name is repeated, or a thickness or permittivity is not
     allowed.
 
     Parameters
     ----------
     names : tuple of str
-        Names of the copper layers, top to bottom; all different.
+            Names of the copper layers, top to bottom, all different.
     copper_thickness : tuple of float
-        Thickness of each copper layer in m, same length as `names`.
+            Thickness of each copper layer in m, with the same length as `names`.
     dielectric_thickness : tuple of float
-        Thickness in m of the dielectric below each copper layer but the last; one shorter than `names`.
+            Thickness in m of the dielectric below each copper layer but the last. One shorter than `names`.
     epsilon_r : tuple of float
-        Relative permittivity of each dielectric; one shorter than `names`.
+            Relative permittivity of each dielectric. One shorter than `names`.
 
     Examples
     --------
@@ -100,11 +100,12 @@ class Stackup:
         names : sequence of str
             Names of the copper layers, top to bottom.
         thickness : float
-            Thickness of the whole board in m, copper included; the dielectrics share equally what the copper leaves.
+                Thickness of the whole board in m, copper included. The dielectrics share the remaining thickness
+                equally.
         copper : float
             Thickness of every copper layer in m.
         epsilon_r : float
-            Relative permittivity of the dielectrics; 4.5 is that of FR-4.
+                Relative permittivity of the dielectrics. FR-4 has 4.5.
 
         Returns
         -------
@@ -127,7 +128,9 @@ class Stackup:
         return sum(self.copper_thickness) + sum(self.dielectric_thickness)
 
     def index(self, name: str) -> int:
-        """Position of the copper layer `name`, 0 on top; GeometryError if there is none.
+        """Position of the copper layer `name`, 0 on top.
+
+        Raises GeometryError if the stack-up has no such layer.
 
         Returns
         -------
@@ -146,7 +149,7 @@ class Stackup:
 
         Returns
         -------
-        tuple of two float
+            z of the lower and of the upper face in m.
             z of the lower and of the upper face in m.
         """
         i = self.index(name)
@@ -165,7 +168,9 @@ class Stackup:
         return 0.5 * (bottom + top)
 
     def between(self, first: str, last: str) -> tuple[str, ...]:
-        """Names of the copper layers from `first` to `last`, both included, top to bottom.
+        """Names of the copper layers from `first` to `last`.
+
+        Both are included. The order is top to bottom.
 
         Returns
         -------

@@ -11,35 +11,35 @@ from coilarray.geometry.ball import Ball
 from coilarray.geometry.plate import FinitePlate, Plate
 
 Body: TypeAlias = Plate | FinitePlate | Ball
-"""What a target can be; the place of a plate does not count, its tilt does."""
+"""Possible bodies of a target. The position of a plate has no effect, its tilt has."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A rigid body at distances above the board, and the places to which it is moved.
+    """Rigid body moved to places at distances above the board.
 
     Parameters
     ----------
     body : Plate, FinitePlate or Ball
-        The body. Its own place does not count.
+        The body. Its own position has no effect.
     distances : tuple of float
-        Gaps in m between its nearest point and the highest face of board and sheets, rising.
+        Gaps in m between its nearest point and the highest face of board and sheets, in rising order.
     x, y : tuple of float
-        Places of its centre in m, relative to `origin_point`. Where both are empty, `coilarray.Design` sets them: an
-        even grid over all coils. An infinite plate has one place.
+        Places of its centre in m, relative to `origin_point`. If both are empty, `coilarray.Design` sets an even grid
+        over all coils. An infinite plate has one place.
     origin : str or None
-        Name of the coil whose centre is the origin; None where `origin_point` is given.
+        Name of the coil whose centre is the origin. None if `origin_point` is given.
     origin_point : tuple of float
-        x and y in m of the origin on the board. `coilarray.Design` sets it where `origin` names a coil.
+        x and y in m of the origin on the board. `coilarray.Design` sets it if `origin` names a coil.
     step : float or None
-        Distance in m of the places that `coilarray.Design` sets; it follows from the coils by default.
+        Distance in m of the places that `coilarray.Design` sets. By default it follows from the coils.
     over_array : tuple of tuple of float
-        The x and y that `coilarray.Design` has set; another array gives others.
+        The x and y set by `coilarray.Design`. They are replaced for another array.
 
     Raises
     ------
     GeometryError
-        No distance, distances that do not rise from above zero, x without y, or places of an infinite plate.
+        If there is no distance, distances do not rise from above zero, x has no y, or an infinite plate has places.
 
     Examples
     --------
@@ -72,7 +72,10 @@ class Target:
 
     @property
     def kind(self) -> str:
-        """What the body is, in a word as in design files: ``"plate"``, ``"disc"``, ``"sphere"``."""
+        """Kind of body, as in design files, such as ``"disc"``.
+
+        It is ``"plate"``, the name of an outline, or ``"sphere"``.
+        """
         if isinstance(self.body, Plate):
             return "plate"
         return type(self.body.outline).__name__.lower() if isinstance(self.body, FinitePlate) else "sphere"
@@ -86,9 +89,10 @@ class Target:
         return 2 * self.body.radius
 
     def height(self, face: float, distance: float) -> float:
-        """Height in m of the body's centre, of an infinite plate its lower face, at a distance above a height.
+        """Height in m of the body's centre at a given distance.
 
-        The distance is that of the nearest point; both are in m.
+        For an infinite plate it is the height of the lower face. `distance` is measured from `face` to the body's
+        nearest point. Both are in m.
 
         Returns
         -------

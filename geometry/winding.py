@@ -1,7 +1,7 @@
-"""Where a path winds: its turns without leads, the poles that it winds about, and cuts across the turns.
+"""Turns of a path without its leads, the poles about which it winds, and cuts across the turns.
 
-Nothing here depends on where a coil lies or how it is turned: directions and places are taken from the path itself,
-never from the first of several equal ones.
+Nothing here depends on where a coil lies or how it is turned. Directions and places are taken from the path itself,
+never from the first of several equal places.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import shapely
 from coilarray.compute.arrays import FloatArray, IntArray
 
 _REACH = math.pi  # pitches up to which turns belong to one bundle; like the next two no ratio of round lengths
-_NEXT = math.sqrt(3)  # pitches within which a turn has another one beside it on its line
+_NEXT = math.sqrt(3)  # pitches within which a turn has a neighbour on its line
 _ABOVE = math.sqrt(0.5)  # and sideways on another line: turns of two layers are staggered by half a pitch at most
 _ALONGSIDE = 0.9  # cosine of the largest angle between neighbouring turns
 _PARALLEL = 0.985  # of one turn in ten at 30° from the others, or all spread over 20°
 _STEEPEST = 0.35  # cosine to a ray's normal below which a trace runs along the ray: a stub
 _WITHIN = (3 - math.sqrt(5)) / 2  # golden section: a place on a side, or along a path, where symmetry puts nothing
 _GRAIN = 1e-9  # of the size of a path
-_SAME = 1e-6  # of a distance: places of a symmetric coil are as far out but for rounding
+_SAME = 1e-6  # of a distance: places of a symmetric coil have the same distance but for rounding
 _NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
 _POLE = 1 / 3  # of the most turns; a pole has more
 _RAYS = 180
@@ -36,8 +36,9 @@ _HALVINGS = 8
 class FlatPath:
     """A current path seen from above.
 
-    `points` (n + 1, 2) in m in the direction of the current, with the `widths` (n,) in m of the pieces between them and
-    the number of the `line` (n,) that each belongs to, equal lines being on one layer. Vias are pieces of no length.
+    `points` (n + 1, 2) are in m, in the direction of the current. `widths` (n,) are the widths in m of the pieces
+    between them. `line` (n,) is the number of the line that each piece belongs to. Pieces of one line are on one layer.
+    Vias are pieces of no length.
     """
 
     points: FloatArray
@@ -46,7 +47,7 @@ class FlatPath:
 
     @classmethod
     def of_lines(cls, lines: Sequence[FloatArray], widths: Sequence[FloatArray]) -> FlatPath:
-        """Join lines, each beginning where the one before ends.
+        """Join lines, each beginning at the end of the line before.
 
         Parameters
         ----------
@@ -58,7 +59,7 @@ class FlatPath:
         Returns
         -------
         FlatPath
-            The path, its lines numbered from 0.
+            The path, with lines numbered from 0.
         """
         numbers = [np.full(len(width), k) for k, width in enumerate(widths)]
         via = [np.zeros(1)], [np.full(1, -1)]
@@ -75,11 +76,14 @@ class FlatPath:
 
     @property
     def along(self) -> FloatArray:
-        """Length of the path in m up to every point, shape (n + 1,)."""
+        """Length in m of the path up to every point, shape (n + 1,)."""
         return np.append(0.0, np.cumsum(np.hypot(*self.steps.T)))
 
     def between(self, begin: float, end: float) -> FloatArray:
-        """Points in m of the path from one place along it to another, shape (m, 2)."""
+        """Points in m between two places along the path.
+
+        The array has the shape (m, 2).
+        """
         along = self.along
         inside = (along > begin) & (along < end)
         return np.vstack((self.at(np.array([begin])), self.points[inside], self.at(np.array([end]))))
@@ -92,7 +96,10 @@ class FlatPath:
 
 @dataclass(frozen=True)
 class Pole:
-    """A place that a path winds about: x and y in m, and its turns, anticlockwise positive."""
+    """Place about which a path winds, with its turns.
+
+    `x` and `y` are in m. Turns are positive anticlockwise.
+    """
 
     x: float
     y: float
@@ -101,10 +108,11 @@ class Pole:
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Turns that a ray from a pole crosses, from the pole outwards.
+    """Turns crossed by a ray from a pole, outwards.
 
-    `piece` (k,) of the path, place `across` the turns and `along` the path in m, shape (k,), and `sign` (k,) of the
-    current: 1 anticlockwise about the pole. Places across are perpendicular distances of the turns.
+    `piece` (k,) is the piece of the path, `across` and `along` are the places across the turns and along the path in m,
+    shape (k,), and `sign` (k,) is the sense of the current: 1 anticlockwise about the pole. Places across are
+    perpendicular distances of the turns.
     """
 
     piece: IntArray
@@ -115,7 +123,10 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """The part of a path that winds, from `begin` to `end` along it in m, its mean `pitch` in m, and its poles."""
+    """Winding part of a path, its mean pitch and its poles.
+
+    It runs from `begin` to `end` along the path in m. `pitch` is in m.
+    """
 
     path: FlatPath
     begin: float
@@ -134,37 +145,46 @@ class Turns:
         Returns
         -------
         list of Cut
-            Those that cross turns at all.
+            Cuts that cross at least one turn.
         """
         return [cut for pole in self.poles for cut in self.about(pole, rays) if len(cut.piece)]
 
     def enough_cuts(self, least: int, most: int, crossings: float) -> list[Cut]:
-        """Cut the turns by so many rays from each pole that they cross about as many turns in all, as `cuts`."""
+        """Cut the turns by enough rays for a number of crossings.
+
+        The number of rays per pole is `least` to `most`. It is chosen so that all rays together cross about `crossings`
+        turns. See `cuts`.
+        """
         wound = max(abs(pole.turns) for pole in self.poles)
         return self.cuts(min(max(math.ceil(crossings / wound), least), most))
 
     def own_turns(self, pole: Pole) -> float:
-        """Count the turns about a pole without the way to others, from the first place that winds about it to the last.
+        """Count the turns about a pole, without the way to others.
 
-        The first and the last turn end at one of `_RAYS` rays.
+        They run from the first place that winds about the pole to the last. The first and the last turn end at one of
+        `_RAYS` rays.
         """
         sense = math.copysign(1.0, pole.turns)
         along = np.concatenate([cut.along[cut.sign == sense] for cut in self.about(pole, _RAYS)])
         return turns_about(self.path.between(along.min(), along.max()), (pole.x, pole.y)) if len(along) else pole.turns
 
     def about(self, pole: Pole, rays: int) -> list[Cut]:
-        """Cut the turns by rays from one pole, as `cuts`, with those that cross no turns."""
+        """Cut the turns by rays from one pole.
+
+        In contrast to `cuts`, cuts without turns are included.
+        """
         inset = _WITHIN * (self.end - self.begin)
         places = self.path.at(np.array([self.begin + inset, self.end - inset])) - (pole.x, pole.y)
         away = np.hypot(*places.T)
         x, y = places[1] if away[1] > (1 + _SAME) * away[0] else places[0]
         first = math.atan2(y, x)
-        # the angle from the pole to a place of the path, so that the rays turn and mirror with it; of two, one as far
-        # from either end, the outer one, so that it is no matter at which end the path begins
+        # the angle from the pole to a place of the path, so that the rays turn and mirror with it. Of two places with
+        # the same distance from the ends it is the outer place, so the choice of the path's beginning has no influence
         sense = math.copysign(1.0, pole.turns)
         return [self._cut(pole, first + sense * 2 * math.pi * ray / rays) for ray in range(rays)]
 
     def _cut(self, pole: Pole, angle: float) -> Cut:
+        """Cut the turns by one ray from a pole."""
         path = self.path
         direction = np.array([[math.cos(angle), math.sin(angle)]])
         crossed, u, part, cosine = _crossings(path, np.array([[pole.x, pole.y]]), direction)
@@ -192,7 +212,7 @@ def find_turns(path: FlatPath) -> Turns | None:
     """Find the part of a path that winds, without its leads.
 
     From either end, a path is a lead up to the first place beside which another part of it runs in the same direction
-    about a pitch away, or above it on another layer. However far leads go, the turns are the same.
+    about a pitch away, or above it on another layer. The turns are the same however far the leads go.
 
     Parameters
     ----------
@@ -202,7 +222,7 @@ def find_turns(path: FlatPath) -> Turns | None:
     Returns
     -------
     Turns or None
-        None where no part of the path runs beside another, or where it winds about nothing.
+        None if no part of the path runs beside another, or if it winds about nothing.
     """
     steps = path.steps
     length = np.hypot(*steps.T)
@@ -211,7 +231,7 @@ def find_turns(path: FlatPath) -> Turns | None:
     distance = _beside(path, path.points[every] + _WITHIN * steps[every], every)[0]
     weight = length[every]
     width = float(np.average(path.widths[real], weights=length[real]))
-    # turns that are near count most, and what has no neighbour not at all
+    # turns that are near count most, and turns without a neighbour do not count
     pitch = float((weight / distance).sum() / (weight / distance**2).sum()) if np.isfinite(distance).any() else 0.0
     pitch = max(pitch, width)
     begin = _lead(path, pitch)
@@ -226,10 +246,11 @@ def find_turns(path: FlatPath) -> Turns | None:
 def _crossings(
     path: FlatPath, origins: FloatArray, directions: FloatArray
 ) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
-    """Where lines through points cross the pieces of a path; all of shape (lines, pieces).
+    """Intersections of lines through points with the pieces of a path.
 
-    Which pieces are crossed; the place on the line in m from its point; that on the piece, 0 to 1; and the cosine of
-    the angle between the piece and the normal of the line, positive where it goes to the left of the line.
+    All arrays have the shape (lines, pieces). They are: whether the piece is crossed; the place on the line in m from
+    its point; the place on the piece, 0 to 1; and the cosine of the angle between the piece and the normal of the line,
+    positive if the piece goes to the left of the line.
     """
     x, y = path.points.T
     dx, dy = directions[:, :1], directions[:, 1:]
@@ -244,9 +265,10 @@ def _crossings(
 
 
 def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Distances in m to what runs beside places of a path in its direction, on the same line and on others; (m,) each.
+    """Distances in m to parallel parts beside places of a path.
 
-    `places` (m, 2) in m lie on pieces by their numbers (m,). A distance is infinite where nothing does.
+    The parts run in the direction of the path, on the same line or on other lines. Both arrays have the shape (m,).
+    `places` (m, 2) in m lie on pieces given by their numbers (m,). A distance is infinite if there is no such part.
     """
     length = np.hypot(*path.steps.T)
     tangent = path.steps[piece] / length[piece][:, None]
@@ -259,7 +281,10 @@ def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatA
 
 
 def _lead(path: FlatPath, pitch: float) -> float | None:
-    """Length in m of the lead at the beginning of a path; None if the whole path is one."""
+    """Length in m of the lead at the beginning of a path.
+
+    None if the whole path is a lead.
+    """
     along = path.along
     total = float(along[-1])
     step = pitch / 2
@@ -285,9 +310,12 @@ def _lead(path: FlatPath, pitch: float) -> float | None:
 
 
 def _poles(points: FloatArray) -> tuple[Pole, ...]:
-    """Find the places that a path of points (n, 2) in m, closed by a straight line, winds about most."""
+    """Find the places about which a path winds most.
+
+    The path has points (n, 2) in m and is closed by a straight line.
+    """
     ring = np.vstack((points, points[:1]))
-    # on a fine grid: edges of layers above each other are the same but for rounding, which must part no faces
+    # on a fine grid: edges of layers above each other are the same but for rounding, which must not separate faces
     grain = _GRAIN * float(np.ptp(points, axis=0).max())
     edges = shapely.union_all(shapely.linestrings(np.stack((ring[:-1], ring[1:]), axis=1)), grid_size=grain)
     faces = shapely.get_parts(shapely.polygonize([edges]))
@@ -311,7 +339,9 @@ def _poles(points: FloatArray) -> tuple[Pole, ...]:
 
 
 def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
-    """Count how often a path runs around a place, anticlockwise positive.
+    """Count how often a path runs around a place.
+
+    Turns are positive anticlockwise.
 
     Parameters
     ----------
@@ -322,7 +352,7 @@ def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
 
     Returns
     -------
-    float
+    Number of turns, with their fraction.
         Turns, with their fraction.
     """
     about = points - np.array(place)
@@ -331,7 +361,10 @@ def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
 
 
 def _winding_numbers(places: FloatArray, ring: FloatArray) -> IntArray:
-    """How often a closed path (n + 1, 2) runs around each of the places (m, 2), shape (m,)."""
+    """Winding numbers of a closed path about places.
+
+    The path has the shape (n + 1, 2), the places (m, 2) and the result (m,).
+    """
     (x0, y0), (x1, y1) = ring[:-1].T, ring[1:].T
     px, py = places[:, :1], places[:, 1:]
     left = (x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)

@@ -1,4 +1,4 @@
-"""A board in words, made of the coils themselves: a title may be that of the design it was copied from."""
+"""Descriptions of a board, made of the coils themselves: its title may belong to the design it was copied from."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ _MOST_POINTS = 10_000  # of traces, which are drawn in about a second
 
 
 def array_words(array: CoilArray) -> str:
-    """Return number, shape and size of the coils, without ways to a connector, and how far apart the nearest are.
+    """Describe number, shape, size and spacing of the coils.
 
-    Circles, and windings that step in at every corner, have the size of their copper as well.
+    Ways to a connector are left out. The spacing is the distance of the nearest coils. Circles, and windings that step
+    in at every corner, have the size of their copper added.
 
     Examples
     --------
@@ -44,7 +45,10 @@ def array_words(array: CoilArray) -> str:
 
 
 def copper_words(coil: Coil) -> str:
-    """Return in brackets the width and height of a winding's copper where they are below the stated ones; else ""."""
+    """Return the size of a winding's copper in brackets.
+
+    It is width by height. The text is empty if they are not below the stated size.
+    """
     if coil.wound is None or coil.wound.spiral.is_parallel:
         return ""
     spiral, layers = coil.wound.spiral, range(coil.wound.winding_layers)
@@ -55,7 +59,7 @@ def copper_words(coil: Coil) -> str:
 
 
 def array_facts(array: CoilArray) -> list[tuple[str, str]]:
-    """Return a board as rows of what and its value in words."""
+    """Return the facts about a board as rows of name and value."""
     names, layers = array.names, array.stackup.names
     shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
     x_min, y_min, x_max, y_max = array.bounds
@@ -67,7 +71,10 @@ def array_facts(array: CoilArray) -> list[tuple[str, str]]:
 
 
 def array_picture(array: CoilArray, title: str = "") -> str:
-    """Return a drawing of the board as an HTML image, of its own size; a sentence for a board that takes too long."""
+    """Return a drawing of the board as an HTML image, to scale.
+
+    For a board that takes too long to draw it is a sentence.
+    """
     points = sum(len(line) for place in array.placements for line, _, _ in place.traces())
     if points > _MOST_POINTS:
         return f"<p>not drawn here, as its traces have {points} points; coilarray.export draws it</p>"
@@ -78,7 +85,10 @@ def array_picture(array: CoilArray, title: str = "") -> str:
 
 
 def _shape(coil: Coil) -> str:
-    """Return the word for a coil's shape, with a blank behind it; none for a path."""
+    """Return the word for a coil's shape, followed by a blank.
+
+    It is empty for a path.
+    """
     if coil.wound is None:
         return ""
     spiral = coil.wound.spiral
