@@ -1,4 +1,4 @@
-"""Files of the geometry, one module a format."""
+"""Files of the geometry, one module per format."""
 
 from coilarray.geometry.export.dxf import write_dxf
 from coilarray.geometry.export.gerber import write_gerbers

@@ -40,26 +40,27 @@ def write_dxf(array: CoilArray, path: Path) -> None:
     array : CoilArray
         The board.
     path : Path
-        Ends in ``.dxf``. Written whole or not at all.
+        File name ending in ``.dxf``. The file is written completely or not at all.
 
     Raises
     ------
     OutputError
-        Another suffix, copper layers whose names DXF cannot hold, or a file that cannot be written.
+        If the suffix is different, DXF cannot hold the names of the copper layers, or the file cannot be written.
     MissingDependencyError
-        ezdxf is not installed or broken.
+        If ezdxf is not installed or broken.
 
     Notes
     -----
-    x to the right, y upwards, the origin of the design. The layers:
+    x points to the right, y upwards, and the origin is the origin of the design. The layers:
 
-    - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width;
-      one inside another is a hole. This is what cutters, field solvers and CAM programs take. Drilled holes are not
+    - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width.
+      A polyline inside another is a hole. Cutters, field solvers and CAM programs read this layer. Drilled holes are
+      not
       cut out.
     - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, arcs as arcs, for
       programs that route. Switched off and not plotted, because it shows the same copper again.
-    - ``drill``: a circle a hole, with its diameter. Holes that are not through the whole board lie on layers of their
-      own, named by the copper they pierce, as ``drill_L1_L2``.
+    - ``drill``: a circle for each hole, with its diameter. Holes that are not through the whole board lie on layers of
+      their own, named by the copper they pierce, such as ``drill_L1_L2``.
     - ``outline``: edge of the board.
     - ``silk``: names of the coils at their centres.
 
@@ -84,6 +85,7 @@ def write_dxf(array: CoilArray, path: Path) -> None:
 
 
 def _drawing(array: CoilArray) -> Drawing:
+    """Make the drawing of a board."""
     ezdxf = import_extra("ezdxf", "DXF files", package="ezdxf", extra="fab")
     drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
     holes = [hole for hole in drills(array) if hole.drilled]
@@ -111,6 +113,7 @@ def _drawing(array: CoilArray) -> Drawing:
 
 
 def _add_layers(drawing: Drawing, array: CoilArray, holes: Iterable[Drill]) -> None:
+    """Add the layers of the drawing, with their colours."""
     for k, name in enumerate(array.stackup.names):
         colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
         drawing.layers.add(f"copper_{name}", color=colour)
@@ -126,10 +129,11 @@ def _drill_layer(array: CoilArray, hole: Drill) -> str:
 
 
 def _add_paths(space: Modelspace, array: CoilArray) -> None:
+    """Add the centre lines of all traces, with widths and arcs."""
     for placement in array.placements:
         for k, (line, widths, layer) in enumerate(placement.traces()):
             pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
-            # a vertex carries widths and bulge of the piece that begins there; none begins at the last
+            # a vertex carries width and bulge of the piece that begins there, but no piece begins at the last vertex
             begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
             begun = np.vstack((begun, (begun[-1, 0], 0.0)))
             places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])

@@ -27,57 +27,59 @@ from coilarray.geometry.readers.gerber_files import gerbonara
 
 _MM = 1e3
 _DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends
-_SILK_LINE = 0.15  # width of a letter's strokes by its height, as KiCad draws them
+_SILK_LINE = 0.15  # width of a letter's strokes over its height, as in KiCad
 _PROFILE_LINE = 0.05  # mm
-# equal bytes from equal designs: zip files carry no time of their own
+# equal bytes from equal designs: the zip files have a fixed time
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def write_gerbers(
     array: CoilArray, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
 ) -> None:
-    """Write everything a board house needs as one zip.
+    """Write the fabrication data for a board house as one zip.
 
     Parameters
     ----------
     array : CoilArray
         The board.
     path : Path
-        Ends in ``.zip``. Written whole or not at all.
+        File name ending in ``.zip``. The file is written completely or not at all.
     name : str
-        Name of the project; the names of the files begin with it.
+        Name of the project, with which the names of the files begin.
     revision : str
         Revision of the project.
     check : callable, optional
-        Called with the path of the finished zip before it is in its place; what it raises leaves all as it was.
+        Called with the path of the finished zip before it is moved to its place. If it raises, nothing is changed.
 
     Raises
     ------
     OutputError
-        Another suffix, an empty name, or a file that cannot be written.
+        If the suffix is different, the name is empty, or a file cannot be written.
     MissingDependencyError
-        gerbonara is not installed.
+        If gerbonara is not installed.
 
     Notes
     -----
-    The files, in mm with the origin of the design, named as KiCad names them:
+    The files are in mm, with the origin of the design. They are named as in KiCad:
 
-    - a Gerber X2 file each copper layer: traces as strokes with round apertures, pads as flashes. Every object
-      carries its net (the coil's name), pads of terminals also the coil and their number, 1 where the path begins.
-    - solder masks with an opening as large as each pad of a terminal on the outer layers (board houses widen it to
-      their registration); vias are covered.
+    - a Gerber X2 file for each copper layer, with traces as strokes with round apertures and pads as flashes. Every
+      object has its net, the coil's name. Pads of terminals also have the coil and their number, 1 where the path
+      begins.
+    - solder masks with an opening as large as each pad of a terminal on the outer layers. Board houses widen it to
+    their
+      registration. Vias are covered.
     - the names of the coils on top, where they fit.
     - the edge of the board.
     - Excellon files of the plated holes, one for each span of layers. A terminal that reaches one layer of several
       only is a pad without a hole.
     - a Gerber job file with the stack-up.
 
-    Strokes and arcs, not regions: board houses edit and check traces as strokes, and readers get the path back. Their
-    ends and corners are round. The outlines of `coilarray.geometry.copper` are mitred, so at a corner of the angle θ
-    the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the trace: 2e-4 of the copper of a
-    hexagonal coil of 30 turns with 0.1 mm traces.
+    Traces are strokes and arcs, not regions. Board houses edit and check traces as strokes, and readers recover the
+    path. Their ends and corners are round, whereas the outlines of `coilarray.geometry.copper` are mitred. At a corner
+    of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the trace. For a
+    hexagonal coil of 30 turns with 0.1 mm traces this is 2e-4 of its copper.
 
-    No file carries a date: equal designs give equal bytes.
+    No file has a date, so equal designs give equal bytes.
 
     Examples
     --------
@@ -118,7 +120,7 @@ class _Project:
 
     @property
     def stem(self) -> str:
-        """The name with what file systems may refuse replaced."""
+        """Name without characters that file systems may refuse."""
         return re.sub(r"[^A-Za-z0-9._-]+", "_", self.name)
 
     @property
@@ -143,7 +145,10 @@ class _Project:
 
 
 class _Layer:
-    """The text of a Gerber layer as it grows: a round aperture is defined where it is first used."""
+    """Text of a Gerber layer as it grows.
+
+    A round aperture is defined at its first use.
+    """
 
     def __init__(self) -> None:
         self._apertures: dict[tuple[str, str], int] = {}
@@ -152,15 +157,15 @@ class _Layer:
         self._at: tuple[str, str] | None = None
 
     def attribute(self, command: str) -> None:
-        """Add a command of X2 between the objects, such as "TO.N,coil1" or "TD"."""
+        """Add an X2 command, such as "TO.N,coil1" or "TD"."""
         self._body.append(f"%{command}*%")
 
     def stroke(
         self, start: FloatArray, end: FloatArray, width: float, function: str = "", middle: FloatArray | None = None
     ) -> None:
-        """Draw from one point to another, on an arc where it has a middle, all in mm.
+        """Draw a straight stroke, or an arc through `middle`, in mm.
 
-        Strokes that follow each other share the point between them.
+        Consecutive strokes share the point between them.
         """
         self._select(width, function)
         if self._at != _coordinates(start):
@@ -174,7 +179,7 @@ class _Layer:
         self._body.append("G01*")
 
     def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
-        """Put a disc of a diameter in mm at a place in m."""
+        """Flash a disc at a place in m, with diameter in mm."""
         self._select(diameter, function)
         self._operation(_mm((x, y)), "D03")
 
@@ -200,7 +205,7 @@ class _Layer:
 
 
 def _coordinates(at: FloatArray) -> tuple[str, str]:
-    """Give a point in mm in the whole numbers of the format."""
+    """Write a point in mm as the format's whole numbers."""
     x, y = np.rint(at * 10**_DIGITS).astype(np.int64).tolist()
     return str(x), str(y)
 
@@ -222,6 +227,7 @@ def _copper_files(array: CoilArray, project: _Project) -> Iterator[_File]:
 
 
 def _copper(array: CoilArray, name: str) -> _Layer:
+    """Make the layer of copper of one name: traces and pads."""
     layer = _Layer()
     holes = drills(array)
     for placement in array.placements:
@@ -244,6 +250,7 @@ def _copper(array: CoilArray, name: str) -> _Layer:
 
 
 def _mask_files(array: CoilArray, project: _Project) -> Iterator[_File]:
+    """Yield the solder masks, open at the pads of terminals."""
     for side, file, name in (("Top", "F_Mask", array.stackup.names[0]), ("Bot", "B_Mask", array.stackup.names[-1])):
         openings = _Layer()
         for hole in drills(array):
@@ -253,6 +260,7 @@ def _mask_files(array: CoilArray, project: _Project) -> Iterator[_File]:
 
 
 def _silk_file(array: CoilArray, project: _Project) -> _File:
+    """Make the silk screen with the names of the coils."""
     font = gerbonara("newstroke").Newstroke.load()
     layer = _Layer()
     for placement, label in zip(array.placements, silk_labels(array), strict=True):
@@ -270,6 +278,7 @@ def _silk_file(array: CoilArray, project: _Project) -> _File:
 
 
 def _profile_file(array: CoilArray, project: _Project) -> _File:
+    """Make the file of the board's edge."""
     x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
     corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)])
     layer = _Layer()
@@ -284,6 +293,7 @@ def _gerber(project: _Project, name: str, layer: _Layer, function: tuple[str, ..
 
 
 def _drill_files(array: CoilArray, project: _Project) -> Iterator[_File]:
+    """Yield a drill file for each span of layers."""
     names = array.stackup.names
     spans: dict[tuple[int, int], list[Drill]] = {}
     for hole in drills(array):
@@ -298,6 +308,7 @@ def _drill_files(array: CoilArray, project: _Project) -> Iterator[_File]:
 
 
 def _excellon(project: _Project, name: str, holes: Sequence[Drill], function: tuple[str, ...]) -> _File:
+    """Make an Excellon file of plated holes."""
     places: dict[float, list[str]] = {}
     for hole in holes:
         x, y = _mm((hole.x, hole.y)).tolist()
@@ -311,6 +322,7 @@ def _excellon(project: _Project, name: str, holes: Sequence[Drill], function: tu
 
 
 def _job(array: CoilArray, project: _Project, files: Sequence[_File]) -> str:
+    """Make the text of the Gerber job file."""
     stackup = array.stackup
     vendor, application, version = project.software
     x_min, y_min, x_max, y_max = array.bounds
@@ -345,10 +357,13 @@ def _job(array: CoilArray, project: _Project, files: Sequence[_File]) -> str:
 
 
 def _field(text: str) -> str:
-    """Text as a field of an attribute: what has a meaning in Gerber files as an escape."""
+    """Escape characters with a meaning in Gerber attributes."""
     return re.sub(r"[%*,\\\x00-\x1f]", lambda match: f"\\u{ord(match[0]):04X}", text)
 
 
 def _mm(lengths: npt.ArrayLike) -> FloatArray:
-    """Lengths in mm to the last digit of the file; no negative zero."""
+    """Convert lengths to mm, to the last digit of the file.
+
+    Negative zeros are avoided.
+    """
     return np.round(np.asarray(lengths, dtype=np.float64) * _MM, _DIGITS) + 0.0

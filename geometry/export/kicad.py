@@ -35,7 +35,7 @@ from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.rules import FabRules
 from coilarray.geometry.stackup import Stackup
 
-# What design files allow as names; they become names of files, nets and parts.
+# Names allowed in design files, which become names of files, nets and parts.
 _NAME = re.compile(r"[A-Za-z0-9_.+][A-Za-z0-9_.+-]*")
 # Sheets of paper, landscape, and the sides of the largest sheet that KiCad takes, in mm.
 _PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
@@ -56,23 +56,26 @@ def write_kicad(
     title: str = "",
     check: Callable[[Path], None] | None = None,
 ) -> tuple[Path, ...]:
-    """Write a KiCad project: a folder that KiCad 6 and later versions open (tried: 6.0.11, 9.0.2).
+    """Write a KiCad project folder for KiCad 6 and later.
+
+    It was tried with 6.0.11 and 9.0.2.
 
     Parameters
     ----------
     array : CoilArray
         The board.
     path : Path
-        The folder. It is made whole or not at all; in one that exists already, the files of the project are replaced,
-        all or none, and all others stay.
+        The folder, made completely or not at all. In an existing folder the files of the project are replaced, all or
+        none, and all other files stay.
     name : str
-        Name of the project: letters, digits, ``_ . + -``, the last one not first.
+        Name of the project: letters, digits, ``_ . + -``, with ``-`` not first.
     rules : FabRules
         Limits of KiCad's own check.
     title : str
-        Shown on the sheet; the name where there is none.
+        Title on the sheet. By default it is the name.
     check : callable, optional
-        Called with the path of the finished board before anything is in its place; what it raises leaves all as it was.
+        Called with the path of the finished board before any file is moved to its place. If it raises, nothing is
+        changed.
 
     Returns
     -------
@@ -83,19 +86,19 @@ def write_kicad(
     Raises
     ------
     OutputError
-        A path that cannot be written, a name that cannot be, a board larger than any sheet, or copper layers that
-        KiCad cannot hold: more than 32, an odd number above one, or names that it refuses.
+        If the path cannot be written, the name is not allowed, the board is larger than any sheet, or KiCad cannot hold
+        the copper layers: more than 32, an odd number above one, or refused names.
 
     Notes
     -----
-    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid; KiCad's y points
-    down. Lengths are rounded to 1 nm. Each coil is a net of its name, its path tracks and vias, and its ends the pads
-    1 and 2 of a footprint whose reference is the coil's name. The same design gives the same bytes.
+    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid. KiCad's y points
+    down. Lengths are rounded to 1 nm. Each coil is a net with its name. Its path consists of tracks and vias, and its
+    ends are the pads 1 and 2 of a footprint whose reference is the coil's name. The same design gives the same bytes.
 
-    A board of one copper layer gets an empty second one, B.Cu, as KiCad has none with fewer.
+    A board of one copper layer gets an empty second layer, B.Cu, because KiCad requires two.
 
-    Where holes are blind, a terminal on an inner layer is a pad on that layer, which KiCad 9 warns of ("SMD pad has
-    no outer layers"): nothing can be soldered there.
+    With blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad has no outer
+    layers"), because nothing can be soldered there.
 
     Examples
     --------
@@ -156,7 +159,10 @@ def board_text(array: CoilArray, name: str, title: str) -> str:
 
 
 def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
-    """Choose the smallest sheet, as KiCad names it, and put the board in the middle of it."""
+    """Choose the smallest sheet and centre the board on it.
+
+    The sheet is named as in KiCad.
+    """
     x_min, y_min, x_max, y_max = (1e3 * edge for edge in array.bounds)
     width, height = x_max - x_min + 2 * _SHEET_MARGIN, y_max - y_min + 2 * _SHEET_MARGIN
     if max(width, height) > _LARGEST_SHEET:
@@ -164,7 +170,7 @@ def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[s
             f"a board for KiCad must be at most {_LARGEST_SHEET - 2 * _SHEET_MARGIN} mm wide and high; "
             f"got {x_max - x_min:.4g} mm x {y_max - y_min:.4g} mm."
         )
-    # its own size where no paper fits
+    # a sheet of its own size if no paper fits
     sheet = (math.ceil(width), math.ceil(height))
     paper: tuple[str, ...] = (quoted("User"), *map(str, sheet))
     for known, (w, h) in reversed(_PAPERS.items()):
@@ -177,6 +183,7 @@ def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[s
 
 
 def _layer_table(layers: dict[str, str]) -> str:
+    """Make the table of the board's layers."""
     table = [(BOTTOM if kicad == "B.Cu" else k, kicad, "signal", own) for k, (own, kicad) in enumerate(layers.items())]
     if len(layers) == 1:
         table.append((BOTTOM, "B.Cu", "signal", "B.Cu"))
@@ -189,18 +196,19 @@ def _layer_table(layers: dict[str, str]) -> str:
 
 
 def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
+    """Make the stack-up of a board."""
     copper = [(kicad, thickness) for kicad, thickness in zip(layers.values(), stackup.copper_thickness, strict=True)]
     slabs = list(zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True))
     if len(layers) == 1:
         copper.append(("B.Cu", stackup.copper_thickness[0]))
         slabs.append((_BACKING, _BACKING_EPSILON_R))
-    # KiCad drops the whole stack-up where a layer of the board, as its paste, is missing in it
+    # KiCad drops the whole stack-up if it lacks a layer of the board, such as its paste
     outer = (("SilkS", "Silk Screen"), ("Paste", "Solder Paste"), ("Mask", "Solder Mask"))
     lines = [_stackup_layer(f"F.{layer}", f"Top {kind}") for layer, kind in outer]
     for k, (kicad, thickness) in enumerate(copper):
         lines.append(_stackup_layer(kicad, "copper", node("thickness", length(thickness))))
         if k < len(slabs):
-            # cores and prepregs in turn; the middle one is a core
+            # cores and prepregs alternate, with a core in the middle
             kind = "core" if (k - len(slabs) // 2) % 2 == 0 else "prepreg"
             epsilon = node("epsilon_r", repr(float(slabs[k][1])))
             lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
@@ -214,6 +222,7 @@ def _stackup_layer(name: str, kind: str, *properties: str) -> str:
 
 
 def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
+    """Yield the footprints, tracks and vias of all coils."""
     for number, (placement, label) in enumerate(zip(array.placements, silk_labels(array), strict=True), start=1):
         own = drawing.within(placement.name)
         net = node("net", str(number))
@@ -225,6 +234,7 @@ def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
 
 
 def _vias(array: CoilArray, placement: Placement, net: str, drawing: Drawing) -> Iterator[str]:
+    """Yield the vias of one coil."""
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         through = hole.layers == array.stackup.names
         ends = (drawing.layers[hole.layers[0]], drawing.layers[hole.layers[-1]])
@@ -241,10 +251,12 @@ def _edge(array: CoilArray, drawing: Drawing) -> str:
 
 
 def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
-    """Text of a ``.kicad_pro`` file; the first coil gives the sizes that KiCad offers for new tracks and vias.
+    """Text of a ``.kicad_pro`` file.
 
-    JSON, without severities, so that KiCad's own hold. KiCad has no limit for turns of one net, so `FabRules.min_gap`
-    holds between nets only. The distance of foreign copper to a hole's wall takes the same limit.
+    The first coil gives the sizes that KiCad offers for new tracks and vias.
+
+    The text is JSON without severities, so KiCad's own severities hold. KiCad has no limit for turns of one net, so
+    `FabRules.min_gap` holds between nets only. The distance of foreign copper to a hole's wall has the same limit.
     """
 
     def mm(metres: float) -> float:
@@ -280,7 +292,10 @@ def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
 
 
 def _library_table_text(name: str) -> str:
-    """Text of the ``fp-lib-table`` that lets KiCad find the footprints of the project, whose name the library has."""
+    """Text of the project's ``fp-lib-table``.
+
+    With it KiCad finds the footprints of the project. The library has the project's name.
+    """
     folder = f"${{KIPRJMOD}}/{name}.pretty"
     fields = {"name": name, "type": "KiCad", "uri": folder, "options": "", "descr": "windings of the coils"}
     library = node("lib", *(node(key, quoted(value)) for key, value in fields.items()))
@@ -288,9 +303,10 @@ def _library_table_text(name: str) -> str:
 
 
 def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:
-    """Write files into a folder beside `path`, then give it that name, or move them in where it exists.
+    """Write files into a new folder and move them into place.
 
-    Raises OutputError; a folder that did not exist is then not there, and one that did is as it was.
+    The folder is made beside `path` and renamed, or its files are moved into an existing folder. If OutputError is
+    raised, a new folder does not remain, and an existing folder is unchanged.
     """
     try:
         remove_left(path.parent)
@@ -308,12 +324,15 @@ def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], 
             else:
                 staged.rename(path)
     except OSError as error:
-        place = error.filename2 or path  # where a file could not be moved to
+        place = error.filename2 or path  # the target of a file that could not be moved
         raise OutputError(f"cannot write {place}: {error.strerror or error}.") from None
 
 
 def _replace_files(path: Path, staged: Path, files: Iterable[str], before: Path) -> None:
-    """Move files into a folder; where one cannot be, put back those that were there, from copies in `before`."""
+    """Move files into a folder, and undo it on failure.
+
+    `before` holds the copies of the replaced files, which are put back.
+    """
     made: list[Path] = []
     replaced: list[str] = []
     try:

@@ -1,6 +1,6 @@
 """The text of KiCad's files: s-expressions, lengths, layer names, identifiers and footprints.
 
-A footprint is the terminals of a coil on a board, or a whole winding as a part of a library.
+A footprint holds the terminals of a coil on a board, or a whole winding as a part of a library.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import Label, silk_labels
 from coilarray.geometry.stackup import Stackup
 
-# The format of KiCad 6, the oldest one with a stack-up in today's form; later versions read it too.
+# The format of KiCad 6, the oldest with a stack-up in today's form. Later versions read it too.
 FILE_VERSION = "20211014"
 
-# Every file says who wrote it.
+# Generator named in every file.
 GENERATOR = "coilarray"
 
 # KiCad's unit of length.
 _NANOMETRES = 1e9
 
-# Of the identifiers of everything that this package writes.
+# Namespace of the identifiers of everything that this package writes.
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "coilarray")
 
-# The layers of a board beside its copper: number, name, and the name shown where it differs.
+# The layers of a board beside its copper: number, name, and the shown name if it differs.
 OTHER_LAYERS = (
     (34, "B.Paste", ""), (35, "F.Paste", ""), (36, "B.SilkS", "B.Silkscreen"), (37, "F.SilkS", "F.Silkscreen"),
     (38, "B.Mask", ""), (39, "F.Mask", ""), (40, "Dwgs.User", "User.Drawings"), (41, "Cmts.User", "User.Comments"),
@@ -42,23 +42,26 @@ OTHER_LAYERS = (
 )  # fmt: skip
 _MOST_COPPER_LAYERS = 32
 BOTTOM = 31
-# What KiCad's own dialogue refuses in a layer's name.
+# Characters that KiCad's dialogue refuses in a layer's name.
 _FORBIDDEN = frozenset('\\/:*?"<>|%')
 # Height in m of the letters that are not printed.
 _FAB_LETTERS = 1e-3
 # Width of a stroke by the height of its letter, KiCad's own.
 _STROKE = 0.15
-# A coil is nothing to buy or to place.
+# Attributes of a coil, which is not bought or placed.
 _NO_PART = ("exclude_from_pos_files", "exclude_from_bom")
 
 
 def node(name: str, *items: str) -> str:
-    """One expression on one line: ``(name item item)``."""
+    """Write an expression on one line: ``(name item item)``."""
     return f"({' '.join((name, *items))})"
 
 
 def block(name: str, head: Iterable[str], children: Iterable[str]) -> str:
-    """One expression with every child on lines of its own, two spaces further in."""
+    """Write an expression with each child on its own lines.
+
+    The children are indented by two spaces.
+    """
     lines = [f"({' '.join((name, *head))}"]
     for child in children:
         lines += [f"  {line}" for line in child.split("\n")]
@@ -71,7 +74,7 @@ def on_layer(name: str) -> str:
 
 
 def quoted(text: str) -> str:
-    r"""Text in quotes; backslashes, quotes and line ends are escaped.
+    r"""Text in quotes, with escaped backslashes, quotes and newlines.
 
     Examples
     --------
@@ -83,12 +86,12 @@ def quoted(text: str) -> str:
 
 
 def nanometres(metres: npt.ArrayLike) -> IntArray:
-    """Lengths in m as the nearest whole numbers of nanometres."""
+    """Round lengths in m to whole numbers of nanometres."""
     return np.rint(np.asarray(metres, dtype=np.float64) * _NANOMETRES).astype(np.int64)
 
 
 def mm(nm: int) -> str:
-    """Millimetres of a whole number of nanometres, exact.
+    """Write a whole number of nanometres in mm, exactly.
 
     Examples
     --------
@@ -101,22 +104,25 @@ def mm(nm: int) -> str:
 
 
 def length(metres: float) -> str:
-    """Millimetres of a length in m, rounded to 1 nm."""
+    """Write a length in m in mm, rounded to 1 nm."""
     return mm(int(nanometres(metres)))
 
 
 def at(name: str, point: npt.ArrayLike) -> str:
-    """Write a position, ``(name x y)``, of a point on the sheet in nm."""
+    """Write the position ``(name x y)`` of a point in nm.
+
+    The point is on the sheet.
+    """
     x, y = np.asarray(point).tolist()
     return node(name, mm(x), mm(y))
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a design is put into one file.
+    """Mapping of a design into one file.
 
-    `root` begins the identifiers of the file's pieces, `layers` are KiCad's names of the stack-up's copper layers, and
-    `x0`, `y0` the origin of the design on the sheet, whose y axis points down, in nm.
+    `root` begins the identifiers of the file's pieces. `layers` are KiCad's names of the stack-up's copper layers. `x0`
+    and `y0` are the origin of the design on the sheet in nm. The sheet's y axis points down.
     """
 
     root: str
@@ -125,15 +131,21 @@ class Drawing:
     y0: int = 0
 
     def points(self, xy: npt.ArrayLike) -> IntArray:
-        """Points of the design, shape (…, 2) in m, on the sheet in nm."""
+        """Transform points of the design to the sheet, in nm.
+
+        The points have the shape (…, 2), in m.
+        """
         return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
 
     def point(self, x: float, y: float) -> IntArray:
-        """One point of the design in m on the sheet, shape (2,) in nm."""
+        """Transform a point of the design in m to the sheet.
+
+        The result has the shape (2,), in nm.
+        """
         return self.points((x, y))
 
     def within(self, part: str) -> Drawing:
-        """Return the same drawing for a part of the file, with identifiers of its own."""
+        """Return the drawing of a part, with its own identifiers."""
         return replace(self, root=f"{self.root}/{part}")
 
     def layer(self, name: str) -> str:
@@ -141,14 +153,19 @@ class Drawing:
         return on_layer(self.layers[name])
 
     def identifier(self, *parts: object) -> str:
-        """Write the ``(tstamp …)`` of the piece that the parts name; the same for the same design."""
+        """Write the ``(tstamp …)`` of the piece named by the parts.
+
+        It is the same for the same design.
+        """
         return node("tstamp", str(uuid.uuid5(_NAMESPACE, "/".join(map(str, (self.root, *parts))))))
 
 
 def copper_names(stackup: Stackup) -> dict[str, str]:
-    """KiCad's name of each copper layer, top to bottom: F.Cu, In1.Cu, …, B.Cu; only F.Cu where there is one layer.
+    """KiCad's name of each copper layer, top to bottom.
 
-    OutputError for an odd number of layers above one, more than 32, or a name that KiCad cannot hold.
+    The names are F.Cu, In1.Cu, …, B.Cu. A single layer is F.Cu.
+
+    Raises OutputError for an odd number of layers above one, more than 32, or a name that KiCad cannot hold.
 
     Examples
     --------
@@ -177,13 +194,15 @@ _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM)
 
 
 def library_footprints(array: CoilArray) -> dict[str, str]:
-    """Write a footprint for every coil shape and set of layers, by the name of the first coil that has them.
+    """Write a footprint for every coil shape and set of layers.
 
-    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net. The winding is drawn
-    as lines on the copper layers, and the footprint is a net tie, which is KiCad's word for a part that joins nets on
-    purpose: its check then lets the terminals have different nets, as those of a coil have in a circuit.
+    It is named after the first coil with this shape and these layers.
 
-    All holes go through the board, as pads of a footprint have no blind ones.
+    Pads 1 and 2 are the terminals. A footprint has no vias. They are pads V1, V2, … without a net. The winding is drawn
+    as lines on the copper layers. The footprint is a net tie, KiCad's word for a part that joins nets on purpose.
+    KiCad's check then allows different nets at the terminals, as a coil has in a circuit.
+
+    All holes go through the board, because pads of a footprint have no blind holes.
     """
     shapes: dict[tuple[int, tuple[str, ...]], list[Placement]] = {}
     for placement in array.placements:
@@ -192,7 +211,10 @@ def library_footprints(array: CoilArray) -> dict[str, str]:
 
 
 def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
-    """Footprint of coils that differ in place and rotation only, in the frame of their shape."""
+    """Footprint of equal coils, in the frame of their shape.
+
+    The coils differ in place and rotation only.
+    """
     name = alike[0].name
     placement = replace(alike[0], name="REF**", x=0.0, y=0.0, rotation=0.0)
     single = replace(array, placements=(placement,), through_holes=True)
@@ -200,7 +222,7 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
     users = ", ".join(user.name for user in alike)
     children = [
         node("descr", quoted(f"winding of {users} on {', '.join(placement.layers)}")),
-        # how the format of KiCad 6 marks a net tie; later versions read it as a group of all pads
+        # how the format of KiCad 6 marks a net tie. Later versions read it as a group of all pads
         node("tags", quoted("net tie planar coil")),
         _attributes(placement),
         _reference(placement, silk_labels(single)[0], drawing),
@@ -218,10 +240,10 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
 
 
 def terminal_footprint(array: CoilArray, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
-    """Write the footprint that carries a coil's terminals and, where there is a label, its name on the board.
+    """Write the footprint with a coil's terminals and its label.
 
-    `net` is the ``(net …)`` of its pads, `drawing` the coil's part of the board's. It belongs to no library: the tracks
-    of the board are the winding.
+    The label, if any, is the coil's name on the board. `net` is the ``(net …)`` of the pads. `drawing` is the coil's
+    part of the board's drawing. The footprint belongs to no library, because the tracks of the board are the winding.
     """
     children = [
         drawing.identifier("footprint"),
@@ -235,12 +257,15 @@ def terminal_footprint(array: CoilArray, placement: Placement, label: Label | No
 
 
 def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, ...], str, str]]:
-    """Give a coil's path piece by piece: (start …), the (mid …) of an arc, (end …); (width …) and (layer …)."""
+    """Yield the pieces of a coil's path.
+
+    A piece has (start …), the (mid …) of an arc, (end …), then (width …) and (layer …).
+    """
     last: IntArray | None = None
     for k, (line, widths, layer) in enumerate(placement.traces()):
         points = drawing.points(line)
         if last is not None:
-            points[0] = last  # a line begins where the one before ended, but to 1 nm only
+            points[0] = last  # the ends of consecutive lines agree to 1 nm only
         last = points[-1]
         for piece in pieces_of(line, placement.coil.arcs_of(k)):
             start, end = points[piece.first], points[piece.last]
@@ -253,7 +278,10 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
 def holes_of(
     array: CoilArray, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
 ) -> list[tuple[Drill, IntArray]]:
-    """Holes of one coil in the order of its path, with their places on the sheet in nm."""
+    """Holes of one coil, with their places on the sheet in nm.
+
+    They are in the order of the path.
+    """
     own = drills(array.with_placements((placement,)))
     return [(hole, drawing.point(hole.x, hole.y)) for hole in own if hole.kind == kind]
 
@@ -263,7 +291,7 @@ def _attributes(placement: Placement, *more: str) -> str:
 
 
 def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
-    """Write the coil's name, on the silk screen where there is a place for it."""
+    """Write the coil's name, on the silk screen if it fits."""
     if label is None:
         return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
     place = drawing.point(label.x, label.y) - drawing.point(placement.x, placement.y)
@@ -282,14 +310,17 @@ def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: 
 
 
 def _outline(placement: Placement, drawing: Drawing) -> str:
-    """Outline of the winding for the assembly drawing; no courtyard, since coils of an array may overlap."""
+    """Outline of the winding for the assembly drawing.
+
+    There is no courtyard, since coils of an array may overlap.
+    """
     points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
     style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
     return node("fp_poly", points, *style, drawing.identifier("outline"))
 
 
 def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Iterator[str]:
-    """Yield the pads V1, V2, … in place of vias, under the solder mask."""
+    """Yield the pads V1, V2, … for vias, under the solder mask."""
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         layers = node("layers", _through(array))
         drill = node("drill", length(hole.diameter))
@@ -300,7 +331,7 @@ def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], d
     """Yield the pads 1 and 2 at the ends of the path.
 
     A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the solder mask, that
-    adds no copper: it tells KiCad's check that the track is meant to end there.
+    adds no copper. For KiCad's check it marks the intended end of the track.
     """
     coil = placement.coil
     origin = drawing.point(placement.x, placement.y)
@@ -323,7 +354,10 @@ def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], d
 
 
 def _through(array: CoilArray) -> str:
-    """Copper layers of a hole through the board; the back of a board of one copper layer stays empty."""
+    """Copper layers of a hole through the board.
+
+    The back of a board of one copper layer stays empty.
+    """
     return quoted("*.Cu" if len(array.stackup.names) > 1 else "F.Cu")
 
 

@@ -17,16 +17,19 @@ _SIZES = (1.0e-3, 0.8e-3)
 # The widest letters of KiCad's stroke font are this many heights wide with their gap, descenders included so high.
 _LETTER_WIDTH = 1.2
 _LETTER_HEIGHT = 1.8
-# Ink stays so far from pads and other names, and from the edge of the board, in m.
+# Clearance in m of ink from pads and other names, and from the edge of the board.
 _CLEARANCE = 0.15e-3
 _EDGE = 0.5e-3
-# Places are tried this far apart, in m.
+# Spacing in m of the places that are tried.
 _STEP = 0.5e-3
 
 
 @dataclass(frozen=True)
 class Label:
-    """Where a coil's name stands: the middle of the text on the board, and the height of its letters, in m."""
+    """Position and letter height of a coil's name, in m.
+
+    The position is the middle of the text on the board.
+    """
 
     x: float
     y: float
@@ -34,9 +37,9 @@ class Label:
 
 
 def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
-    """Place the name of every coil as near to its centre as it meets no pad, no other name and no edge.
+    """Place the name of every coil as near to its centre as possible.
 
-    None stands for a name that fits nowhere within the coil's winding.
+    A name keeps clear of all pads, other names and the edge. It is None if it does not fit within the coil's winding.
     """
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")
@@ -52,7 +55,10 @@ def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
 
 
 def _fit(placement: Placement, free: BaseGeometry, taken: FloatArray) -> tuple[Label | None, FloatArray]:
-    """Find the first place for a coil's name, and its box (x_min, y_min, x_max, y_max) in m, shape (0 or 1, 4)."""
+    """Find the first free place for a coil's name, and its box.
+
+    The box (x_min, y_min, x_max, y_max) is in m, shape (0 or 1, 4).
+    """
     places = _places(placement)
     for size in _SIZES:
         half = 0.5 * np.array([_LETTER_WIDTH * len(placement.name), _LETTER_HEIGHT]) * size
@@ -69,7 +75,10 @@ def _fit(placement: Placement, free: BaseGeometry, taken: FloatArray) -> tuple[L
 
 
 def _places(placement: Placement) -> FloatArray:
-    """Points of a grid over the coil's winding in m, shape (n, 2), the nearest to its centre first."""
+    """Points of a grid over the coil's winding, in m.
+
+    They have the shape (n, 2), with the nearest to the coil's centre first.
+    """
     points = placement.to_board(placement.coil.outline)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     count = np.ceil(0.5 * np.ptp(points, axis=0) / _STEP).astype(int)

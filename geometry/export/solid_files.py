@@ -21,27 +21,27 @@ COLOURS = {
     "board": (24, 92, 52, 160),
     "sheet": (110, 110, 118, 90),
 }
-"""Red, green, blue and opacity, up to 255, of each kind of solid, the first part of its key."""
+"""Red, green, blue and opacity, up to 255, of each kind of solid, by the first part of its key."""
 _OTHER = (160, 160, 160, 255)
 # glTF's up is y: (x, y, z) becomes (x, z, −y)
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
-    """Write solids to one file, the format by its suffix.
+    """Write solids to one file, in the format of its suffix.
 
     Parameters
     ----------
     solids : mapping of str to trimesh.Trimesh
-        As `coilarray.geometry.solids` gives them, in m.
+        Solids in m, as made by `coilarray.geometry.solids`.
     path : Path
-        ``.stl`` and ``.ply``: all solids in one mesh, in mm, as slicers expect. ``.glb``: a scene of named and
-        coloured nodes, in m and with y up, as glTF demands.
+        File name. ``.stl`` and ``.ply`` hold all solids in one mesh, in mm, as slicers expect. ``.glb`` holds a scene
+        of named and coloured nodes, in m and with y up, as glTF demands.
 
     Raises
     ------
     OutputError
-        Another suffix, no solids, or a file that cannot be written.
+        If the suffix is different, there are no solids, or the file cannot be written.
     """
     import trimesh  # slow to import
 
@@ -61,6 +61,7 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
 
 
 def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
+    """Make a scene of named and coloured solids, with y up."""
     import trimesh
 
     scene: Any = trimesh.Scene()

@@ -35,33 +35,35 @@ _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
 def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
-    """Write the solids of a board and of the sheets on it as a STEP file (AP214) in mm.
+    """Write a board and its sheets as a STEP file in mm.
+
+    The format is AP214.
 
     Parameters
     ----------
     array : CoilArray
         The board.
     path : Path
-        Ends in ``.step`` or ``.stp``. Written whole or not at all.
+        File name ending in ``.step`` or ``.stp``. The file is written completely or not at all.
     name : str
         Name of the assembly.
     sheets : sequence of Sheet
-        Sheets from the board upwards; names all different.
+        Sheets from the board upwards. All names differ.
 
     Raises
     ------
     OutputError
-        Another suffix, or a file that cannot be written.
+        If the suffix is different, or the file cannot be written.
     MissingDependencyError
-        cadquery-ocp-novtk is not installed or broken.
+        If cadquery-ocp-novtk is not installed or broken.
     GeometryError
-        Two sheets of the same name.
+        If two sheets have the same name.
 
     Notes
     -----
-    One assembly of named and coloured parts, the keys of `coilarray.geometry.solids` and z = 0 at the top of the top
-    copper. Barrels, drilled holes and the free edges of pads are true cylinders; everything else has flat faces, also
-    the arcs of traces, as `faceted_prisms` makes them.
+    The file is an assembly of named and coloured parts, with the keys of `coilarray.geometry.solids` and z = 0 at the
+    top of the top copper. Barrels, drilled holes and the free edges of pads are true cylinders. Everything else has
+    flat faces, also the arcs of traces, as made by `faceted_prisms`.
 
     Examples
     --------
@@ -82,7 +84,10 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
 
 
 def faceted_prisms(array: CoilArray) -> dict[str, Prism]:
-    """Return the prisms of a board whose copper has the larger pieces of `Coil.current_lines` for arcs: fewer faces."""
+    """Return the prisms of a board with coarser arcs.
+
+    The copper has the larger pieces of `Coil.current_lines`, which give fewer faces.
+    """
     prisms = board_prisms(array)
     coils = {id(place.coil): place.coil for place in array.placements if any(place.coil.arcs)}
     if not coils:
@@ -100,7 +105,10 @@ def faceted_prisms(array: CoilArray) -> dict[str, Prism]:
 
 
 def _circles(array: CoilArray) -> FloatArray:
-    """Every circle of the board, shape (n, 3): centre and radius in m; pads, holes and the inside of barrels."""
+    """Centre and radius in m of every circle of the board.
+
+    The circles are pads, holes and the inside of barrels. The array has the shape (n, 3).
+    """
     rows = {
         (hole.x, hole.y, diameter / 2)
         for hole in drills(array)
@@ -110,10 +118,10 @@ def _circles(array: CoilArray) -> FloatArray:
 
 
 def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
-    """Circle whose polygon each edge of a closed outline comes from, −1 for none, shape (n,).
+    """Index of the circle from which each outline edge comes.
 
-    `corners`, shape (n, 2), are in m, the first not repeated, and edge k begins at corner k; `circles`, shape (m, 3),
-    are centres and radii in m.
+    The index is −1 for other edges. The array has the shape (n,). `corners`, shape (n, 2), are in m, with the first
+    corner not repeated. Edge k begins at corner k. `circles`, shape (m, 3), are centres and radii in m.
     """
     x, y, radius = circles.T
     offset = np.hypot(corners[:, :1] - x, corners[:, 1:] - y) - radius
@@ -128,7 +136,10 @@ def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
 
 
 def _part(prism: Prism, circles: FloatArray) -> Any:
-    """Make the solid of a prism, a compound where its outline is in several pieces."""
+    """Make the solid of a prism.
+
+    It is a compound if the outline is in several pieces.
+    """
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Compound
 
@@ -144,6 +155,7 @@ def _part(prism: Prism, circles: FloatArray) -> Any:
 
 
 def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
+    """Make the solid of one polygon of a prism."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
     from OCP.gp import gp_Dir, gp_Pln, gp_Pnt, gp_Vec
@@ -158,7 +170,10 @@ def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
 
 
 def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
-    """Make the closed wire of a ring, with an arc for every run of edges of one circle."""
+    """Make the closed wire of a ring.
+
+    It has an arc for every run of edges of one circle.
+    """
     from OCP.BRep import BRep_Builder
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex
     from OCP.gp import gp_Pnt
@@ -168,7 +183,7 @@ def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
     owners = _owners(corners, circles)
     wire, builder = TopoDS_Wire(), BRep_Builder()
     builder.MakeWire(wire)
-    # corners at which something begins: a straight edge, or a run of edges of one circle
+    # corners at which a straight edge or a run of edges of one circle begins
     starts = np.flatnonzero((owners < 0) | (owners != np.roll(owners, 1)))
     if not len(starts):
         builder.Add(wire, BRepBuilderAPI_MakeEdge(_circle(circles[owners[0]], z, counter_clockwise=ring.is_ccw)).Edge())
@@ -223,6 +238,7 @@ def _document(name: str, parts: Mapping[str, Any]) -> Any:
 
 
 def _write(document: Any, path: Path, name: str) -> None:
+    """Write a document to a STEP file."""
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.STEPCAFControl import STEPCAFControl_Writer
@@ -245,13 +261,16 @@ def _write(document: Any, path: Path, name: str) -> None:
 
 @contextlib.contextmanager
 def _own_settings() -> Iterator[None]:
-    """Let Open CASCADE write small files and keep its progress off standard output; its settings are global."""
+    """Set Open CASCADE to write small files without progress output.
+
+    The progress would go to standard output. The settings are global and are restored.
+    """
     from OCP.Interface import Interface_Static
     from OCP.Message import Message, Message_Gravity
     from OCP.STEPControl import STEPControl_Controller
 
-    STEPControl_Controller.Init_s()  # before it there are no settings
-    # curves on the faces say nothing new of planes and cylinders, and double the file
+    STEPControl_Controller.Init_s()  # creates the settings
+    # curves on the faces are redundant for planes and cylinders, and double the file
     with_curves = Interface_Static.IVal_s(_CURVES)
     printers = list(Message.DefaultMessenger_s().Printers())
     levels = [printer.GetTraceLevel() for printer in printers]

@@ -21,34 +21,34 @@ _TEXT_HEIGHT = 1.5  # mm
 _BASELINE = "0.5"  # mm below the middle of the text: half the height of a capital
 _LAMINATE = "#F4F1E8"
 _MARGIN = 0.5  # mm of paper around the board
-# Okabe & Ito (2008), "Color Universal Design": pairs of layers far apart, for eyes of any colour vision
+# Okabe & Ito (2008), "Color Universal Design": neighbouring layers differ strongly, for eyes of any colour vision
 _LAYER_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9", "#CC79A7", "#009E73")
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 
 
 def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
-    """Write the board as an SVG drawing of its own size.
+    """Write the board as an SVG drawing in its real size.
 
     Parameters
     ----------
     array : CoilArray
         The board.
     path : Path
-        Ends in ``.svg``. Written whole or not at all.
+        File name ending in ``.svg``. The file is written completely or not at all.
     title : str
         Title of the drawing.
 
     Raises
     ------
     OutputError
-        Another suffix, or a file that cannot be written.
+        If the suffix is different, or the file cannot be written.
 
     Notes
     -----
-    Inside the group ``board`` coordinates are mm with y upwards and the origin of the design. Its groups, from the
-    back to the front, are layers in Inkscape: ``outline``; ``copper-<n>``, the n-th copper layer, the lowest first, a
-    path a coil with the name as its title, filled by the even-odd rule; ``drills``; ``names``.
-    The same board gives the same bytes.
+    Inside the group ``board`` coordinates are in mm, with y upwards and the origin of the design. Its groups, from the
+    back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``, ``drills`` and ``names``. ``copper-<n>`` is
+    the n-th copper layer, with the lowest first. It has a path for each coil, with the name as its title, filled by the
+    even-odd rule. The same board gives the same bytes.
 
     Examples
     --------
@@ -64,9 +64,9 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
 
 
 def svg_text(array: CoilArray, *, title: str = "", coarse: bool = False) -> str:
-    """Return the drawing that `write_svg` writes, as the text of its element ``svg``.
+    """Return the drawing of `write_svg` as an ``svg`` element.
 
-    A `coarse` one, for the screen, is to a three-thousandth of the board and a fraction as long.
+    A `coarse` drawing, for the screen, is accurate to a three-thousandth of the board and much shorter.
     """
     outline = board_outline(array)
     within = max(np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0)) / _ON_SCREEN if coarse else 0.0

@@ -1,4 +1,4 @@
-"""Boards made elsewhere: what their files hold as copper, and the coils in it."""
+"""Boards made elsewhere: the copper in their files, and the coils in it."""
 
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
 from coilarray.geometry.readers.gerber_board import read_gerbers

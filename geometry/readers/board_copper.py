@@ -1,4 +1,4 @@
-"""Copper of a board that was made elsewhere, and what is assumed where its files say nothing."""
+"""Copper of a board that was made elsewhere, with assumptions for values missing in its files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from coilarray.geometry.values import Point
 
 @dataclass(frozen=True)
 class Track:
-    """A straight piece of trace with round or flat ends; arcs come divided into such pieces.
+    """Straight piece of trace with round or flat ends.
+
+    Arcs are divided into such pieces.
 
     Parameters
     ----------
@@ -26,9 +28,9 @@ class Track:
     width : float
         Width in m.
     net : str or None
-        None if the file names none.
+        Name of the net. None if the file names no net.
     where : str
-        "file:line" or "file", for messages.
+        Place in the file for messages: "file:line" or "file".
     """
 
     layer: str
@@ -41,26 +43,26 @@ class Track:
 
 @dataclass(frozen=True)
 class Hole:
-    """A drilled and plated hole, of a via or of a pad.
+    """Drilled and plated hole of a via or a pad.
 
     Parameters
     ----------
     x, y : float
         Centre in m.
     drill : float
-        Diameter of the hole in m; of a slot, the smaller one.
+        Diameter of the hole in m. For a slot it is the smaller side.
     pad : float
-        Diameter of the pad in m; of a pad that is not round, the smaller one.
+        Diameter of the pad in m. For a pad that is not round it is the smaller side.
     layers : tuple of str
         Copper layers that it joins, top to bottom.
     net, where
-        As of `Track`.
+        As in `Track`.
     kind : {"via", "pad"}
-        Pads are where a net may begin and end.
+        Kind of hole. A net may begin and end at a pad.
     number : str
-        Number of a pad in its footprint ("1", "A4"); empty for vias and where the file has none.
+        Number of a pad in its footprint ("1", "A4"). Empty for vias, and if the file has no number.
     shapes : mapping of str to shapely geometry
-        The pad in m on the layers where it is; empty for a disc of `pad` on all of them.
+        The pad in m on the layers where it exists. Empty for a disc of `pad` on all layers.
     """
 
     x: float
@@ -75,25 +77,28 @@ class Hole:
     shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
 
     def copper(self, layer: str) -> BaseGeometry:
-        """Return the copper on one layer in m: the pad, or the barrel alone where it has no pad."""
+        """Return the copper on one layer in m.
+
+        It is the pad, or the barrel alone if the layer has no pad.
+        """
         size = self.drill if self.shapes else self.pad
         return self.shapes[layer] if layer in self.shapes else disc(self.x, self.y, size)
 
 
 @dataclass(frozen=True)
 class SurfacePad:
-    """A pad without a hole.
+    """Pad without a hole.
 
     Parameters
     ----------
     x, y : float
         Centre in m.
     layer, net, where, number
-        As of `Track` and `Hole`.
+        As in `Track` and `Hole`.
     size : float
-        Smaller side or diameter in m; a track that ends within half of it from the centre is joined to the pad.
+        Smaller side or diameter in m. A track that ends within half of it from the centre is joined to the pad.
     shape : shapely geometry, optional
-        Area that it covers, in m; without it a disc of diameter `size`.
+        Area that it covers, in m. By default a disc of diameter `size`.
     """
 
     x: float
@@ -107,20 +112,22 @@ class SurfacePad:
 
     @property
     def copper(self) -> BaseGeometry:
-        """What it covers, in m."""
+        """Area covered by the pad, in m."""
         return disc(self.x, self.y, self.size) if self.shape is None else self.shape
 
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper that is not a track: a filled zone, a region, a polygon, a drawn line or text.
+    """Copper that is not a track.
+
+    It is a filled zone, a region, a polygon, a drawn line or text.
 
     Parameters
     ----------
     layer, net, where
-        As of `Track`.
+        As in `Track`.
     shape : shapely geometry
-        The copper (of a zone without fill, its outline) in m.
+        The copper in m. For a zone without fill it is the outline.
     what : str
         Name for messages: "a filled zone", "a drawn line".
     """
@@ -134,28 +141,28 @@ class CopperArea:
 
 @dataclass(frozen=True, eq=False)
 class BoardCopper:
-    """The conductors of a board as its file has them.
+    """Conductors of a board as its file has them.
 
     Parameters
     ----------
     source : str
         Name of the file or folder, for messages.
     stackup : Stackup
-        The board's layers, with the file's own layer names.
+        Layers of the board, with the layer names of the file.
     tracks : tuple of Track
         Tracks in the order of the file.
     holes : tuple of Hole
-        Plated ones only.
+        Plated holes only.
     pads : tuple of SurfacePad
         Pads without a hole.
     assumed : dict of str to str
-        Dotted keys of the design's [stackup] table that the file does not say, with what was taken and why.
+        Dotted keys of the design's [stackup] table that are missing in the file, with the assumed value and the reason.
     areas : tuple of CopperArea
-        Copper that cannot be followed as a path; refused where a coil touches it or shares its net.
+        Copper that cannot be followed as a path. It is refused if a coil touches it or shares its net.
     edge : tuple of float, optional
-        x_min, y_min, x_max, y_max in m of the board's outline, where the file has one.
+        x_min, y_min, x_max, y_max in m of the board's outline, if the file has an outline.
     notes : tuple of str
-        Sentences on how the file was read, for the user.
+        Sentences for the user about the reading of the file.
     """
 
     source: str
@@ -170,13 +177,14 @@ class BoardCopper:
 
 
 Slab = tuple[float | None, float | None]
-"""Thickness in m and relative permittivity of a dielectric, None if it is not said."""
+"""Thickness in m and relative permittivity of a dielectric, None if unknown."""
 
 
 def united(parts: Sequence[Slab]) -> Slab:
-    """Return one dielectric of the thickness and the capacitance of several in series between two copper layers.
+    """Return one dielectric equivalent to several in series.
 
-    Without a thickness where one part has none: then the permittivity is that of equal parts.
+    It has the same thickness and the same capacitance between two copper layers. If a part has no thickness, the result
+    has none, and the permittivity is computed for equal parts.
 
     Examples
     --------
@@ -194,7 +202,10 @@ def united(parts: Sequence[Slab]) -> Slab:
 
 
 def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, str]) -> tuple[float, ...]:
-    """Put the usual thickness of copper where none is given, and say so in `assumed`; `files` is "the files do"."""
+    """Fill in the usual thickness of copper where it is missing.
+
+    Assumed values are recorded in `assumed`. `files` is "the files do".
+    """
     if None in given:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"
     return tuple(COPPER_THICKNESS if thickness is None else thickness for thickness in given)
@@ -203,10 +214,11 @@ def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, 
 def filled_dielectrics(
     slabs: Sequence[Slab], copper: Sequence[float], board: float | None, files: str, assumed: dict[str, str]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Put usual values where a dielectric, top to bottom, has none, and say so in `assumed` (as in `BoardCopper`).
+    """Fill in usual values of dielectrics where they are missing.
 
-    `copper` are thicknesses in m, `board` is that of the whole board where it is said, `files` is "the files do".
-    Returns thicknesses in m, not positive where the board is too thin for its copper, and relative permittivities.
+    The dielectrics are given top to bottom. Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are
+    thicknesses in m, `board` is the thickness of the whole board if known, and `files` is "the files do". Returns
+    thicknesses in m, not positive if the board is too thin for its copper, and relative permittivities.
     """
     missing = sum(thickness is None for thickness, _ in slabs)
     share = 0.0

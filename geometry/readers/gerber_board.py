@@ -31,36 +31,36 @@ _LAYER = re.compile(r"L0*([1-9]\d*)")
 
 
 def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
-    """Read the conductors of a board from its fabrication data.
+    """Read the conductors of a board from fabrication data.
 
     Parameters
     ----------
     path : Path
-        A zip or a folder with a Gerber file for every copper layer and, from two layers on, Excellon files.
+        A zip or folder with a Gerber file for every copper layer and, from two layers on, Excellon files.
     stackup : Stackup, optional
-        Taken in place of the job file's; as many copper layers.
+        Stack-up used in place of the stack-up in the job file, with the same number of copper layers.
 
     Returns
     -------
     BoardCopper
-        Copper in the frame of the files. Nets come from the attribute .N, else they are None. `assumed` says what
-        neither a job file nor `stackup` does.
+        Copper in the frame of the files. Nets come from the attribute .N, and are None without it. `assumed` lists the
+        values that neither a job file nor `stackup` gives.
 
     Raises
     ------
-    BoardError
-        A path that is not a zip or folder, a damaged or foreign file, no or missing copper layers, no plated hole where
-        there are two layers, or what cannot be read as tracks: file, line and reason.
+    If the path is not a zip or folder, a file is damaged or foreign, there are no copper layers or some are missing, a
+    board of two layers or more has no plated hole, or data cannot be read as tracks. The message has file, line and
+    reason.
     MissingDependencyError
-        gerbonara is not installed.
+        If gerbonara is not installed.
 
     Notes
     -----
-    Strokes are tracks, divided on arcs within 1 µm; flashes are the pads of the holes drilled through them, else
-    surface pads; regions are areas, which are no path for a current. A plated hole is a terminal's pad where an
-    attribute says so or the solder mask is open over it, and a via elsewhere. Holes reach the layers that the file's
-    function says, otherwise all. Clear shapes may cut regions, not tracks and pads. A hole has one size of pad, the
-    smallest of its layers; one without a pad is left out with a note, or refused where a track leads into it.
+    Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled through them, otherwise
+    surface pads. Regions are areas, which are no path for a current. A plated hole is a terminal's pad if an attribute
+    marks it as such or the solder mask is open over it. Otherwise it is a via. Holes reach the layers given by the
+    file's function, by default all. Clear shapes may cut regions, but not tracks and pads. A hole has one pad size, the
+    smallest of its layers. A hole without a pad is left out with a note, or refused if a track leads into it.
     """
     files = find_files(path)
     copper = _copper_files(files, path)
@@ -94,12 +94,12 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 
 _Land = tuple[str, Flash]
-"""A flash, and the copper layer that it is on."""
+"""Flash with the copper layer on which it lies."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Bore:
-    """A plated hole, the layers that it reaches and the flashes that it goes through."""
+    """Plated hole with its layers and the flashes around it."""
 
     hole: DrilledHole
     layers: tuple[str, ...]
@@ -107,7 +107,10 @@ class _Bore:
 
     @property
     def pads(self) -> dict[str, list[Flash]]:
-        """The flashes on each layer that are wider than the hole; the others only mark it."""
+        """Flashes on each layer that are wider than the hole.
+
+        Narrower flashes only mark the hole.
+        """
         found: dict[str, list[Flash]] = {}
         for layer, flash in self.lands:
             if flash.size > self.hole.diameter:
@@ -140,6 +143,7 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
 def _stackup(
     files: Sequence[DataFile], copper_layers: int, given: Stackup | None, path: Path
 ) -> tuple[Stackup, dict[str, str]]:
+    """Stack-up from the caller or the job file, with assumptions."""
     if given is None:
         return job_stackup(next((file for file in files if file.kind == "job"), None), copper_layers, str(path))
     if len(given.names) != copper_layers:
@@ -148,7 +152,10 @@ def _stackup(
 
 
 def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> None:
-    """Raise where a clear shape takes away from a track or pad that was drawn before it."""
+    """Raise BoardError if a clear shape cuts tracks or pads.
+
+    Only tracks and pads drawn before the clear shape are cut.
+    """
     clear = [(k, item) for k, item in enumerate(objects) if isinstance(item, Clear)]
     if not clear:
         return
@@ -160,7 +167,7 @@ def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> No
 
 
 def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> Iterator[CopperArea]:
-    """Give the regions with what clear shapes after them leave."""
+    """Yield the regions, cut by the clear shapes after them."""
     for k, item in enumerate(objects):
         if isinstance(item, Region):
             cuts = [later.shape for later in objects[k + 1 :] if isinstance(later, Clear)]
@@ -176,7 +183,10 @@ def _mask_openings(files: Iterable[DataFile]) -> list[Flash]:
 
 
 def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:
-    """Collect the plated holes of all drill files, each with the flashes that surround it on its layers."""
+    """Collect the plated holes of all drill files.
+
+    Each has the flashes that surround it on its layers.
+    """
     tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
     bores = []
     for file in files:
@@ -193,7 +203,10 @@ def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) ->
 
 
 def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
-    """Copper layers that a drill file's holes reach, by its function as Plated,1,4,PTH; all where it has none."""
+    """Copper layers that a drill file's holes reach.
+
+    They are given by its function, such as Plated,1,4,PTH. Without a function the holes reach all layers.
+    """
     ends = file.function[1:3]
     if len(ends) < 2:
         return board.names
@@ -207,7 +220,10 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
 
 
 def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
-    """Whether a hole has a pad; BoardError if it has none and a track ends in it."""
+    """Whether a hole has a pad.
+
+    Raises BoardError if it has no pad and a track ends in it.
+    """
     if bore.pads:
         return True
     hole = bore.hole
@@ -219,11 +235,12 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
 
 
 def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
+    """Make the hole of a bore, with its pads and its kind."""
     pads = bore.pads
     flashes = [flash for on_layer in pads.values() for flash in on_layer]
     net = next((flash.net for flash in flashes if flash.net is not None), None)
     pin = next((flash.pin for flash in flashes if flash.pin), "")
-    x, y = flashes[0].x, flashes[0].y  # rather than the drill file's place, which is often rounded more
+    x, y = flashes[0].x, flashes[0].y  # more precise than the drill file, which is often rounded more
     size = min(max(flash.size for flash in on_layer) for on_layer in pads.values())
     kind = "pad" if pin else _kind(bore.hole, flashes, openings)
     shapes = {layer: shapely.union_all([flash.shape for flash in on_layer]) for layer, on_layer in pads.items()}
@@ -231,6 +248,7 @@ def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
 
 
 def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -> Literal["via", "pad"]:
+    """Kind of a plated hole, from attributes or the solder mask."""
     functions = {hole.function, *(pad.function for pad in pads)}
     if functions & {"ComponentDrill", "ComponentPad"}:
         return "pad"
@@ -241,7 +259,10 @@ def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
-    """Bounds of the board's outline; None if there is no file of it."""
+    """Bounds of the board's outline.
+
+    None if there is no file of the outline.
+    """
     points = [
         point
         for file in files

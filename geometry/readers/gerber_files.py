@@ -1,4 +1,4 @@
-"""A zip or folder of fabrication data: which file is which."""
+"""Files of a zip or folder of fabrication data, and their functions."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class DataFile:
-    """One Gerber, Excellon or job file.
+    """Gerber, Excellon or job file.
 
-    `label` is its place for messages, path of the zip or folder and name in it. `function` has the fields of the X2
-    attribute .FileFunction, from the file or from the rules for its name; it is empty if neither says it.
+    `label` is its place for messages: path of the zip or folder, and name in it. `function` has the fields of the X2
+    attribute .FileFunction, from the file or from the rules for its name. It is empty if neither gives a function.
     """
 
     label: str
@@ -46,11 +46,12 @@ class DataFile:
 
 
 def find_files(path: Path) -> list[DataFile]:
-    """Find the Gerber, Excellon and job files of a board in a zip or folder, among others, and what each is for.
+    """Find the Gerber, Excellon and job files of a board.
 
-    The functions of the layers come from the X2 attributes where at least one file of copper has one, otherwise from
-    gerbonara's rules for the names that the usual programs give. BoardError for a path that is neither, an archive that
-    is damaged, a file that is named as a layer and holds none, or two files for one layer.
+    The zip or folder may hold other files. The functions of the layers come from the X2 attributes if at least one
+    copper file has one. Otherwise they come from gerbonara's rules for the names given by the usual programs. Raises
+    BoardError if the path is neither a zip nor a folder, an archive is damaged, a file named as a layer holds no layer,
+    or two files hold the same layer.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
@@ -69,15 +70,18 @@ def find_files(path: Path) -> list[DataFile]:
 
 
 def gerbonara(module: str) -> ModuleType:
-    """Import one of gerbonara's modules; MissingDependencyError with one line where it is not there or broken."""
-    loaded = sys.modules.get(f"gerbonara.{module}")  # asked for at every object
+    """Import one of gerbonara's modules.
+
+    Raises MissingDependencyError, in one line, if it is missing or broken.
+    """
+    loaded = sys.modules.get(f"gerbonara.{module}")  # needed for every object
     if loaded is not None and sys.modules.get("gerbonara") is not None:
         return loaded
     return import_extra(f"gerbonara.{module}", "Gerber files", package="gerbonara", extra="fab")
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Label and bytes of every file, in the order of the names."""
+    """Yield label and bytes of every file, in order of names."""
     try:
         if path.is_dir():
             for file in sorted(_files_in(path)):
@@ -99,7 +103,10 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _files_in(folder: Path) -> Iterator[Path]:
-    """Give all files in a folder and the ones in it; OSError for one that cannot be listed, which rglob passes over."""
+    """Yield all files in a folder and its subfolders.
+
+    Raises OSError for a folder that cannot be listed, which rglob would skip.
+    """
 
     def refuse(error: OSError) -> None:
         raise error
@@ -113,6 +120,10 @@ def _hidden(name: Path | PurePosixPath) -> bool:
 
 
 def _recognized(label: str, data: bytes) -> DataFile | None:
+    """Recognize a Gerber, Excellon or job file.
+
+    None for other files.
+    """
     if label.lower().endswith(".gbrjob"):
         return DataFile(label, _text(data), "job", ())
     text = "" if b"\0" in data else _text(data)
@@ -137,7 +148,10 @@ def _text(data: bytes) -> str:
 
 
 def _named(files: Sequence[DataFile]) -> list[DataFile]:
-    """Give Gerber files without X2 attributes their functions by the rules of the program that names most of them."""
+    """Add functions to Gerber files without X2 attributes.
+
+    The rules are the rules of the program that names most of the files.
+    """
     best: dict[int, tuple[str, int]] = {}
     for rules in gerbonara("layer_rules").MATCH_RULES.values():
         found: dict[int, tuple[str, int]] = {}
@@ -174,10 +188,11 @@ _MM = 1e-3
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Take the stack-up, and what of it is assumed as in `BoardCopper`, from a job file, where there is one.
+    """Read the stack-up from a job file, if there is one.
 
-    Layers are named as in the job file, otherwise L1, L2, …; `source` is the zip or folder, for messages. BoardError
-    for a file that is not JSON, another number of layers, or thicknesses that cannot be.
+    Assumed values are returned as in `BoardCopper`. Layers are named as in the job file, otherwise L1, L2, …. `source`
+    is the zip or folder, for messages. Raises BoardError if the file is not JSON, the number of layers differs, or
+    thicknesses are impossible.
     """
     document = {} if job is None else _document(job)
     where = source if job is None else job.label

@@ -18,7 +18,7 @@ from coilarray.geometry.copper import disc
 from coilarray.geometry.readers.gerber_files import DataFile, gerbonara
 from coilarray.geometry.values import Point
 
-# What gerbonara 1.5 warns of and then passes over or gets wrong, or says in its own words, and what we say of it.
+# Warnings of gerbonara 1.5 for things that it then skips or gets wrong, or words in its own way, and our wording.
 _REFUSED = {
     "File may be truncated": "the file ends without M02, it is truncated",
     "Unknown statement found": "the statement is not supported",
@@ -45,9 +45,10 @@ _WIDEST = 10.0  # m, of an aperture or a hole
 
 @dataclass(frozen=True)
 class Stroke:
-    """A round aperture drawn along straight pieces, two points or more on an arc; points and width in m.
+    """Round aperture drawn along straight pieces.
 
-    `net` is the net by the attribute .N, `where` is "file:line", here and in the other objects.
+    An arc has two points or more. Points and width are in m. `net` is the net by the attribute .N, and `where` is
+    "file:line", here and in the other objects.
     """
 
     points: tuple[Point, ...]
@@ -57,17 +58,17 @@ class Stroke:
 
     @property
     def shape(self) -> BaseGeometry:
-        """What it covers, in m."""
+        """Area covered by the stroke, in m."""
         return shapely.LineString(self.points).buffer(self.width / 2)
 
 
 @dataclass(frozen=True)
 class Flash:
-    """An aperture put down once at a place in m.
+    """Aperture put down once at a place in m.
 
-    `size` is the smaller side of its rectangle, of a round one the diameter, and `shape` what it covers, of an aperture
-    that is not round its rectangle, in m. `function` is the first field of the aperture's X2 attribute .AperFunction,
-    `pin` the number of the pad from the attribute .P; empty if there is none.
+    `size` is the smaller side of its rectangle, or the diameter of a round aperture. `shape` is the covered area in m.
+    For an aperture that is not round it is the rectangle. `function` is the first field of the aperture's X2 attribute
+    .AperFunction, and `pin` the number of the pad from the attribute .P. Both are empty if missing.
     """
 
     x: float
@@ -82,7 +83,7 @@ class Flash:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A filled outline, in m."""
+    """Filled outline, in m."""
 
     shape: BaseGeometry
     net: str | None
@@ -91,7 +92,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Clear:
-    """A shape, in m, that takes away what was drawn before it."""
+    """Shape, in m, that removes copper drawn before it."""
 
     shape: BaseGeometry
     where: str
@@ -99,10 +100,10 @@ class Clear:
 
 @dataclass(frozen=True)
 class DrilledHole:
-    """A hole of a drill file, of a slot its middle; place and diameter in m.
+    """Hole of a drill file, for a slot its middle, in m.
 
-    `function` is the last field of the tool's attribute .AperFunction, as "ViaDrill", empty if there is none;
-    `plated` is None if the file does not say it of this hole.
+    `function` is the last field of the tool's attribute .AperFunction, such as "ViaDrill". It is empty if missing.
+    `plated` is None if the file does not specify it.
     """
 
     x: float
@@ -114,7 +115,10 @@ class DrilledHole:
 
 
 def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
-    """Read the objects of a Gerber file in order; BoardError, with file and line, for what would be read wrongly."""
+    """Read the objects of a Gerber file in order.
+
+    Raises BoardError, with file and line, for data that would be read wrongly.
+    """
     repeated = next((match for match in _STEP_REPEAT.finditer(file.text) if match.groups() != ("1", "1")), None)
     if repeated:
         line = file.text.count("\n", 0, repeated.start()) + 1
@@ -136,9 +140,10 @@ def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
 
 
 def parse_drills(file: DataFile) -> list[DrilledHole]:
-    """Read the holes of an Excellon file, or of a Gerber file that stands for one.
+    """Read the holes of a drill file.
 
-    BoardError as in `parse_gerber`; also for coordinates without a unit and tools without a diameter.
+    It is an Excellon file, or a Gerber file in its place. Raises BoardError as `parse_gerber` does, and for coordinates
+    without a unit and tools without a diameter.
     """
     if file.kind == "gerber":
         return [
@@ -160,7 +165,10 @@ def parse_drills(file: DataFile) -> list[DrilledHole]:
 
 
 class _Recorder(list[Any]):
-    """Stands for the list to which a parser of gerbonara appends objects and notes what `state` says then."""
+    """List that records `state` with every appended object.
+
+    It replaces the list to which a parser of gerbonara appends.
+    """
 
     def __init__(self, state: Callable[[], Any]) -> None:
         super().__init__()
@@ -172,7 +180,10 @@ class _Recorder(list[Any]):
 
 
 def _refusing(label: str, parse: Callable[[], None]) -> None:
-    """Let gerbonara parse; make its errors, and the warnings that mean a wrong result, a BoardError."""
+    """Let gerbonara parse, and convert its errors to BoardError.
+
+    Warnings that mean a wrong result are converted too.
+    """
     complaints: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -188,7 +199,10 @@ def _refusing(label: str, parse: Callable[[], None]) -> None:
 
 
 def _parted(label: str, text: str) -> tuple[str, str, str]:
-    """Part gerbonara's 'file:line "statement": reason' into ":line", " (statement)" and the reason."""
+    """Split gerbonara's 'file:line "statement": reason'.
+
+    The parts are ":line", " (statement)" and the reason.
+    """
     match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
     if match is None:
         return "", "", text
@@ -199,6 +213,7 @@ def _parted(label: str, text: str) -> tuple[str, str, str]:
 
 
 def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
+    """Convert an object of gerbonara to a stroke, flash or region."""
     objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
     net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
     named = None if net in _NO_NET else net
@@ -224,6 +239,7 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> St
 
 
 def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: str) -> Flash:
+    """Make a flash of an aperture at a place in m."""
     function = dict(aperture.attrs or ()).get(".AperFunction", ("",))[0]
     if isinstance(aperture, gerbonara("apertures").CircleAperture):
         size = _diameter(aperture, where)
@@ -241,7 +257,7 @@ def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: 
 
 
 def _way(item: Any) -> Iterator[Point]:
-    """Points in m along a line or an arc."""
+    """Yield the points in m along a line or an arc."""
     unit = _in_metre(item.unit)
     start, end = (item.x1 / unit, item.y1 / unit), (item.x2 / unit, item.y2 / unit)
     if isinstance(item, gerbonara("graphic_objects").Arc):
@@ -252,7 +268,10 @@ def _way(item: Any) -> Iterator[Point]:
 
 
 def _arc(start: Point, end: Point, centre: Point, *, clockwise: bool) -> list[Point]:
-    """Points on an arc about a centre; the whole circle where it ends where it began."""
+    """Points on an arc about a centre.
+
+    It is the whole circle if the arc ends at its beginning.
+    """
     first = math.atan2(start[1] - centre[1], start[0] - centre[0])
     last = math.atan2(end[1] - centre[1], end[0] - centre[0])
     turn = 2 * math.pi if start == end else (last - first) % (2 * math.pi)
@@ -265,6 +284,7 @@ def _arc(start: Point, end: Point, centre: Point, *, clockwise: bool) -> list[Po
 
 
 def _region(item: Any) -> BaseGeometry:
+    """Convert a region of gerbonara to a polygon in m."""
     unit = _in_metre(item.unit)
     points: list[Point] = []
     for start, end, (clockwise, centre) in item.iter_segments():
@@ -280,7 +300,10 @@ def _region(item: Any) -> BaseGeometry:
 
 
 def _tool_functions(text: str) -> dict[int, tuple[str, ...]]:
-    """Fields of the X2 attribute .AperFunction of every tool, from the comments of an Excellon file."""
+    """Read the X2 attribute .AperFunction of every tool.
+
+    It stands in the comments of an Excellon file.
+    """
     functions: dict[int, tuple[str, ...]] = {}
     current: tuple[str, ...] = ()
     for line in text.splitlines():
@@ -292,6 +315,7 @@ def _tool_functions(text: str) -> dict[int, tuple[str, ...]]:
 
 
 def _hole(item: Any, function: tuple[str, ...], where: str) -> DrilledHole:
+    """Convert a hole of gerbonara."""
     tool = item.tool
     if item.unit is None or tool.unit is None:
         raise BoardError(f"{where}: the file does not say its unit, METRIC or INCH.")
@@ -318,5 +342,8 @@ def _diameter(tool: Any, where: str) -> float:
 
 
 def _in_metre(unit: Any) -> float:
-    """How many of a unit make a metre; dividing by it keeps 35 mm the 0.035 m of a design."""
+    """Return the number of a unit's lengths in a metre.
+
+    Dividing by it keeps 35 mm equal to the 0.035 m of a design.
+    """
     return 1e3 / float(unit.this_in_mm)

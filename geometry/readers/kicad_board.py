@@ -46,26 +46,26 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     path : Path
         A ``.kicad_pcb`` file of KiCad 6 or newer.
     stackup : Stackup, optional
-        Taken in place of the board's own; as many copper layers.
+        Stack-up used in place of the board's own, with the same number of copper layers.
 
     Returns
     -------
     BoardCopper
-        Copper in the frame of the design: the auxiliary origin of the file ("drill and place file origin") is (0, 0), y
-        points up. Arcs are divided into pieces within 0.9 µm of them. `assumed` says what the file does not:
-        thicknesses and permittivities where it has no stack-up.
+        Copper in the frame of the design. The auxiliary origin of the file ("drill and place file origin") is (0, 0),
+        and y points up. Arcs are divided into pieces within 0.9 µm of them. `assumed` lists the values missing in the
+        file: thicknesses and permittivities if it has no stack-up.
 
     Raises
     ------
     BoardError
-        A file that is not a KiCad board, is truncated, comes from KiCad 5 or older, or holds values that cannot be:
-        file, line and reason.
+        If the file is not a KiCad board, is truncated, comes from KiCad 5 or older, or holds impossible values. The
+        message has file, line and reason.
 
     Notes
     -----
-    A file of a format newer than KiCad 9's is read as far as it is understood, which `notes` says: what is unknown
-    and has a net or lies on copper stands among the areas, so that no coil can have it unseen, and so do texts and
-    dimensions, as rectangles around them. Teardrops are left out, also with a note.
+    A file of a format newer than KiCad 9's is read as far as it is understood, with a sentence in `notes`. Unknown
+    objects with a net or on copper are put among the areas, so that no coil can contain them unnoticed. Texts and
+    dimensions are put there too, as rectangles around them. Teardrops are left out, also with a note.
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
@@ -112,6 +112,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 
 def _version_note(root: Node) -> Iterator[str]:
+    """Yield a note on a newer format, and refuse older formats."""
     version = root.need("version")
     number = version.number()
     if number < OLDEST_VERSION:
@@ -125,9 +126,9 @@ def _version_note(root: Node) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Board:
-    """What the nodes of one file are read with.
+    """Context for reading the nodes of one file.
 
-    The copper layers, the names of the nets by number, and the origin of the design on KiCad's sheet in mm.
+    It holds the copper layers, the names of the nets by number, and the origin of the design on KiCad's sheet in mm.
     """
 
     layers: KicadLayers
@@ -135,11 +136,17 @@ class _Board:
     origin: Point
 
     def to_board(self, x: float, y: float) -> Point:
-        """Turn a place on KiCad's sheet in mm, y down, into the frame of the board in m, y up."""
+        """Transform a place on KiCad's sheet to the board's frame.
+
+        The place is in mm with y down, the result in m with y up.
+        """
         return (x - self.origin[0]) / _PER_M, (self.origin[1] - y) / _PER_M
 
     def footprint(self, node: Node) -> ToBoard:
-        """Return the way from a footprint's own frame in mm, y down, to that of the board in m."""
+        """Return the transformation from a footprint to the board.
+
+        The footprint's frame is in mm with y down, the board's in m.
+        """
         place = node.need("at")
         x0, y0 = pair(place)
         turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0
@@ -151,7 +158,10 @@ class _Board:
         return to_board
 
     def net(self, node: Node) -> str | None:
-        """Return the net of a node by its name, or by its number in the board's table."""
+        """Return the net of a node, by its name or number.
+
+        Numbers refer to the board's table.
+        """
         net = node.child("net")
         if net is None:
             return None
@@ -163,7 +173,7 @@ class _Board:
         return self.nets.get(word) or None
 
     def tracks(self, node: Node) -> Iterator[Track]:
-        """Give the straight pieces of a segment or an arc."""
+        """Yield the straight pieces of a segment or an arc."""
         layer = self.layers.one(node)
         if layer is None:
             got = " ".join(word for part in node.children("layer", "layers") for word in part.words)
@@ -179,7 +189,10 @@ class _Board:
             yield Track(layer, first, last, width, net, node.where)
 
     def via(self, node: Node) -> Hole:
-        """Return a via as a hole through all layers from the first to the last that it names."""
+        """Return a via as a hole through its layers.
+
+        They are all layers from the first to the last that it names.
+        """
         x, y = self.to_board(*pair(node.need("at")))
         ends = self.layers.all(node)
         if len(ends) < 2 and len(self.layers.names) > 1:
@@ -190,7 +203,10 @@ class _Board:
         return Hole(x, y, drill, size, layers, self.net(node), "via", node.where, shapes=shapes)
 
     def pad(self, node: Node, to_board: ToBoard) -> tuple[list[Hole], list[SurfacePad]]:
-        """Return a footprint's pad as a hole, or as a surface pad on each of its copper layers."""
+        """Return a footprint's pad as a hole or as surface pads.
+
+        There is a surface pad for each of its copper layers.
+        """
         number, kind = node.text(0), node.text(1)
         if kind == "np_thru_hole":
             return [], []
@@ -214,7 +230,10 @@ class _Board:
         return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)], []
 
     def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
-        """Give the copper of zones, drawn shapes and texts, and whatever else lies on copper or has a net."""
+        """Yield copper areas: zones, drawn shapes, texts and others.
+
+        The others are any objects on copper or with a net.
+        """
         for node in nodes:
             net = self.net(node) if node.name != "net" else None
             if node.name == "zone":
@@ -233,7 +252,7 @@ class _Board:
                 yield CopperArea(layer, shapely.Polygon(), net, f"an unknown ({node.name} …)", node.where)
 
     def outline(self, nodes: Iterable[Node], to_board: ToBoard) -> list[Point]:
-        """Return points of the shapes drawn on the layer of the board's edge."""
+        """Return points of the shapes on the board's edge layer."""
         found: list[Point] = []
         for node in nodes:
             if node.name in GRAPHICS and any("Edge.Cuts" in part.words for part in node.children("layer", "layers")):
@@ -242,7 +261,10 @@ class _Board:
 
 
 def _kept(node: Node, shapes: dict[str, BaseGeometry], barrel: BaseGeometry) -> dict[str, BaseGeometry]:
-    """Return the pads of a hole, or its barrel where KiCad may leave pads out because no track ends there."""
+    """Return the pads of a hole, or its barrel.
+
+    It is the barrel if KiCad may leave pads out because no track ends there.
+    """
     removed = node.child("remove_unused_layers")
     if removed is None or removed.words[:1] == ("no",):
         return shapes

@@ -20,8 +20,8 @@ _PER_M = 1e3  # numbers in the file are in mm
 class KicadLayers:
     """Copper layers of a board, top to bottom.
 
-    The stack-up has the names that the user gave the layers, KiCad's own where there are none. `names` leads from
-    KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up; `assumed` are assumed values as in `BoardCopper`.
+    The stack-up has the names that the user gave the layers, otherwise KiCad's own. `names` maps KiCad's layers (F.Cu,
+    In1.Cu, …, B.Cu) to the layers of the stack-up. `assumed` are assumed values as in `BoardCopper`.
     """
 
     stackup: Stackup
@@ -29,7 +29,10 @@ class KicadLayers:
     assumed: dict[str, str]
 
     def one(self, node: Node) -> str | None:
-        """Return the copper layer in a node's (layer …) or (layers …), beside the mask's; None if there is none."""
+        """Return the copper layer in a node's (layer …) or (layers …).
+
+        Mask layers are ignored. None if there is no copper layer.
+        """
         if node.child("layers") is None:
             node.need("layer")
         found = self.all(node)
@@ -38,7 +41,10 @@ class KicadLayers:
         return found[0] if found else None
 
     def all(self, node: Node) -> tuple[str, ...]:
-        """Return the copper layers in a node's (layers …) or (layer …), top to bottom."""
+        """Return the copper layers of a node, top to bottom.
+
+        They stand in its (layers …) or (layer …).
+        """
         words = {word for found in node.children("layers", "layer") for word in found.words}
         if "*.Cu" in words:
             return self.stackup.names
@@ -54,9 +60,10 @@ class KicadLayers:
 
 
 def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
-    """Read the copper layers of a whole board and what it says of their thickness; a given stack-up is taken instead.
+    """Read the copper layers of a board and their thicknesses.
 
-    BoardError for no copper layer, a stack-up of other layers, or thicknesses that cannot be.
+    A given stack-up is used instead of the board's. Raises BoardError if there is no copper layer, the stack-up has
+    other layers, or thicknesses are impossible.
     """
     table = root.need("layers")
     user_names = {}
@@ -99,7 +106,10 @@ def _depth(name: str) -> float:
 
 
 def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:
-    """Copper thicknesses, and thickness and permittivity of the dielectrics between, None if not said."""
+    """Thicknesses of copper, and the dielectrics between.
+
+    A dielectric has a thickness and a permittivity. Unknown values are None.
+    """
     copper: dict[str, float | None] = {}
     slabs: list[list[Slab]] = []
     for layer in given.children("layer"):
@@ -116,7 +126,10 @@ def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab
 
 
 def _sublayers(layer: Node) -> Iterator[Slab]:
-    """Thickness in m and permittivity of every part of a layer of the stack-up; the word addsublayer parts them."""
+    """Yield thickness in m and permittivity of every sublayer.
+
+    The word addsublayer separates the parts of a layer of the stack-up.
+    """
     thickness = epsilon = None
     for item in layer.items:
         if item == "addsublayer":

@@ -36,7 +36,10 @@ _PER_M = 1e3  # numbers in the file are in mm
 
 
 def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[tuple[str, BaseGeometry, str]]:
-    """Give layer, shape in m and kind of a drawn shape, for every copper layer that it lies on."""
+    """Yield layer, shape in m and kind of a drawn shape.
+
+    There is an item for every copper layer on which it lies.
+    """
     names = layers.all(node)
     if not names:
         return
@@ -46,7 +49,7 @@ def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator
 
 
 def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return what a drawn shape covers, in m, wherever it lies."""
+    """Return the area of a drawn shape, in m, on any layer."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
     # a line of no width is not copper, unless its inside is filled
@@ -57,7 +60,10 @@ def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
-    """Return the line that a drawn shape follows, in m; closed shapes end where they begin."""
+    """Return the line that a drawn shape follows, in m.
+
+    Closed shapes end at their beginning.
+    """
     kind = node.name.split("_")[1]
     if kind in ("poly", "curve"):
         points = list(_points(node, to_board))
@@ -76,7 +82,10 @@ def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
 
 
 def pair(node: Node) -> Point:
-    """Return the first two numbers of a node, a place or a size in mm; BoardError for one that no board has."""
+    """Return the first two numbers of a node, in mm.
+
+    They are a place or a size. Raises BoardError for values that no board has.
+    """
     x, y = node.number(0), node.number(1)
     if max(abs(x), abs(y)) > _FARTHEST:
         raise BoardError(f"{node.where}: ({node.name} …) must lie within {_FARTHEST:g} mm; got {x:g}, {y:g}.")
@@ -84,7 +93,10 @@ def pair(node: Node) -> Point:
 
 
 def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[tuple[str, BaseGeometry, str]]:
-    """Give layer, shape in m and kind of every filled area of a zone, or its outline where it is not filled."""
+    """Yield layer, shape in m and kind of every filled area.
+
+    A zone without fill gives its outline.
+    """
     fills = list(zone.children("filled_polygon"))
     for fill in fills:
         name = layers.one(fill) if fill.child("layer") else next(iter(layers.all(zone)), None)
@@ -103,6 +115,7 @@ def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def _points(node: Node, to_board: ToBoard) -> Iterator[Point]:
+    """Yield the points in m of a node's (pts …), arcs divided."""
     points = node.need("pts")
     for item in points.children("xy", "arc"):
         if item.name == "xy":
@@ -138,9 +151,9 @@ def _filled(node: Node, kind: str) -> bool:
 
 
 def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return what a pad covers, in m in the frame of the board; of a shape that is not known, its rectangle.
+    """Return the area of a pad, in m, on the board.
 
-    `to_board` transforms points from the footprint's frame.
+    A pad of unknown shape gives its rectangle. `to_board` transforms points from the footprint's frame.
     """
     place = pad.need("at")
     x0, y0 = to_board(*pair(place))
@@ -148,7 +161,7 @@ def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
     c, s = math.cos(turn), math.sin(turn)
 
     def of_pad(x: float, y: float) -> Point:
-        """From the pad's own frame in mm, y down."""
+        """Transform from the pad's own frame in mm, y down."""
         return x0 + (c * x + s * y) / _PER_M, y0 + (s * x - c * y) / _PER_M
 
     offset = pad.child("drill", "offset")
@@ -180,16 +193,17 @@ def _flat(pad: Node) -> BaseGeometry:
 
 
 _TEXTS = {"gr_text": 0, "fp_text": 1, "property": 1}  # with the index of the text among the words
-_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # what copper they have stands elsewhere in the file
+_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # their copper stands elsewhere in the file
 _PLACES = ("at", "start", "mid", "end", "center", "xy")
 _LETTER = 1.2  # largest width of KiCad's letters over the size of the font
 _LINE = 1.7  # distance of lines over the size
 
 
 def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Give the rectangle in m around a text, text box, dimension or unknown node, and what it is, unless it is hidden.
+    """Yield the rectangle in m around other objects, and their kind.
 
-    `to_board` transforms points from the frame of the node.
+    The objects are texts, text boxes, dimensions and unknown nodes, unless they are hidden. `to_board` transforms
+    points from the frame of the node.
     """
     if node.name in _NO_COPPER or _is_hidden(node):
         return
@@ -198,13 +212,16 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
         return
     what = {"gr_text_box": "a text box", "fp_text_box": "a text box", "dimension": "a dimension"}.get(node.name)
     height = node.child("height")
-    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # of a dimension's line from what it measures
+    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # from a dimension's line to its object
     around = shapely.MultiPoint([to_board(x, y) for x, y in _places(node)]).envelope
     yield around.buffer(max(margin, 1e-9)), what or f"an unknown ({node.name} …)"
 
 
 def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Rectangle around a text; one that is not centred reaches to both sides, for it may be mirrored or turned over."""
+    """Rectangle around a text.
+
+    Around a text that is not centred it reaches to both sides, because the text may be mirrored or turned over.
+    """
     effects = node.child("effects") or node
     size, stroke = effects.child("font", "size"), effects.child("font", "thickness")
     height, width = (1.0, 1.0) if size is None else pair(size)
@@ -231,7 +248,7 @@ def _is_hidden(node: Node) -> bool:
 
 
 def _places(node: Node) -> Iterator[Point]:
-    """Give every place inside a node."""
+    """Yield every place inside a node."""
     for item in node.items:
         if isinstance(item, Node):
             if item.name in _PLACES and len(item.words) > 1:

@@ -16,16 +16,20 @@ _ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
 
 
 class Quoted(str):
-    """A string that stood in quotes: ``"1"`` is a name where ``1`` is a number."""
+    """String that stood in quotes.
+
+    ``"1"`` is a name, whereas ``1`` is a number.
+    """
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A list ``(name item …)``: its first word, empty if it has none, and what follows in order.
+    """List ``(name item …)`` of an s-expression.
 
-    Words that stood in quotes are `Quoted`. `where` is "file:line" of its opening parenthesis.
+    It has its first word, empty if missing, and the following items in order. Words that stood in quotes are `Quoted`.
+    `where` is "file:line" of its opening parenthesis.
     """
 
     name: str
@@ -34,36 +38,45 @@ class Node:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The items that are words."""
+        """Items that are words."""
         return tuple(item for item in self.items if isinstance(item, str))
 
     def children(self, *names: str) -> Iterator[Node]:
-        """Give the lists of these names inside this one, in order."""
+        """Yield the lists of these names inside this list, in order."""
         return (item for item in self.items if isinstance(item, Node) and item.name in names)
 
     def child(self, *names: str) -> Node | None:
-        """Return the first list of this name inside this one, of several names inside one another; None for none."""
+        """Return the first list of this name, or None.
+
+        Several names are followed one inside another.
+        """
         found: Node | None = self
         for name in names:
             found = None if found is None else next(found.children(name), None)
         return found
 
     def need(self, name: str) -> Node:
-        """Return the first list of this name inside this one; BoardError if there is none."""
+        """Return the first list of this name inside this list.
+
+        Raises BoardError if there is no such list.
+        """
         found = self.child(name)
         if found is None:
             raise BoardError(f"{self.where}: ({self.name} …) must have a ({name} …).")
         return found
 
     def text(self, index: int = 0) -> str:
-        """Return a word; BoardError if there is none."""
+        """Return a word, or raise BoardError if it is missing."""
         words = self.words
         if index >= len(words):
             raise BoardError(f"{self.where}: ({self.name} …) must have {index + 1} words; got {len(words)}.")
         return words[index]
 
     def number(self, index: int = 0) -> float:
-        """Return a word as a finite number; BoardError if it is not one."""
+        """Return a word as a finite number.
+
+        Raises BoardError if it is not a finite number.
+        """
         word = self.text(index)
         try:
             value = float(word)
@@ -75,9 +88,10 @@ class Node:
 
 
 def read_sexpr(path: Path) -> Node:
-    """Read a file of UTF-8 text that holds one s-expression, the outermost list.
+    """Read an s-expression from a file of UTF-8 text.
 
-    BoardError for a file that cannot be read, is not text, ends too early, or holds anything beside one list.
+    The file holds a single outermost list. Raises BoardError if it cannot be read, is not text, ends too early, or
+    holds anything beside the list.
     """
     try:
         text = text_of_file(path)
@@ -89,7 +103,9 @@ def read_sexpr(path: Path) -> Node:
 
 
 def parse_sexpr(text: str, name: str = "text") -> Node:
-    r"""Read one s-expression from a text; `name` stands for it in messages. See `read_sexpr`.
+    r"""Read one s-expression from a text.
+
+    `name` stands for the text in messages. See `read_sexpr`.
 
     Examples
     --------
@@ -126,7 +142,7 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
 
 
 def _tokens(text: str, name: str) -> Iterator[tuple[str, int]]:
-    """Give every parenthesis and word with its line, from 1."""
+    """Yield every parenthesis and word with its line, from 1."""
     line, done = 1, 0
     for match in _TOKEN.finditer(text):
         start, end = match.span()

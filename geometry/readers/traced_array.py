@@ -18,7 +18,7 @@ from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import place_in_mm
 
 SAME_SHAPE = 2e-9
-"""Coils whose points and widths agree to so many m, but for a shift, are one shape: board files round to 1 nm."""
+"""Agreement in m of points and widths for coils of one shape, but for a shift. Board files round to 1 nm."""
 
 _GRID = 1e-9  # m: resolution of board files
 _GAP_GRID = 1e-6  # m: to which the gap of the turns is given
@@ -30,17 +30,17 @@ _UNUSED_VIA = PlatedHole(0.2e-3, 0.45e-3, _PLATING)  # of coils on one layer
 
 @dataclass(frozen=True)
 class TracedArray:
-    """The array, and what of it does not come from the board.
+    """Array made from a board, with its assumed values.
 
     Parameters
     ----------
     array : CoilArray
-        Coils that are alike but for a shift share one `Coil`.
+        Coils that are equal but for a shift share one `Coil`.
     assumed : dict of str to str
-        Dotted keys of the design whose values are assumed, with the reason; ``coils.*.…`` for all shapes,
-        ``coils.NAME.…`` for that of the coil NAME.
+        Dotted keys of the design whose values are assumed, with the reason. ``coils.*.…`` stands for all shapes,
+        ``coils.NAME.…`` for the shape of the coil NAME.
     notes : tuple of str
-        Sentences on what was left out or simplified.
+        Sentences about omissions and simplifications.
     """
 
     array: CoilArray
@@ -61,13 +61,13 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
     Raises
     ------
     BoardError
-        A coil that cannot be: a pad no larger than its hole, a line that touches itself.
+        If a coil is impossible, because a pad is no larger than its hole or a line touches itself.
 
     Notes
     -----
-    A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns,
-    see `turn_gap`; where it has no turns beside each other, its trace width. A coil has one size of via and one of
-    terminal: where the board has several, the commonest, with a note.
+    A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns, see
+    `turn_gap`. Without turns beside each other it is the trace width. A coil has one size of via and one size of
+    terminal. If the board has several, the commonest is taken, with a note.
     """
     assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
     notes = [*board.notes]
@@ -92,7 +92,10 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
 
 
 def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Stackup:
-    """Return the board's stack-up; of one of two layers with copper on the first alone, that layer."""
+    """Return the board's stack-up.
+
+    If a board of two layers has copper on the first layer alone, only this layer is kept.
+    """
     copper = {item.layer for items in (board.tracks, board.pads, board.areas) for item in items}
     copper.update(layer for hole in board.holes for layer in hole.layers)
     names = board.stackup.names
@@ -105,7 +108,10 @@ def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> S
 
 
 def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
-    """Return a placement of the same shape where a traced coil is one, None if it is not."""
+    """Return a placement of a known shape for a traced coil.
+
+    None if the traced coil has another shape.
+    """
     coil = shape.coil
     if [len(line) for line in coil.lines] != [len(line) for line in traced.lines]:
         return None
@@ -120,7 +126,7 @@ def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
 
 
 def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
-    """Return a coil of its own for a traced one."""
+    """Return a placement with a new coil for a traced coil."""
     origin = _on_grid(np.array(traced.centre))
     measured = turn_gap(traced.lines, traced.layers, traced.widths)
     gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
@@ -144,12 +150,16 @@ def _via(traced: TracedCoil) -> PlatedHole:
 
 
 def _terminal(traced: TracedCoil) -> PlatedHole | None:
-    """Return the hole at both ends; None if not both have one."""
+    """Return the hole at both ends.
+
+    None if an end has no hole.
+    """
     holes = [end for end in traced.ends if isinstance(end, Hole)]
     return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
 
 
 def _commonest(traced: TracedCoil, holes: Sequence[Hole]) -> PlatedHole | None:
+    """Return the commonest size of holes, or None without holes."""
     if not holes:
         return None
     (drill, pad), _ = Counter((hole.drill, hole.pad) for hole in holes).most_common(1)[0]
@@ -161,6 +171,7 @@ def _commonest(traced: TracedCoil, holes: Sequence[Hole]) -> PlatedHole | None:
 
 
 def _notes(coil: TracedCoil) -> Iterator[str]:
+    """Yield the simplifications of a traced coil, as sentences."""
     ends = [end for end in coil.ends if isinstance(end, Hole)]
     for kind, holes in (("vias", coil.vias), ("terminals", ends)):
         if len({(hole.drill, hole.pad) for hole in holes}) > 1:
@@ -182,14 +193,17 @@ def _begin(coil: TracedCoil) -> str:
 
 
 def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
-    """Whether all holes go through the whole board; None if some do and some do not."""
+    """Whether all holes go through the whole board.
+
+    None if some do and some do not.
+    """
     holes = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
     through = {hole.layers == board.stackup.names for hole in holes}
     return None if len(through) > 1 else through != {False}
 
 
 def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> CoilArray:
-    """Give the board the margin to the edge in its file."""
+    """Set the board's margin from the edge in its file."""
     if board.edge is None:
         assumed["board.margin_mm"] = f"the board file has no outline; {_MARGIN * 1e3:g} mm"
         return replace(array, board_margin=_MARGIN)
@@ -205,10 +219,11 @@ def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], 
 
 
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
-    """Median distance in m, edge to edge, weighted by length, of traces side by side with the current in one direction.
+    """Median gap in m of traces that run side by side.
 
-    `lines` are centre lines, each of shape (n, 2), and `widths` those of their segments, each of shape (n − 1,), in m.
-    None if no two traces of a layer run so: leads, opposite sides of a loop and the legs of a hairpin do not count.
+    The gap is measured edge to edge and weighted by length. The current of both traces has the same direction. `lines`
+    are centre lines, each of shape (n, 2), and `widths` are the widths of their segments, each of shape (n − 1,), in m.
+    None if no two traces of a layer run so. Leads, opposite sides of a loop and the legs of a hairpin do not count.
 
     Examples
     --------
@@ -240,7 +255,10 @@ def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequenc
 def _nearest(
     middle: FloatArray, start: FloatArray, step: FloatArray, along: FloatArray, width: FloatArray, i: int
 ) -> float | None:
-    """Distance to either side of segment i, from its middle, to the nearest trace that runs the same way."""
+    """Distance from segment i to the nearest parallel trace.
+
+    It is measured from the middle of the segment, to either side, to traces with the same direction.
+    """
     parallel = along @ along[i] > _ALONG
     parallel[i] = False
     from_middle, way = start[parallel] - middle[i], step[parallel]

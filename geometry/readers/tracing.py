@@ -1,4 +1,4 @@
-"""Follow the nets of a board from one end to the other: the coils in it."""
+"""Coils of a board, found by following its nets from end to end."""
 
 from __future__ import annotations
 
@@ -31,25 +31,28 @@ from coilarray.geometry.readers.track_graph import (
 from coilarray.geometry.values import place_in_mm
 
 LEAST_TURNS = 0.9
-"""Turns from which a net counts as a coil: a single loop lacks the space between its two leads. A track that goes out
-and comes back beside itself is a narrow loop, and counts."""
+"""Number of turns from which a net counts as a coil.
+
+A single loop lacks the space between its two leads. A track that goes out and comes back beside itself is a narrow
+loop, and counts.
+"""
 
 _SHOWN = 12  # names in a message
-_REASONS = 3  # nets in a message, with why they are not coils
-_LONGEST_WHY = 200  # characters of them
+_REASONS = 3  # nets in a message, with the reason why they are not coils
+_LONGEST_WHY = 200  # characters of a reason
 
 
 @dataclass(frozen=True)
 class Tracing:
-    """What a board holds.
+    """Coils and other nets of a board.
 
     Parameters
     ----------
     coils : tuple of TracedCoil
-        In the order of the wanted nets; where none were named, of the names, numbers in them counted, and then the
-        ones without a net in the order of the file.
+        Coils in the order of the wanted nets. If no nets were named, coils with a net come first, in the order of their
+        names with numbers counted, then coils without a net in the order of the file.
     left_out : dict of str to str
-        Nets with tracks that are not coils, and why.
+        Nets with tracks that are not coils, with the reason.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -64,22 +67,22 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     board : BoardCopper
         Copper that a reader has found.
     nets : sequence of str, optional
-        Names of the nets that are coils. Without them, every net (and every piece of copper that has no net) that
-        is one path from end to end with at least `LEAST_TURNS` turns is one; the others are left out.
+        Names of the nets that are coils. By default every net, and every piece of copper without a net, is a coil if it
+        is a single path from end to end with at least `LEAST_TURNS` turns. The others are left out.
 
     Raises
     ------
     BoardError
-        With `nets`: one that the board does not have, has no track, branches, is closed, comes in several pieces,
-        crosses itself, has a pad or hole across its turns, has copper that is not a track, or is touched by copper
-        without a net. Without: no coil at all.
-        The message names file, line and position.
+        With `nets`, if a net is unknown, has no track, branches, is closed, comes in several pieces, crosses itself,
+        has a pad or hole across its turns, has copper that is not a track, or is touched by copper without a net.
+        Without `nets`, if there is no coil at all. The message has file, line and position.
 
     Notes
     -----
-    The current enters at the pad with the lower number (1 before 2, A2 before A10); where only one end has a numbered
-    pad, there, but a lone pad 2 is the end; where neither has, or both have the same number, at the end whose track
-    comes first in the file. Pads and holes are conductors too: one that joins turns makes its net no coil.
+    The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end has a numbered pad,
+    the current enters there, but a lone pad 2 is the end. If neither end has a number, or both have the same, it enters
+    at the end whose track comes first in the file. Pads and holes are conductors too. A net is not a coil if a pad or
+    hole joins its turns.
     """
     by_net, nameless = _by_net(board)
     if nets is None:
@@ -118,7 +121,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
 
 @dataclass(frozen=True, eq=False)
 class _NetCopper:
-    """The copper of one net, each kind in the order of the file."""
+    """Copper of one net, each kind in the order of the file."""
 
     tracks: list[Track] = field(default_factory=list)
     holes: list[Hole] = field(default_factory=list)
@@ -127,18 +130,24 @@ class _NetCopper:
 
     @property
     def all(self) -> list[Copper]:
-        """Everything."""
+        """All copper of the net."""
         return [*self.tracks, *self.holes, *self.pads, *self.areas]
 
     @property
     def stands(self) -> list[Copper]:
-        """What is not a path for a current but may join paths: holes, pads, and tracks without a length."""
+        """Copper that may join paths but is no path itself.
+
+        It is holes, pads, and tracks without a length.
+        """
         dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
 
 def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
-    """Sort a board's copper by net, in the order of the tracks, then of the rest; and give what has none."""
+    """Sort a board's copper by net, and separate the rest.
+
+    The nets are in the order of their tracks, then of their other copper. Copper without a net is returned apart.
+    """
     found: dict[str | None, _NetCopper] = {}
     for kind in ("tracks", "holes", "pads", "areas"):
         for item in getattr(board, kind):
@@ -147,6 +156,7 @@ def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
 
 
 def _unknown(net: str, known: Sequence[str]) -> str:
+    """Make the message for an unknown net, with a hint."""
     if not known:
         return f"there is no net {net!r}; the board's copper has no nets."
     close = difflib.get_close_matches(net, known, n=1)
@@ -156,7 +166,10 @@ def _unknown(net: str, known: Sequence[str]) -> str:
 
 
 def _drawn(nameless: _NetCopper) -> str:
-    """Hint at copper that could be a coil if it had a net, or were tracks."""
+    """Hint at copper that could be a coil.
+
+    It lacks a net, or is not drawn as tracks.
+    """
     hint = ""
     if nameless.tracks:
         count_, first = len(nameless.tracks), nameless.tracks[0].where
@@ -170,6 +183,7 @@ def _drawn(nameless: _NetCopper) -> str:
 
 
 def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil:
+    """Trace the coil of one net, or raise BoardError."""
     if copper.areas:
         area = copper.areas[0]
         raise BoardError(
@@ -197,7 +211,10 @@ def _begin(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
 def _trace_nameless(
     nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
 ) -> None:
-    """Add the pieces of copper without a net: coils by new names, other copper by its place."""
+    """Add the pieces of copper without a net.
+
+    Coils get new names. Other copper is named by its place.
+    """
     graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
     pieces = graph.components()
     if not pieces:
@@ -205,7 +222,7 @@ def _trace_nameless(
     names = (name for k in count(1) if (name := f"coil{k}") not in named)
     foreign = [Obstacles(copper.all, f"of net {net}") for net, copper in named.items()]
     own = [frozenset(id(nameless.tracks[graph.edges[index].track]) for index in piece) for piece in pieces]
-    in_pieces = frozenset().union(*own)  # not the ones that lie wholly on others
+    in_pieces = frozenset().union(*own)  # without pads and holes that lie wholly on others
     others_tracks = [track for track in nameless.tracks if id(track) in in_pieces]
     others = Obstacles([*others_tracks, *nameless.areas, *_joints(nameless, own)])
     for piece, tracks in zip(pieces, own, strict=True):
@@ -226,7 +243,10 @@ def _trace_nameless(
 
 
 def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
-    """Holes and pads without a net that touch tracks of several pieces; `own` are the ids of each piece's tracks."""
+    """Holes and pads without a net that join several pieces.
+
+    `own` are the ids of each piece's tracks.
+    """
     piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
     tracks = [track for track in nameless.tracks if id(track) in piece_of]
     tree = shapely.STRtree([shape for track in tracks for shape in copper_of(track).values()])
@@ -242,7 +262,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Why a path is not a coil; empty if it winds."""
+    """Reason why a path is not a coil, empty if it winds."""
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
 
@@ -253,7 +273,7 @@ _OVERLAP = 1e-6  # m: copper that meets by less only touches
 
 
 def copper_of(item: Copper) -> dict[str, BaseGeometry]:
-    """Return the copper of an item, in m, on every layer that it reaches."""
+    """Return the copper of an item, in m, on its layers."""
     if isinstance(item, Track):
         return {item.layer: shapely.LineString((item.start, item.end)).buffer(item.width / 2)}
     if isinstance(item, Hole):
@@ -264,7 +284,10 @@ def copper_of(item: Copper) -> dict[str, BaseGeometry]:
 
 
 class Obstacles:
-    """Copper that no coil may touch; `whose` says for messages what it belongs to: "without a net", "of net A"."""
+    """Copper that no coil may touch.
+
+    `whose` is its owner in messages: "without a net", "of net A".
+    """
 
     def __init__(self, copper: Iterable[Copper], whose: str = "without a net") -> None:
         self._whose = whose
@@ -272,7 +295,10 @@ class Obstacles:
         self._tree = shapely.STRtree([shape for _, _, shape in self._found])
 
     def refuse_contact(self, what: str, coil: TracedCoil, own: frozenset[int] = frozenset()) -> None:
-        """Raise where one of them lies on the path; `own` are the ids of items that belong to the path itself."""
+        """Raise BoardError if an obstacle lies on the path.
+
+        `own` are the ids of items that belong to the path itself.
+        """
         segments = list(_segments(coil))
         lines = [segment.line for segment in segments]
         within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
@@ -284,10 +310,11 @@ class Obstacles:
 
 
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise where pads or holes of a coil's own net, each with all that overlap it, meet its path in several stretches.
+    """Raise BoardError if pads or holes join stretches of a path.
 
-    Along the path the stretches within a pad's copper must follow each other: out of the copper it may run no longer
-    than its width there, which is a bend beside the pad. `what` is the coil in messages.
+    They are pads or holes of the coil's own net, each with all that overlap it. Along the path the stretches within a
+    pad's copper must follow each other. Outside the copper the path may run no longer than its width there, which is a
+    bend beside the pad. `what` is the coil in messages.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
@@ -316,7 +343,7 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """A straight piece of a path, which begins `begin` m along it."""
+    """Straight piece of a path that begins `begin` m along it."""
 
     layer: str
     line: shapely.LineString
@@ -333,14 +360,17 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
 
 
 def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
-    """Begin and end, along the path, of the part of a segment whose copper meets a shape."""
+    """Begin and end of the part of a segment on a shape.
+
+    They are measured along the path. On this part the segment's copper meets the shape.
+    """
     part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
     return segment.begin + float(along.min()), segment.begin + float(along.max())
 
 
 def _overlapping(shapes: Sequence[dict[str, BaseGeometry]]) -> list[list[int]]:
-    """Sort the indices of items into groups that hang together."""
+    """Sort the indices of items into connected groups."""
     entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
     geometries = np.array([shape for _, _, shape in entries], dtype=object)
     pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()

@@ -1,4 +1,4 @@
-"""Tracks as a graph of nodes and edges, and the path of a connected piece from end to end."""
+"""Graph of tracks with nodes and edges, and the path of a connected piece from end to end."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from coilarray.geometry.values import Point, place_in_mm
 from coilarray.geometry.winding import FlatPath, Pole, find_turns, turns_about
 
 JOINED = 1e-6
-"""Ends closer than this many m are one place, whatever lies there."""
+"""Distance in m below which ends are one place, whatever lies there."""
 
-# Of the squared length of a path: an area that it runs around below this is none.
+# Relative to the squared length of a path: a smaller area that it runs around counts as zero.
 _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6
 _MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
 _SAMPLE = 1000  # ends by which they are counted
-_FEW, _CERTAIN = 20, 10.0  # ends by which more than so many times as many are counted
+_FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which it is certain
 _AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class TrackNode:
-    """A place in m where ends of tracks meet: the centre of its hole or pad, else the first end that lies there.
+    """Place in m where ends of tracks meet.
 
-    `hole` is what joins its layers, `pad` that of a footprint that it lies on, `edges` the indices of those that end
-    here.
+    It is the centre of its hole or pad, otherwise the first end that lies there. `hole` joins its layers, `pad` is the
+    pad of a footprint on which it lies, and `edges` are the indices of the edges that end here.
     """
 
     x: float
@@ -50,7 +50,10 @@ class TrackNode:
 
 @dataclass(frozen=True)
 class TrackEdge:
-    """Straight copper between two nodes, given by index, and its width in m; `track` is the index of its track."""
+    """Straight copper between two nodes, with its width in m.
+
+    The nodes are given by index. `track` is the index of its track.
+    """
 
     ends: tuple[int, int]
     layer: str
@@ -60,13 +63,19 @@ class TrackEdge:
 
 @dataclass(frozen=True, eq=False)
 class TrackGraph:
-    """Nodes with at least one edge, and edges, no two of one layer between the same nodes."""
+    """Nodes and edges of a net's tracks.
+
+    Every node has at least one edge. No two edges of one layer join the same nodes.
+    """
 
     nodes: tuple[TrackNode, ...]
     edges: tuple[TrackEdge, ...]
 
     def components(self) -> list[list[int]]:
-        """Return the indices of the edges that hang together, in the order of their tracks."""
+        """Return the indices of connected edges, piece by piece.
+
+        The pieces are in the order of their tracks.
+        """
         piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
         found: dict[int, list[int]] = {}
         for index, edge in enumerate(self.edges):
@@ -76,7 +85,10 @@ class TrackGraph:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Part of a track between two of the places that it runs over; `track` is the index of the whole."""
+    """Part of a track between two of the places on it.
+
+    `track` is the index of the whole track.
+    """
 
     layer: str
     start: Point
@@ -87,7 +99,7 @@ class _Piece:
 
 @dataclass(frozen=True, eq=False)
 class _Stand:
-    """A hole or pad where it meets one layer."""
+    """Hole or pad on one layer."""
 
     layer: str
     at: Point
@@ -96,13 +108,13 @@ class _Stand:
 
 
 def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
-    """Join tracks of one net, or of none, at their ends, at holes and at pads.
+    """Join tracks at their ends, at holes and at pads.
 
-    A track is divided wherever another track's end, a hole or a pad lies on its centre line to within `JOINED`; parts
-    that then lie on each other count once, with the larger width. So tracks that overlap lengthwise become one path,
-    and a track that ends on the middle of another one gives a node of three edges. A loose end, where nothing else
-    stands or ends, is continued to the centre of the hole or pad that it lies in, or to another loose end that its
-    round cap reaches.
+    The tracks belong to one net or to no net. A track is divided wherever another track's end, a hole or a pad lies on
+    its centre line to within `JOINED`. Parts that then lie on each other count once, with the larger width. Tracks that
+    overlap lengthwise thus become one path, and a track that ends on the middle of another track gives a node of three
+    edges. A loose end, where nothing else stands or ends, is continued to the centre of the hole or pad in which it
+    lies, or to another loose end that its round cap reaches.
 
     Examples
     --------
@@ -124,7 +136,10 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
 
 
 def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Cut tracks where ends, holes and pads lie on them; tracks without a length are dropped."""
+    """Cut tracks at ends, holes and pads that lie on them.
+
+    Tracks without a length are dropped.
+    """
     long = [k for k, track in enumerate(tracks) if math.dist(track.start, track.end) > JOINED]
     marks = [(tracks[k].layer, at) for k in long for at in (tracks[k].start, tracks[k].end)]
     marks += [(stand.layer, stand.at) for stand in stands]
@@ -145,11 +160,14 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
 
 
 def require_followable(tracks: Sequence[Track]) -> None:
-    """Refuse tracks whose bounds overlap so often that looking where they meet would take longer than minutes."""
+    """Refuse tracks whose bounds overlap too often.
+
+    Searching for their meeting points would take longer than minutes.
+    """
     ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
     lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
     points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
-    for count, certain in ((_FEW, _CERTAIN), (_SAMPLE, 1.0)):  # few show what is far too much
+    for count, certain in ((_FEW, _CERTAIN), (_SAMPLE, 1.0)):  # a small sample is enough for gross excess
         sample = points[:: max(len(points) // count, 1)]
         pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
         if pairs > certain * _MOST_PAIRS:
@@ -160,7 +178,7 @@ def require_followable(tracks: Sequence[Track]) -> None:
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Copper from loose ends to the pad or the other loose end that they overlap."""
+    """Copper from loose ends to the pad or loose end they overlap."""
     ends = [(piece, at) for piece in pieces for at in (piece.start, piece.end)]
     places = [*((piece.layer, at) for piece, at in ends), *((stand.layer, stand.at) for stand in stands)]
     company = [0] * len(places)
@@ -200,7 +218,10 @@ def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]
 
 
 def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[tuple[int, int]]:
-    """Pairs i < j of places on one layer that are at most `distance` in m apart."""
+    """Pairs i < j of places at most `distance` in m apart.
+
+    Both places are on one layer.
+    """
     points = _points(places)
     pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
     return [(i, j) for i, j in pairs if i < j and places[i][0] == places[j][0]]
@@ -209,9 +230,10 @@ def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[t
 def found_in_parts(
     tree: shapely.STRtree, shapes: Sequence[BaseGeometry], within: Sequence[float]
 ) -> Iterator[tuple[int, int]]:
-    """Give the pairs of a shape and an entry of the tree so close to each other in m, few shapes at a time.
+    """Yield the pairs of a shape and a tree entry that are close.
 
-    Who stops at the first one needs no memory for all.
+    `within` is the distance in m for each shape. Few shapes are searched at a time, so a caller who stops at the first
+    pair needs no memory for all.
     """
     for begin in range(0, len(shapes), _AT_ONCE):
         part = slice(begin, begin + _AT_ONCE)
@@ -224,6 +246,7 @@ def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
 
 
 def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
+    """Make the graph of pieces that meet at stands and ends."""
     places = [
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
@@ -246,7 +269,10 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
 def _numbered(
     node_of: Sequence[int], places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
 ) -> TrackGraph:
-    """Return the graph with the nodes that have edges numbered from 0, and what stands at each."""
+    """Return the graph with nodes numbered from 0.
+
+    Only nodes with edges are kept, each with the hole or pad at it.
+    """
     numbers: dict[int, int] = {}
     ends_at: list[list[int]] = []
     numbered = []
@@ -265,19 +291,19 @@ def _numbered(
         standing = here.get(root, [])
         hole = next((what for what in standing if isinstance(what, Hole)), None)
         pad = next((what for what in standing if not (isinstance(what, Hole) and what.kind == "via")), None)
-        x, y = places[root][1]  # the lowest index of a set: a hole or pad where one stands there
+        x, y = places[root][1]  # the lowest index of a set: a hole or pad if there is any
         nodes.append(TrackNode(x, y, hole, pad, tuple(ends_at[number])))
     return TrackGraph(tuple(nodes), tuple(numbered))
 
 
 @dataclass(frozen=True, eq=False)
 class TracedCoil:
-    """A net that is one path from end to end.
+    """Net that is one path from end to end.
 
     Parameters
     ----------
     name : str
-        Name of the net; "coil1", "coil2", … where the board names none.
+        Name of the net, or "coil1", "coil2", … if the board names no net.
     lines : tuple of ndarray, each of shape (n, 2)
         Centre lines in m, in the direction of the current, each on one layer.
     layers : tuple of str
@@ -285,15 +311,15 @@ class TracedCoil:
     widths : tuple of ndarray, each of shape (n − 1,)
         Width of every segment in m.
     vias : tuple of Hole
-        Between consecutive lines.
+        Holes between consecutive lines.
     ends : tuple of (Hole, SurfacePad or None)
         Nodes at the beginning and at the end of the path.
     passed : tuple of Hole
         Holes along the path that lead to no other layer.
     where : str
-        "file:line" of its first track.
+        Place of its first track, "file:line".
     net : str or None
-        Its net; None if the board names none.
+        Its net. None if the board names no net.
     """
 
     name: str
@@ -313,27 +339,34 @@ class TracedCoil:
 
     @property
     def path(self) -> FloatArray:
-        """All lines as one, without the vias; shape (n, 2), in m."""
+        """All lines joined, without the vias, in m.
+
+        The array has the shape (n, 2).
+        """
         return np.vstack([self.lines[0][:1], *(line[1:] for line in self.lines)])
 
     @property
     def length(self) -> float:
-        """Length of the path in m, vias not counted."""
+        """Length of the path in m, without the vias."""
         return float(np.hypot(*np.diff(self.path, axis=0).T).sum())
 
     @property
     def centre(self) -> Point:
-        """Centre in m of the area that the path runs around; the middle of its bounds where it runs around none."""
+        """Centre in m of the area enclosed by the path.
+
+        It is the middle of its bounds if the path encloses no area.
+        """
         path = self.path
         x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
         return float(x), float(y)
 
     @cached_property
     def poles(self) -> tuple[Pole, ...]:
-        """Places that the path winds about, with the turns about each, the most first.
+        """Places about which the path winds, with their turns.
 
-        Of several, the way from one to the next is no turn of either. A single loop has its centre for a pole, like a
-        meander, whose bends are no turns, and 0 turns where it runs around nothing.
+        The place with the most turns comes first. With several places, the way from one to the next is no turn of
+        either. A single loop has its centre as a pole. So has a meander, whose bends are no turns. The pole has 0 turns
+        if the path runs around nothing.
         """
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
         if found is not None:
@@ -350,12 +383,15 @@ class TracedCoil:
 
     @property
     def turns(self) -> float:
-        """Turns about the pole that the path winds about most, anticlockwise positive."""
+        """Turns about the main pole, anticlockwise positive."""
         return self.poles[0].turns
 
 
 def _cross(points: FloatArray) -> FloatArray:
-    """Twice the signed area of the triangle of the origin and each side of the closed path."""
+    """Twice the signed area of the triangle on each side.
+
+    The triangles have the origin as a corner. The path is closed.
+    """
     following = np.roll(points, -1, axis=0)
     return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
 
@@ -366,7 +402,10 @@ def _runs_around_nothing(path: FloatArray) -> bool:
 
 
 def _centroid(path: FloatArray) -> FloatArray:
-    """Centroid of the area that a path, closed by a straight line, runs around; each part as often as it does so."""
+    """Centroid of the area enclosed by a path.
+
+    The path is closed by a straight line. Each part counts as often as the path runs around it.
+    """
     points = path - path[0]
     cross = _cross(points)
     return np.asarray(
@@ -375,16 +414,20 @@ def _centroid(path: FloatArray) -> FloatArray:
 
 
 def natural_order(name: str) -> list[tuple[bool, int, str]]:
-    """Return a key that sorts "A2" before "A10", and numbers before letters: 7, A2, A10, B1."""
+    """Return a sort key that counts numbers in names.
+
+    "A2" comes before "A10", and numbers before letters: 7, A2, A10, B1.
+    """
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
     return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> TracedCoil:
-    """Follow a connected piece of copper, by the indices of its edges, from the end that `trace_coils` says.
+    """Follow a connected piece of copper from end to end.
 
-    `name` is that of the coil, `what` the piece in messages: "net A"; the graph was made from `tracks`. BoardError for
-    a piece that branches, is closed or crosses itself.
+    It is given by the indices of its edges. The first end is as in `trace_coils`. `name` is the name of the coil, and
+    `what` the piece in messages: "net A". The graph was made from `tracks`. Raises BoardError if a piece branches, is
+    closed or crosses itself.
     """
     numbers = sorted({node for index in piece for node in graph.edges[index].ends})
     for number in numbers:
@@ -409,7 +452,7 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
 
 
 def place(graph: TrackGraph, edge: int) -> str:
-    """Where an edge begins, for messages."""
+    """Place where an edge begins, for messages."""
     node = graph.nodes[graph.edges[edge].ends[0]]
     return place_in_mm(node.x, node.y)
 
@@ -420,7 +463,10 @@ def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
 
 
 def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
-    """Sort key of an end: numbered pads first, by number; then the place in the file."""
+    """Sort key of an end of a path.
+
+    Numbered pads come first, by number, then the place in the file.
+    """
     edge = graph.edges[graph.nodes[number].edges[0]]
     pad_number = _pad_number(graph, number)
     return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
@@ -432,7 +478,10 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 
 
 def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
-    """Raise where tracks meet on a layer elsewhere than at their ends."""
+    """Raise BoardError if tracks cross away from their ends.
+
+    Only tracks on one layer are compared.
+    """
     if len(piece) < 2:
         return
     ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
@@ -448,7 +497,7 @@ def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks:
 
 
 def _walk(graph: TrackGraph, start: int) -> Iterator[tuple[TrackEdge, int]]:
-    """Give the edges from an end on, each with the node that it leads to."""
+    """Yield the edges from an end on, each with its next node."""
     came, here = -1, start
     while True:
         onward = [index for index in graph.nodes[here].edges if index != came]
@@ -463,6 +512,7 @@ def _walk(graph: TrackGraph, start: int) -> Iterator[tuple[TrackEdge, int]]:
 def _traced(
     name: str, graph: TrackGraph, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
 ) -> TracedCoil:
+    """Make the traced coil of the edges along a path."""
     edge, number = steps[0]
     first = edge.ends[1] if edge.ends[0] == number else edge.ends[0]
     lines, layers, widths, vias = [], [], [], []
