@@ -1,1 +1,1 @@
-"""Studies of a design: sweeps, optimisation, tolerances, and the quantities that they vary and compute."""
+"""Studies of a design: sweeps, optimization, tolerances, and the quantities that they vary and compute."""

@@ -18,7 +18,7 @@ from coilarray.studies.quantities import canonical, evaluate
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no quantity
 
 Outcome = dict[str, float] | str
-"""Quantities of a point by name, or one line that says why it has none."""
+"""Quantities of a point by name, or one line with the reason why it has none."""
 
 
 def evaluate_points(
@@ -31,20 +31,20 @@ def evaluate_points(
     progress: Progress | None = None,
     accuracy: Accuracy = "full",
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate quantities of variations of a design, each given by its changes as for `coilarray.design.vary.vary`.
+    """Evaluate quantities of variations of a design.
 
-    Changes are read as the pool has room, so that a generator may decide on a point when it knows earlier outcomes.
-    Yields number and outcome of each point as it is done. A `cache` keeps outcomes; `progress` is called with
-    (done, total).
+    Each variation is given by its changes, as in `coilarray.design.vary.vary`. Changes are read as the pool has room,
+    so a generator may choose a point from earlier outcomes. The number and the outcome of each point are yielded as it
+    is done. A `cache` keeps outcomes. `progress` is called with (done, total).
 
     Raises
     ------
     GoalError
-        An unknown quantity.
+        If a quantity is unknown.
     ClusterError
-        Lost workers; see `coilarray.compute.workers.Pool.run`.
+        If workers are lost, see `coilarray.compute.workers.Pool.run`.
     OutputError
-        A store that cannot be written.
+        If the store cannot be written.
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
@@ -54,14 +54,17 @@ def evaluate_points(
 
 
 def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
-    """Evaluate the quantities of a document; workers run this function."""
+    """Evaluate the quantities of a document, on a worker."""
     document = item["document"]
     design = build_design(document, document["name"])
     return evaluate(design, item["quantities"], accuracy=item["accuracy"])
 
 
 def _kept(entry: object) -> Outcome | None:
-    """Return the outcome in an entry of the store; None if it is no such entry."""
+    """Return the outcome in an entry of the store.
+
+    None if the entry is not an outcome.
+    """
     match entry:
         case {"reason": str(reason)}:
             return reason
@@ -71,7 +74,7 @@ def _kept(entry: object) -> Outcome | None:
 
 
 def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
-    """One point as plain data, or why it cannot be."""
+    """Make a point as plain data, or the reason why it is impossible."""
     try:
         return {"document": vary_document(document, change), **how}
     except DesignError as error:
@@ -87,12 +90,13 @@ def run_cached(
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
-    """Apply a function of plain data to items, once to equal items, and not to those whose outcome is kept.
+    """Apply a function of plain data to items, with a cache.
 
-    The function, defined in a module, returns numbers by name; its name and the item, plain tables, lists, texts and
-    numbers, are the key in the store. A text in place of an item is its outcome. Items are read as the pool has room;
-    `total` is their number for `progress`, by default as many as were read. Yields number and outcome of each item as
-    it is done: the result of the function, or the line of its CoilarrayError.
+    Equal items are computed once, and items with a kept outcome are not computed again. The function, defined in a
+    module, returns numbers by name. Its name and the item, made of plain tables, lists, texts and numbers, are the key
+    in the store. A text in place of an item is its outcome. Items are read as the pool has room. `total` is their
+    number for `progress`, by default the number read so far. The number and the outcome of each item are yielded as it
+    is done. The outcome is the result of the function, or the line of its CoilarrayError.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     keys: dict[int, str] = {}  # of the tasks in flight, by index

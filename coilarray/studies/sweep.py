@@ -31,25 +31,25 @@ from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.quantities import Request, request
 
 MOST_POINTS = 100_000
-"""Points of a sweep."""
+"""Largest number of points of a sweep."""
 RULES = "fab_broken"
-"""Quantity that every sweep has: how many fabrication rules a point breaks. What overlaps has values, and no board."""
+"""Quantity that every sweep has: the number of broken fabrication rules. An overlap has values, but no board."""
 UNREAD = "converter_unread"
-"""Quantity that a sweep of what a converter reads has: how many of these values it cannot read."""
+"""Number of values that the converter cannot read, in every sweep with values that a converter reads."""
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid
-_DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
+_DIGITS = 12  # of the values of a range, so that steps of 0.1 have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An entry of a design, and what it takes in a sweep.
+    """Entry of a design with its values in a sweep.
 
-    The `key` is as in `coilarray.design.vary.vary`; the `values` differ, and are the two ends of an `interval`,
-    anywhere between which samples lie, on whole numbers for an entry that takes no others. GoalError for no value, one
-    that is there twice or is not finite, or an interval that does not rise.
+    The `key` is as in `coilarray.design.vary.vary`. The `values` differ. For an `interval` they are its two ends, and
+    samples lie anywhere between them, on whole numbers for an entry that takes no others. Raises GoalError if there is
+    no value, a value is repeated or not finite, or an interval does not rise.
     """
 
     key: str
@@ -77,13 +77,14 @@ class Axis:
 
     @property
     def labels(self) -> list[str]:
-        """The values as texts: a text as it is, anything else as JSON."""
+        """Values as texts: a text unchanged, anything else as JSON."""
         return [_label(value) for value in self.values]
 
     def sample(self, parts: Sequence[float], *, whole: bool) -> list[Any]:
-        """Return the values at parts, from 0 to less than 1, of the way from the first to the last.
+        """Return the values at fractions of the interval.
 
-        GoalError for an interval without a whole number for an entry that takes no others.
+        `parts` are fractions from 0 to less than 1. Raises GoalError if an entry takes only whole numbers and the
+        interval has none.
         """
         if not self.interval:
             return [self.values[int(part * len(self.values))] for part in parts]
@@ -96,7 +97,10 @@ class Axis:
         return [low + part * (high - low) for part in parts]
 
     def stepped(self, *, whole: bool) -> Axis:
-        """Return an interval as values from end to end, for a grid; GoalError as `sample`."""
+        """Return an interval as values from end to end, for a grid.
+
+        Raises GoalError as `sample` does.
+        """
         if not self.interval:
             return self
         low, high = self.values
@@ -108,10 +112,10 @@ class Axis:
 
 
 def parse_axis(text: str, option: str = "--vary") -> Axis:
-    """Read an axis as an option of the command line has it; GoalError for anything else.
+    """Read an axis from an option of the command line.
 
-    ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values, ``KEY=START:STOP``. Values are as
-    in a design file; texts need no quotes.
+    The form is ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values, ``KEY=START:STOP``.
+    Values are as in a design file, but texts need no quotes. Raises GoalError for any other form.
 
     Examples
     --------
@@ -149,10 +153,10 @@ def _evenly(low: float, high: float, count: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A sweep that is checked and ready to run; `plan_sweep` makes one.
+    """Checked sweep that is ready to run, made by `plan_sweep`.
 
-    `points` are the changes of every point, the last axis of a grid running fastest; `sampling` says how they were
-    chosen, "grid" for all.
+    `points` are the changes of every point, with the last axis of a grid running fastest. `sampling` is the way they
+    were chosen, "grid" for all points of a grid.
     """
 
     file: DesignFile
@@ -188,31 +192,32 @@ def sweep(
     Parameters
     ----------
     design : Design or DesignFile
-        The design to be varied.
+        Design to vary.
     entries : mapping of str to sequence
         Values of each entry by its dotted key, in the unit of the key.
     quantities : sequence of str or mapping
-        Names of quantities, as `coilarray.studies.quantities.request` reads them.
+        Names of quantities, in the form read by `coilarray.studies.quantities.request`.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances. ``screen`` is some ten times as fast; see
+        Accuracy of the inductances. ``screen`` is about ten times as fast, see
         `coilarray.electromagnetics.inductance.Accuracy`.
     keep : bool, str or Path
-        Whether points are kept and found again: in the user's cache folder, or in a folder of your own.
+        Whether points are kept for later runs: in the user's cache folder, or in the given folder.
     pool : Pool, optional
-        Workers from `coilarray.compute.workers.workers`; by default the points are computed here, one by one.
+        Workers from `coilarray.compute.workers.workers`. By default the points are computed in this process.
     progress : callable, optional
         Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
-        One variable for each quantity, over the entries as dimensions, whose coordinates are their values in the units
-        of their keys; NaN where a point has none, and ``reason`` says why. Units and long names in the attributes.
+        A variable for each quantity over the entries as dimensions. The coordinates are the values of the entries in
+        the units of their keys. A point without a value is NaN, and ``reason`` gives the cause. Units and long names
+        are in the attributes.
 
     Raises
     ------
     GoalError
-        An entry or a quantity that the design does not have, or values that are not allowed.
+        If the design does not have an entry or a quantity, or values are not allowed.
 
     Examples
     --------
@@ -241,17 +246,18 @@ def plan_sweep(
     seed: int = 0,
     accuracy: Accuracy = "full",
 ) -> Sweep:
-    """Choose the points of a sweep and refuse before the work what would only show after it; see `sweep`.
+    """Choose the points of a sweep, and check the sweep.
 
-    All combinations of the axes' values, or `samples` points that cover the axes evenly: a Sobol sequence, scrambled
-    by `seed`. More samples begin with the same ones, so that a sweep can be refined.
+    Problems that would otherwise show only after the work are refused here, see `sweep`. The points are all
+    combinations of the axes' values, or `samples` points that cover the axes evenly: a Sobol sequence scrambled by
+    `seed`. A larger number of samples begins with the same samples, so a sweep can be refined.
 
     Raises
     ------
     GoalError
-        No axis or no quantity; an entry twice; more than `MOST_POINTS`; a quantity that
-        there is not, or of a coil that no design of the sweep has; or no design at all: none of up to 200 points spread
-        over the sweep gives one, because of an unknown entry for example.
+        If there is no axis or no quantity, an entry is repeated, there are more than `MOST_POINTS` points, a quantity
+        is unknown, no design of the sweep has a named coil, or none of up to 200 points spread over the sweep gives a
+        design, for example because of an unknown entry.
     """
     keys = [axis.key for axis in axes]
     if not keys:
@@ -262,7 +268,7 @@ def plan_sweep(
     if not requests:
         raise GoalError("a sweep must have at least one quantity or goal.")
     if any(one.quantity.is_read for one in requests.values()):
-        requests[UNREAD] = request(UNREAD)  # after the others, which say what is read
+        requests[UNREAD] = request(UNREAD)  # after the others, which decide what is read
     requests.setdefault(RULES, request(RULES))
     file = as_file(design)
     if samples is None:
@@ -283,25 +289,25 @@ def run_sweep(
     progress: Progress | None = None,
     watch: Callable[[Callable[[], xr.Dataset]], None] | None = None,
 ) -> xr.Dataset:
-    """Evaluate all points of a sweep; what a `cache` keeps is not computed again.
+    """Evaluate all points of a sweep.
 
-    After every point `watch` is called with a function that returns the result so far, in which points that are still
-    to come are NaN and have no reason.
+    Points in the `cache` are not computed again. After every point `watch` is called with a function that returns the
+    result so far. In it, points that are not computed yet are NaN and have no reason.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions are the entries of a grid, or ``sample``; the entries' values are coordinates in the units of their
-        keys, texts where they are not numbers, with the design's own as the attribute ``design_value``. One variable a
-        quantity, by its canonical name and in its unit, NaN where a point has none; ``reason`` says why, and is empty
-        elsewhere. One quantity is always `RULES`, of which `keeps_rules` tells, and `UNREAD` one where
-        a converter counts, of which `is_read` tells. Units and long names in the attributes,
-        ``sampling``, ``accuracy``, and those of `coilarray.circuit.coupling.provenance`.
+        Dimensions are the entries of a grid, or ``sample``. The entries' values are coordinates in the units of their
+        keys, as texts if they are not numbers. The attribute ``design_value`` is the design's own value. There is a
+        variable for each quantity, by its canonical name and in its unit, NaN if a point has no value. ``reason`` gives
+        the cause, and is empty otherwise. `RULES` is always included, see `keeps_rules`. `UNREAD` is included if values
+        are read by a converter, see `is_read`. The attributes are units, long names, ``sampling``, ``accuracy``, and
+        the attributes of `coilarray.circuit.coupling.provenance`.
 
     Raises
     ------
     ClusterError, OutputError
-        As `coilarray.studies.evaluate.evaluate_points`.
+        As in `coilarray.studies.evaluate.evaluate_points`.
     """
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)
@@ -319,17 +325,26 @@ def run_sweep(
 
 
 def keeps_rules(result: xr.Dataset) -> xr.DataArray:
-    """Whether the points of a sweep keep every fabrication rule; those without a result do not."""
+    """Whether the points of a sweep keep every fabrication rule.
+
+    Points without a result do not.
+    """
     return result[RULES] == 0
 
 
 def is_read(result: xr.Dataset) -> xr.DataArray:
-    """Whether a converter reads all that the quantities of a point come from; true where none needs it."""
+    """Whether a converter can read all values behind a point.
+
+    It is True if the quantities need no converter.
+    """
     return result[UNREAD] == 0 if UNREAD in result else xr.ones_like(result[RULES], dtype=bool)
 
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:
-    """Return values (quantities, points) and reasons as `run_sweep` does."""
+    """Return values and reasons as the dataset of `run_sweep`.
+
+    The values have the shape (quantities, points).
+    """
     dims, shape = plan.dims, plan.shape
     variables = {
         one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})
@@ -344,7 +359,10 @@ def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) 
 
 
 def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
-    """Values of an entry along its dimension, with its unit by the end of the key, and its value in the design."""
+    """Values of an entry along its dimension, with unit.
+
+    The unit follows from the end of the key. The attributes include the value in the design.
+    """
     grid = plan.sampling == "grid"
     values = axis.values if grid else [point[axis.key] for point in plan.points]
     attributes: dict[str, Any] = {"long_name": axis.key}
@@ -365,13 +383,14 @@ def _grid(axes: Sequence[Axis]) -> list[dict[str, Any]]:
 
 
 def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
+    """Choose `count` points of a scrambled Sobol sequence."""
     from scipy.stats import qmc
 
     _check_number(count)
     if seed < 0:
         raise GoalError(f"the seed must not be negative; got {seed}.")
     sequence = qmc.Sobol(len(axes), scramble=True, seed=np.random.default_rng(seed))
-    # whole powers of two are what the sequence is balanced for, and what it gives without a warning
+    # the sequence is balanced for powers of two, and gives a warning for other counts
     parts = sequence.random_base2((count - 1).bit_length())[:count]
     columns = [
         axis.sample(column, whole=_is_whole(file.values.get(axis.key)))
@@ -387,11 +406,14 @@ def _check_number(points: int) -> None:
 
 
 def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
-    """Build designs until one is possible and every coil that is asked for is in one."""
+    """Build designs until one is possible and has all named coils.
+
+    Each coil must be in one of the designs.
+    """
     missing = {name: one.key for one in requests for name in one.coils}
     names: tuple[str, ...] = ()
     reason = ""
-    for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, so that there are no more
+    for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, to stay within the limit
         try:
             names = vary(file, point).array.names
         except DesignError as error:
@@ -411,7 +433,10 @@ def _is_whole(value: object) -> bool:
 
 
 def _listed(text: str) -> tuple[Any, ...]:
-    """Read values as TOML has them in a list; what is none of its texts, numbers and lists is a text itself."""
+    """Read values in the form of a TOML list.
+
+    A value that is not a TOML text, number or list is taken as a text.
+    """
     try:
         document = _VALUES.parse(f"values = [{text}]", "--vary")
     except GoalError:

@@ -1,4 +1,4 @@
-"""How many coils there are, on which lattice they lie, and their size, read from short texts."""
+"""Number, lattice and size of the coils, read from short texts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from coilarray.geometry.array import LatticeKind
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Where the coils lie: a lattice of the design file and how often it repeats."""
+    """Arrangement of the coils: a lattice and its repetitions.
+
+    The lattice is named as in a design file.
+    """
 
     lattice: LatticeKind
     columns: int = 1
@@ -30,12 +33,12 @@ class Arrangement:
 
     @property
     def few(self) -> Arrangement:
-        """The same with no more coils than have different neighbours."""
+        """The same arrangement, reduced to coils with different neighbours."""
         return replace(self, columns=min(self.columns, 1 if self.lattice == "rings" else 3), rows=min(self.rows, 3))
 
     @property
     def fewest(self) -> Arrangement:
-        """A few coils with neighbours in every direction that there is."""
+        """A few coils with neighbours in every direction."""
         if self.lattice == "rings":
             return Arrangement("hexagonal", 2, 2)
         return replace(self, columns=min(self.columns, 2), rows=min(self.rows, 2))
@@ -48,10 +51,11 @@ _COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), 3-hex, 7-hex, 19
 
 
 def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
-    """Read how many coils there are: 1, 6 in a row, 4x4, 3-hex as a triangle, or 7-hex with rings about a centre.
+    """Read the number and arrangement of the coils.
 
-    Hexagons and circles by rows and columns lie on a hexagonal lattice, where all neighbours are equally far.
-    DesignError for another text.
+    The text is 1, 6 for a row, 4x4, 3-hex for a triangle, or 7-hex for rings about a centre. Hexagons and circles in
+    rows and columns lie on a hexagonal lattice, in which all neighbours are equally far. Raises DesignError for another
+    text.
     """
     found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", str(coils).strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)
@@ -74,7 +78,10 @@ def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
 
 
 def read_size(text: str) -> float | tuple[float, float]:
-    """Read a coil's width, or width and height as 20x12, in mm; return it in m. DesignError for any other text."""
+    """Read a coil's width, or width and height, and return it in m.
+
+    The text is in mm, with width and height as 20x12. Raises DesignError for any other text.
+    """
     try:
         sides = [float(side) * 1e-3 for side in text.lower().replace("×", "x").split("x")]
     except ValueError:

@@ -1,4 +1,4 @@
-"""What is chosen of a new design: one set of defaults for the command, its questions on a terminal, and Python."""
+"""Choices for a new design: one set of defaults for the command, its questions on a terminal, and Python."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from coilarray.studies.create.arrangement import Arrangement, read_arrangement
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")
-"""Those with a width and a height."""
+"""Shapes with a width and a height."""
 Overlap = Literal["none", "decoupled"]
 _FROM_TO = {
     "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
     "inductance": (1e-9, 0.1, 1e6, "µH"), "frequency": (1e3, 1e9, 1e-6, "MHz"),
     "capacitance": (1e-12, 1e-3, 1e12, "pF"),
 }  # fmt: skip
-"""The range of each choice in SI, wider than that of planar coils, and the unit of its option."""
+"""Range of each choice in SI, wider than usual for planar coils, and the unit of its option."""
 
 
 @dataclass(frozen=True)
 class Choices:
-    """What is chosen of a new design, in SI and as `new_design` describes it; what is not chosen has its default here.
+    """Choices for a new design, in SI, with their defaults.
 
-    DesignError for what can be seen to be impossible before any work.
+    They are described in `new_design`. Raises DesignError for choices that are evidently impossible, before any work.
     """
 
     coils: str | int = "3"
@@ -78,17 +78,23 @@ class Choices:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Width and height of a coil in m; what is longer than wide is so by default too."""
+        """Width and height of a coil in m.
+
+        By default long shapes are longer than wide.
+        """
         usual = (20e-3, 12e-3) if self.shape in LONG_SHAPES else 16e-3
         size = usual if self.size is None else self.size
         return size if isinstance(size, tuple) else (size, size)
 
     @property
     def layers_of_fab(self) -> int | None:
-        """Layers of the boards that the named service makes; None for one that makes any, and where none is named."""
+        """Layers of the boards that the named service makes.
+
+        None for a service that makes any number, and if no service is named.
+        """
         return None if self.fab is None else load_profile(self.fab).rules.max_layers
 
     @cached_property
     def arrangement(self) -> Arrangement:
-        """Where the coils lie."""
+        """Arrangement of the coils."""
         return read_arrangement(self.coils, self.shape)

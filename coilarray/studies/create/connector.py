@@ -1,4 +1,4 @@
-"""The leads of all coils of a new design routed to a connector at one edge of its board."""
+"""The leads of all coils of a new design, routed to a connector at one edge of its board."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from coilarray.geometry.connector import NoWayError
 from coilarray.geometry.values import Side
 from coilarray.studies.create.plan import Plan
 
-_DISTANCES = (5.0, 6.0, 8.0, 10.0)  # mm from the coils; those of several rows begin with the second, for ways between
+_DISTANCES = (5.0, 6.0, 8.0, 10.0)  # mm from the coils; for several rows from the second on, with room for ways between
 _PITCH_STEP = 0.5e-3  # m
-_LONGER, _FURTHER = 0.5e-3, 1e-3  # m that leads get longer from each distance to the next, and coils lie further apart
+_LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie further apart at each distance
 
 
 def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
-    """Find room for the ways of all leads: a distance of the connector, longer leads, and coils that are `movable`.
+    """Find room for the leads of all coils to a connector.
 
-    DesignError where no lead finds a way, or a rule is broken: the line of the roomiest board that was tried. Where
-    less than half of the coils are routed, and neighbours that may not move are too near for the leads of a row
-    between them, no other board is tried.
+    The distance of the connector, the length of the leads and, if `movable`, the pitch of the coils are increased.
+    Raises DesignError with the problem of the roomiest board if a lead finds no way or a rule is broken. The search
+    stops early if less than half of the coils are routed, and neighbours that may not move are too near for the leads
+    of a row between them.
     """
     problem = ""
     several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")
@@ -50,7 +51,10 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
 
 
 def _roomy_pitch(plan: Plan, side: Side) -> float:
-    """Estimate a pitch in m at which the leads of a whole row or column of coils pass beside each other's leads."""
+    """Estimate a pitch in m with room for all leads.
+
+    The leads of a whole row or column of coils then pass beside each other's leads.
+    """
     across, passing = (plan.size[-1], plan.arrangement.columns) if side in ("left", "right") else (
         plan.size[0], plan.arrangement.rows)  # fmt: skip
     winding = plan.winding

@@ -1,4 +1,4 @@
-"""The pitch at which neighbours that overlap do not couple."""
+"""Pitch at which overlapping neighbours do not couple."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ from coilarray.electromagnetics.inductance import coupling_matrix, pair_inductan
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray
 
-# parts of the width of a coil, between which the sign of its neighbours' coupling is looked for
+# fractions of the width of a coil between which the sign of its neighbours' coupling is searched
 _SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
 _PITCH_STEP = 1e-5  # m, to which a pitch is given
-_ROUGHLY = 2e-3  # of the width: as near as the rough model is followed, which the corrections mend
+_ROUGHLY = 2e-3  # of the width: accuracy of the search in the rough model, which the corrections improve
 _SLOPE, _CORRECTIONS = 0.01, 2
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
-    """Find the pitch of coils at which the mean coupling of neighbours is zero.
+    """Find the pitch at which the mean coupling of neighbours is zero.
 
-    The field inside a coil and that around it have opposite signs, so that neighbours which overlap more than that
-    couple positively, and others negatively. Neighbours on different pairs of layers differ a little: their mean is
-    taken to zero.
+    The fields inside and around a coil have opposite signs. Neighbours that overlap more than at this pitch couple
+    positively, and others negatively. Neighbours on different pairs of layers differ slightly, so their mean is brought
+    to zero.
 
     Parameters
     ----------
     width : float
         Width of a coil in m.
     design_at : callable
-        Returns the design of some neighbouring coils for a pitch in m.
+        Function that returns the design of some neighbouring coils for a pitch in m.
     rough_at : callable
-        Returns a quicker model of it, in which the pitch is looked for first.
+        Function that returns a quicker model of it, in which the pitch is searched first.
 
     Returns
     -------
     float
-        Pitch in m, rounded to 10 µm: the largest one, where there are several.
+        Pitch in m, rounded to 10 µm. Of several pitches it is the largest.
 
     Raises
     ------
     DesignError
-        No such pitch between 0.4 and 1 widths.
+        If there is no such pitch between 0.4 and 1 widths.
     """
 
     @functools.cache
@@ -61,7 +61,7 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
                 continue
             found = float(brentq(rough, inner, outer, xtol=_ROUGHLY * width))
             slope = (rough(found + _SLOPE * width) - rough(found)) / (_SLOPE * width)
-            for _ in range(_CORRECTIONS):  # by what the rough model leaves out
+            for _ in range(_CORRECTIONS):  # for effects that the rough model leaves out
                 design = design_at(found)
                 L = design_inductance(design, accuracy="screen")[0]
                 found -= float(neighbour_coupling(design).mean() * L.diagonal().mean()) / slope
@@ -74,12 +74,15 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
 
 
 def neighbour_coupling(design: Design) -> FloatArray:
-    """Coupling coefficients of all coils that lie nearest to each other, under the flat sheets."""
+    """Coupling coefficients of all nearest coils.
+
+    The coils lie under the flat sheets.
+    """
     k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[_neighbours(design.array)]
     return k
 
 
 def _neighbours(array: CoilArray) -> tuple[IntArray, IntArray]:
-    """Numbers of both coils of every pair that lies nearest to each other."""
+    """Numbers of both coils of every nearest pair."""
     i, j = np.array(array.neighbours, dtype=np.intp).reshape(-1, 2).T
     return i, j

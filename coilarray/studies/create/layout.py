@@ -1,4 +1,4 @@
-"""Layers, winding, pitch and terminals of a new design: the layout of the fewest layers that does what is asked."""
+"""Layout of a new design: layers, winding, pitch and terminals, with the fewest layers that fulfil the choices."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
 _CORNERED = 0.75  # of half the hole: wider traces of polygons, whose turns slope, would touch at the inner corners
 _WIDEST = 5e-3  # m, of traces: a good part of the skin depths at 10 MHz for which the AC resistance holds
-_USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
-_HOLES = (0.45, 0.6, 0.75, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
+_USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding without a wanted inductance
+_HOLES = (0.45, 0.6, 0.75, 0.3)  # the same for coils that overlap, in which their neighbours' terminals may lie
 _WINDING_LAYERS = (2, 4)
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
 _KEPT = 512  # results of single coils
@@ -38,7 +38,10 @@ _PASSES, _CLOSE = 3, 1e-3  # corrections of what is left out of the search for a
 
 
 def lay_out(plan: Plan, choices: Choices) -> Plan:
-    """Find layers, winding, pitch and terminals; DesignError, one line, where no layout does what is chosen."""
+    """Find layers, winding, pitch and terminals.
+
+    Raises DesignError, in one line, if no layout fulfils the choices.
+    """
     problem = None
     tried = set[Plan]()
     for board in _boards(plan, choices):
@@ -48,13 +51,16 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
                 tried.add(wound)
                 return _completed(wound, choices)
         except DesignError as error:
-            problem = error  # of the most layers: what is out of reach of all
+            problem = error  # of the most layers, for a choice that no board can reach
     assert problem is not None  # there is at least one board, or a reason why not
     raise problem
 
 
 def most_on_fewer_layers(plan: Plan, choices: Choices, layers: int) -> Plan | None:
-    """Find the layout that comes nearest to the wanted inductance on fewer layers; None where nothing can be placed."""
+    """Find the best layout on fewer layers.
+
+    It comes nearest to the wanted inductance. None if nothing can be placed.
+    """
     short: list[tuple[float, int, Plan]] = []
     for board in _boards(plan, choices):
         for room in _rooms(board):
@@ -74,12 +80,15 @@ def most_on_fewer_layers(plan: Plan, choices: Choices, layers: int) -> Plan | No
 
 
 def _wound(plan: Plan, winding: Winding) -> Plan:
-    """Decide a winding: from now on the hole is its own."""
+    """Fix a winding, after which its own hole counts."""
     return replace(plan, winding=winding, hole=0.0)
 
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
-    """Find pitch and terminals for a winding; DesignError where there are none."""
+    """Find pitch and terminals for a winding.
+
+    Raises DesignError if there are none.
+    """
     _require_pads(wound)
     problem = None
     for turned in (False, True) if _can_turn(wound) else (False,):
@@ -88,7 +97,7 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
             return with_terminals(placed, movable=wound.sets == 1 and choices.pitch is None)
         except DesignError as error:
             problem = error
-    assert problem is not None  # there is a way to turn it
+    assert problem is not None  # at least one orientation was tried
     if choices.pitch is None:
         raise problem
     raise DesignError(
@@ -98,7 +107,10 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
 
 
 def _require_pads(wound: Plan) -> None:
-    """Refuse more layers than there is room for the holes that join them; DesignError with how many have room."""
+    """Refuse more layers than have room for the via pads.
+
+    Raises DesignError with the number of layers that have room.
+    """
     problem = _problem(wound)
     if problem is not None:
         fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
@@ -111,7 +123,7 @@ def _require_pads(wound: Plan) -> None:
 
 
 def _problem(wound: Plan) -> DesignError | None:
-    """Return why one coil cannot be made; None where it can."""
+    """Return the reason why one coil is impossible, or None."""
     try:
         _ = wound.one.design
     except DesignError as error:
@@ -120,15 +132,15 @@ def _problem(wound: Plan) -> DesignError | None:
 
 
 def _side_by_side(plan: Plan) -> float:
-    """Return the pitch in m of coils with room for the terminals between them."""
+    """Return a pitch in m with room for terminals between coils."""
     return plan.width + plan.lead + _BESIDE
 
 
 def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
-    """Give the boards to try, those of the fewest layers first.
+    """Yield the boards to try, the fewest layers first.
 
-    Coils side by side need one set of layers; coils that overlap need more, and a wide hole for the terminals of their
-    neighbours. DesignError where there is none.
+    Coils side by side need one set of layers. Coils that overlap need more, and a wide hole for the terminals of their
+    neighbours. Raises DesignError if there is no board.
     """
     overlap = choices.overlap == "decoupled" or (choices.pitch is not None and choices.pitch < plan.width)
     some_sets: tuple[int, ...] = (1,)
@@ -155,7 +167,7 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
 
 
 def _house_for(layers: int) -> str:
-    """Return the first of the usual board houses that makes boards of so many layers."""
+    """Return the first usual board house for a number of layers."""
     return next(name for name in _FABS if load_profile(name).rules.max_layers in (None, layers))
 
 
@@ -164,12 +176,18 @@ def _divides(sets: int, layers: int) -> bool:
 
 
 def _can_turn(plan: Plan) -> bool:
-    """Whether turned hexagons, which face neighbours with corners, may lie further apart on equal layers."""
+    """Whether turned hexagons may lie further apart on equal layers.
+
+    Turned hexagons face neighbours with corners.
+    """
     return plan.shape == "hexagon" and plan.sets > 1 and plan.arrangement.lattice in ("hexagonal", "triangle", "rings")
 
 
 def _placed(plan: Plan, choices: Choices) -> Plan:
-    """Find the pitch; DesignError where coils on the same layers overlap then."""
+    """Find the pitch.
+
+    Raises DesignError if coils on the same layers overlap at this pitch.
+    """
     if choices.overlap == "decoupled":
         few = replace(plan, arrangement=plan.arrangement.fewest)
         rough = replace(few, rough=True, elastomer=False)
@@ -188,7 +206,10 @@ def _placed(plan: Plan, choices: Choices) -> Plan:
 
 
 def _winding(plan: Plan, choices: Choices) -> Winding:
-    """Find turns and trace: of the usual width where that will do, else of the board house's narrowest."""
+    """Find turns and trace of the winding.
+
+    The trace has the usual width if possible, otherwise the board house's narrowest.
+    """
     usual, finest = _rooms(plan)
     if not finest.most_turns:
         least = math.ceil(2e5 * (finest.hole + 2 * finest.trace_width + finest.gap) * (1 - 1e-9)) / 100  # mm
@@ -208,7 +229,10 @@ def _winding(plan: Plan, choices: Choices) -> Winding:
 
 
 def _rooms(plan: Plan) -> tuple[Room, Room]:
-    """Return the room of windings with usual traces, and with the narrowest of the board house."""
+    """Return the room of windings with usual and narrowest traces.
+
+    The narrowest traces are the board house's.
+    """
     radius, rules = min(plan.size) / 2, plan.rules
     closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
     hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
@@ -218,7 +242,10 @@ def _rooms(plan: Plan) -> tuple[Room, Room]:
 
 
 def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Wind with wider gaps where wide traces come too near to each other at their corners; else as in the room."""
+    """Wind with wider gaps if wide traces need them at corners.
+
+    Otherwise the winding is as in the room.
+    """
     first = found = _wind(plan, choices, room)
     for _ in range(_PASSES):
         array = replace(plan.one, winding=found, elastomer=False).design.array
@@ -228,13 +255,14 @@ def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
         missing = -min(margin.margin for margin in margins)
         room = replace(room, gap=math.ceil((room.gap + _GAP_MARGIN * missing) / _GAP_STEP) * _GAP_STEP)
         found = _wind(plan, choices, room)
-    return first  # it is not the gaps of the turns that are too narrow
+    return first  # the gaps of the turns are not the problem
 
 
 def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Find the winding by a rough model: without sheets, of few segments, screened; and again by what it leaves out.
+    """Find the winding with a rough model and corrections.
 
-    Its resistance is that at the frequency at which the coil is likely to be used.
+    The rough model has no sheets and few segments, and is screened. The search is repeated with corrections for the
+    effects that the model leaves out. The resistance is taken at the frequency at which the coil is likely to be used.
     """
     inductance = choices.inductance or 0.0  # refused with the reason
     frequency = choices.frequency or expected_frequency(inductance or 1.0)
@@ -256,18 +284,21 @@ def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 
 def _alone(plan: Plan, winding: Winding) -> Plan:
-    """Return one coil with a winding, equal for all plans whose coil is."""
+    """Return one coil with a winding.
+
+    Plans with the same coil give equal results.
+    """
     return replace(_wound(plan.one, winding), pitch=0.0)
 
 
 def _rough(plan: Plan, winding: Winding) -> Plan:
-    """Return a quick model of it."""
+    """Return a quick model of a single coil with a winding."""
     return replace(_alone(plan, winding), elastomer=False, rough=True)
 
 
 @lru_cache(_KEPT)  # passes, and boards with other holes, ask for the same windings
 def _left_out(alone: Plan) -> float:
-    """Inductance of a coil over that of its quick model."""
+    """Ratio of a coil's inductance to that in its quick model."""
     inductance = float(design_inductance(alone.design, accuracy="screen")[0][0, 0])
     return inductance / _rough_inductance(_rough(alone, alone.winding))
 

@@ -1,4 +1,4 @@
-"""A new design from a few choices: how many coils, of which shape and size, with which inductance, made by whom."""
+"""New design from a few choices: number, shape, size and inductance of the coils, and the board house."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DIGITS = 3  # of an inductance that is reached
 
 
 class _Named(Table):
-    """What a design file takes for a name, refused before any work."""
+    """Check of the name as in a design file, before any work."""
 
     name: Name
 
@@ -45,7 +45,9 @@ def new_design(
     switches: PartName | None = Choices.switches,
     title: str = Choices.title,
 ) -> DesignFile:
-    """Make a design that a board house can make and a converter can read, from a few choices.
+    """Make a new design from a few choices.
+
+    A board house can make it and a converter can read it.
 
     Parameters
     ----------
@@ -53,47 +55,50 @@ def new_design(
         Name of the design.
     coils : str or int
         ``"1"``, ``"6"`` (a row), ``"4x4"`` (columns by rows), ``"3-hex"`` (a triangle), or ``"7-hex"``, ``"19-hex"`` or
-        ``"37-hex"``: rings about a centre.
+        ``"37-hex"`` (rings about a centre).
     shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
         Shape of the coils.
     size : float or tuple of float, optional
-        Width in m of a coil's copper, of a hexagon across flats, of a circle the diameter at which its outer edge
-        starts; 16 mm by default. A rectangle or racetrack has width and height; 20 and 12 mm by default.
+        Width in m of a coil's copper, 16 mm by default. For a hexagon it is measured across flats, for a circle it is
+        the diameter at which its outer edge starts. A rectangle or racetrack has width and height, 20 and 12 mm by
+        default.
     inductance : float, optional
-        Inductance in H that a coil is to have, alone and under the flat sheets; turns and trace are found for it. By
-        default the turns of a usual trace that fit.
+        Wanted inductance in H of a coil, alone and under the flat sheets. Turns and trace are found for it. By default
+        the winding has as many turns of a usual trace as fit.
     layers : int, optional
-        Copper layers of the board; by default as many as are needed, or those of the service that `fab` names.
+        Copper layers of the board. By default as many as are needed, or the layers of the service that `fab` names.
     fab : str, optional
-        Profile of the board house whose limits are kept, see `coilarray.design.fab_limits.load_profile`; by default one
-        that makes boards of so many layers.
+        Profile of the board house whose limits are kept, see `coilarray.design.fab_limits.load_profile`. By default a
+        house that makes boards with this number of layers.
     pitch : float, optional
-        Distance of neighbouring coils in m; by default they lie side by side with room for their terminals.
+        Distance of neighbouring coils in m. By default they lie side by side with room for their terminals.
     overlap : {"none", "decoupled"}
-        ``"decoupled"``: neighbours overlap, on layers of their own, by as much as makes their mean coupling zero.
+        ``"decoupled"``: neighbours overlap, on separate layers, so far that their mean coupling is zero.
     elastomer : bool
         Lay an elastomer with a magnetic sheet on the board, and an indenter that presses into it.
     frequency : float, optional
-        Frequency in Hz of a coil with its tank; by default as `coilarray.studies.create.tank.tank_capacitance` chooses.
+        Frequency in Hz of a coil with its tank. By default it is chosen by
+        `coilarray.studies.create.tank.tank_capacitance`.
     capacitance : float, optional
-        Capacitance in F of the tank, instead.
+        Capacitance in F of the tank, instead of the frequency.
     connector : {"right", "top", "left", "bottom"}, optional
-        Edge of the board to which the leads of all coils are routed; coils may then lie a little further apart.
+        Edge of the board to which the leads of all coils are routed. Coils may then lie slightly further apart.
     switches : {"ADG714", "ADG738", "ADG739"}, optional
-        Part that connects one coil after another to the converter and grounds the others; by default ideal switches.
+        Part that connects one coil after another to the converter and grounds the others. By default the switches are
+        ideal.
     title : str
-        Title in reports; by default it says what the design is.
+        Title in reports. By default it describes the design.
 
     Returns
     -------
     DesignFile
-        Design and document; `coilarray.design.save.save_design` makes a commented file of it.
+        Design and document. `coilarray.design.save.save_design` writes it to a commented file.
 
     Raises
     ------
     DesignError
-        A choice that is not allowed, or choices that do not go together: an inductance out of reach, more layers than
-        the board house has, no room for the terminals.
+        If a choice is not allowed, or choices are contradictory: an inductance out of reach, more layers than the board
+        house has, or no room for the terminals.
 
     Examples
     --------
@@ -120,16 +125,19 @@ def new_design(
 
 @dataclass(frozen=True)
 class Reach:
-    """What a board of fewer layers can do: the number of its layers, and the inductance in H."""
+    """Possible result of a board with fewer layers.
+
+    It is the number of its layers and the inductance in H.
+    """
 
     layers: int
     inductance: float
 
 
 def reach_of_fewer_layers(layers: int, choices: Choices) -> Reach | None:
-    """Say what fewer than so many layers reach of a chosen inductance, rounded down to three digits.
+    """Find the inductance that fewer layers can reach.
 
-    None where no board with fewer layers has a place for the terminals.
+    It is rounded down to three digits. None if no board with fewer layers has a place for the terminals.
 
     Examples
     --------
@@ -145,6 +153,6 @@ def reach_of_fewer_layers(layers: int, choices: Choices) -> Reach | None:
 
 
 def _planned(name: str, choices: Choices) -> Plan:
-    """Return what is decided before the layout."""
+    """Return the plan before the layout."""
     plan = Plan(name, choices.title, choices.arrangement, choices.shape, choices.sides, choices.elastomer)
     return replace(plan, switches=choices.switches)

@@ -1,4 +1,4 @@
-"""What is decided of a new design, and the design file that says so."""
+"""Decisions about a new design, and the design file made from them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,10 @@ _TURNED = _corners(0, 180, 60, 120, 240, 300)
 
 @dataclass(frozen=True)
 class Plan:
-    """What is decided of a design so far, lengths in m and the capacitance in F; `document` writes it down."""
+    """Decisions about a design so far.
+
+    Lengths are in m and the capacitance is in F. `document` makes the design file.
+    """
 
     name: str
     title: str
@@ -57,7 +60,7 @@ class Plan:
     winding_layers: int = 2
     winding: Winding = _UNDECIDED
     pitch: float = 0.0
-    start: int = 0  # which of the corners or sides the winding begins at
+    start: int = 0  # corner or side at which the winding begins
     lead: float = 2e-3
     capacitance: float = 330e-12
     rough: bool = False  # arcs and round ends as few straight sides, for quick estimates
@@ -66,7 +69,7 @@ class Plan:
 
     @property
     def width(self) -> float:
-        """Width of a coil along its longer side."""
+        """Width in m of a coil along its longer side."""
         return max(self.size)
 
     @property
@@ -76,7 +79,10 @@ class Plan:
 
     @property
     def starts(self) -> tuple[dict[str, Any], ...]:
-        """Where the winding can begin and its leads leave; hexagons and squares face neighbours along x with a side."""
+        """Possible starts of the winding and its leads.
+
+        Hexagons and squares face neighbours along x with a side.
+        """
         return _TURNED if self.turned else _STARTS[self.shape]
 
     @property
@@ -126,6 +132,7 @@ class Plan:
         }
 
     def _title(self) -> str:
+        """Describe the coils, for the title."""
         count = self.arrangement
         shape = {"hexagon": "hexagonal", "circle": "circular", "rectangle": "rectangular"}.get(self.shape, self.shape)
         if count.lattice == "single":
@@ -138,6 +145,7 @@ class Plan:
         return f"{shape.capitalize()} coils, {count.columns}" + (f" × {count.rows}" if count.rows > 1 else " in a row")
 
     def _stackup(self, names: list[str]) -> dict[str, Any]:
+        """Make the stack-up table of a board with usual thicknesses."""
         n = len(names)
         copper = [min(_COPPER, self.rules.most_copper(k, n) or _COPPER) for k in range(n)]
         thin = n // 2 if n > 2 and n % 2 == 0 else 0  # each between the two layers of a pair
@@ -154,17 +162,24 @@ class Plan:
 
     @property
     def via_drill(self) -> float:
-        """Diameter of the vias' holes in m: half a wide trace, up to a limit."""
+        """Diameter of the vias' holes in m.
+
+        It is half a wide trace, up to a limit.
+        """
         wide = math.floor(min(self.winding.trace_width / 2, _WIDEST_DRILL) / _PAD_STEP) * _PAD_STEP
         return max(_DRILL, wide, self.rules.min_drill)
 
     @property
     def via_pad(self) -> float:
-        """Diameter of the vias' pads, up to a twentieth of a millimetre."""
+        """Diameter of the vias' pads in m.
+
+        It is rounded up to a twentieth of a millimetre.
+        """
         pad = self.via_drill + 2 * max(_RING, self.rules.min_annular_ring)
         return math.ceil(pad / _PAD_STEP * (1 - 1e-9)) * _PAD_STEP
 
     def _coil(self) -> dict[str, Any]:
+        """Make the coil's table."""
         width, height = (_mm(side) for side in self.size)
         sizes: Mapping[str, dict[str, Any]] = {
             "twelve sides": {"shape": "polygon", "sides": 12, "outer_across_flats_mm": width, "winding_rule": "corner"},
@@ -200,6 +215,7 @@ class Plan:
         }
 
     def _elastomer(self) -> dict[str, Any]:
+        """Make the tables of the elastomer and its indenter."""
         return {
             "elastomer": [
                 {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
@@ -210,6 +226,7 @@ class Plan:
         }
 
     def _assumed(self) -> dict[str, str]:
+        """Make the reasons of the assumed values."""
         board = "usual of a board of 1.6 mm; ask the board house for its own"
         reasons = {"stackup.dielectric_thickness_mm": board, "stackup.dielectric_epsilon_r": "usual of FR-4"}
         if self.elastomer:

@@ -1,4 +1,4 @@
-"""The capacitance of a sensor's tank, chosen for the converter."""
+"""Capacitance of a sensor's tank, chosen for the converter."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from coilarray.errors import DesignError, NetworkError
 
 _SMALLEST, _DECADES = 100e-12, 5  # F, below which strays would weigh too much
 _SERIES = (1.0, 1.5, 2.2, 3.3, 4.7, 6.8)  # E6
-_SHARE_OF_SELF_RESONANCE = 0.5  # to stay well below the converter's limit of 0.8
+_SHARE_OF_SELF_RESONANCE = 0.5  # well below the converter's limit of 0.8
 _STEPS, _MET, _DIGITS = 10, 1e-4, 3
 _E24 = (1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5,
         8.2, 9.1)  # fmt: skip
-_CLOSE = 0.01  # of the wanted frequency: as near as a standard capacitance has to come
+_CLOSE = 0.01  # of the wanted frequency: required accuracy of a standard capacitance
 
 
 def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: float | None = None) -> float:
-    """Choose the tank's capacitance.
+    """Choose the capacitance of the tank.
 
     Parameters
     ----------
     with_capacitance : callable
-        Returns the design with a capacitance in F.
+        Function that returns the design with a capacitance in F.
     frequency : float, optional
-        Frequency in Hz at which the tanks are to oscillate, on the mean of the coils: the nearest capacitance of the
-        series E24 where it comes within 1 % of it, else the exact one, of three digits. Without it the smallest
-        capacitance of the series E6 from 100 pF on is taken with which the converter keeps all its limits, at no more
-        than half the coil's self-resonance: then frequency and quality factor are as high as may be. Where there is
-        none, that which breaks the fewest.
+        Frequency in Hz at which the tanks are to oscillate, on the mean of the coils. The nearest capacitance of the
+        series E24 is taken if it comes within 1 % of it, otherwise the exact capacitance, with three digits. By default
+        it is the smallest capacitance of the series E6, from 100 pF on, with which the converter keeps all its limits
+        at no more than half the coil's self-resonance. Frequency and quality factor are then as high as possible. If
+        there is no such capacitance, the capacitance that breaks the fewest limits is taken.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
     Raises
     ------
     DesignError
-        A frequency that no capacitance gives, as it is above the coil's self-resonance.
+        If no capacitance gives the frequency, because it is above the coil's self-resonance.
     """
     if frequency is not None:
         return _for_frequency(with_capacitance, frequency)
@@ -64,9 +64,9 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
 
 
 def expected_frequency(inductance: float) -> float:
-    """Return the frequency in Hz that `tank_capacitance` is likely to choose for an inductance in H.
+    """Return the frequency in Hz that `tank_capacitance` will likely choose.
 
-    Windings are compared at it before there is a tank.
+    It depends on the inductance in H. Windings are compared at this frequency before there is a tank.
 
     Examples
     --------
@@ -77,9 +77,10 @@ def expected_frequency(inductance: float) -> float:
 
 
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
-    """Limits of the LDC1614 that states break, each with the name of the state; `scan` is that of `scan_design`.
+    """List the limits of the LDC1614 that states break.
 
-    The frequency may also be no more than a share of the coil's self-resonance. None for a design without a converter.
+    Each limit has the name of the state. `scan` is made by `scan_design`. The frequency may also be no more than a
+    share of the coil's self-resonance. None are broken for a design without a converter.
     """
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     broken: list[tuple[str, Limit]] = []
@@ -100,7 +101,7 @@ def _series() -> Iterator[float]:
 
 
 def is_standard(capacitance: float) -> bool:
-    """Whether a capacitance in F is one of the series E24.
+    """Whether a capacitance in F belongs to the series E24.
 
     Examples
     --------
@@ -111,12 +112,14 @@ def is_standard(capacitance: float) -> bool:
 
 
 def _nearest_standard(capacitance: float) -> float:
-    """Return the value of the series E24 that is nearest by ratio."""
+    """Return the nearest E24 value, by ratio."""
     decade = 10.0 ** math.floor(math.log10(capacitance))
     return min((value * decade for value in (*_E24, 10.0)), key=lambda value: abs(math.log(value / capacitance)))
 
 
 def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float) -> float:
+    """Find the capacitance for a frequency, by a secant method."""
+
     def reached(capacitance: float) -> float:
         scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
         return float(scan.frequency.mean())
@@ -144,9 +147,12 @@ def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float
 
 
 def _rounded(capacitance: float, frequency: float, reached: Callable[[float], float]) -> float:
-    """Return the nearest standard value, where the frequency in Hz that it reaches is close; else three digits."""
+    """Return the nearest standard value, or three digits.
+
+    The standard value is taken if the frequency in Hz that it reaches is close.
+    """
     standard = _nearest_standard(capacitance)
-    with suppress(NetworkError):  # it may be too much for the losses, where the exact one is not
+    with suppress(NetworkError):  # it may be too much for the losses, unlike the exact value
         if abs(reached(standard) / frequency - 1) <= _CLOSE:
             return standard
     return float(f"{capacitance:.{_DIGITS}g}")

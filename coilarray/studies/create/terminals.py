@@ -1,4 +1,4 @@
-"""Where the windings begin and how long the leads are, so that every fabrication rule is kept."""
+"""Start of the windings and length of the leads, chosen to keep every fabrication rule."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from coilarray.errors import DesignError, RuleViolationError
 from coilarray.geometry import Placement, require_rules
 from coilarray.studies.create.plan import Plan
 
-_MOVES, _MOVE = 13, 0.5e-3  # by how much coils are moved apart until their terminals have room, in m
+_MOVES, _MOVE = 13, 0.5e-3  # steps, and their length in m, by which coils are moved apart for their terminals
 _LONGEST_LEAD, _LEAD_STEP = 1.0, 0.25e-3  # widths of a coil, and m
 _SHORT = 1e-9  # m: no lead is a point
-_MOST_TRIALS = 3  # of lengths at one start, which rules may break that the quick look does not see
+_MOST_TRIALS = 3  # of lengths at one start, as rules may break that the quick look does not see
 
 
 def with_terminals(plan: Plan, *, movable: bool) -> Plan:
-    """Find the corner or side at which the windings begin, and leads, with which every fabrication rule is kept.
+    """Find the start of the windings and their leads.
 
-    Holes go through the whole board: those of coils that overlap must lie in the hole of a neighbour's winding or
-    beside all of them. Coils side by side that are `movable` are moved apart until there is room.
+    The start is a corner or side, and every fabrication rule is kept. Holes go through the whole board. Holes of coils
+    that overlap must lie in the hole of a neighbour's winding or beside all of them. Coils side by side that are
+    `movable` are moved apart until there is room.
 
     Raises
     ------
     DesignError
-        No such place; the line says what is broken in the usual one.
+        If there is no such place. The message describes the broken rule at the usual start.
     """
     problem = None
     for tried in _candidates(plan, movable=movable):
@@ -49,6 +50,7 @@ def with_terminals(plan: Plan, *, movable: bool) -> Plan:
 
 
 def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
+    """Yield plans with possible starts, leads and pitches."""
     starts = range(len(plan.starts))
     if plan.sets > 1:
         for start in starts:
@@ -61,7 +63,10 @@ def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
 
 
 def _clear_leads(plan: Plan) -> Iterator[float]:
-    """Give the lengths of leads in m with which no hole of a coil meets the winding of another one."""
+    """Yield lengths of leads in m with clear terminals.
+
+    No hole of a coil then meets the winding of another coil.
+    """
     placements = replace(plan, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
     windings = [_windings(place) for place in placements]
     others = [np.concatenate([*windings[:k], *windings[k + 1 :]]) for k in range(len(windings))]
@@ -104,7 +109,7 @@ def _meets(place: Placement, other: Placement) -> bool:
 
 
 def _windings(place: Placement) -> npt.NDArray[np.object_]:
-    """Pieces of the centre lines of a coil on the board, without its leads."""
+    """Pieces of a coil's centre lines on the board, without leads."""
     outline = shapely.Polygon(place.coil.outline).buffer(place.coil.trace_width)
     pieces = shapely.get_parts(shapely.intersection([shapely.LineString(line) for line in place.coil.lines], outline))
     return np.array([shapely.LineString(place.to_board(shapely.get_coordinates(piece))) for piece in pieces])

@@ -1,4 +1,4 @@
-"""The winding of a wanted inductance: how many turns, and how wide the trace."""
+"""Winding of a wanted inductance: number of turns and width of the trace."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from scipy.optimize import brentq
 from coilarray.errors import DesignError
 
 _TRACE_STEP = 1e-6  # m, to which a trace is drawn
-_MOST_COUNTS = 8  # numbers of turns that are tried where more are possible
+_MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
 
 
 @dataclass(frozen=True)
 class Winding:
-    """Turns of each layer, width of the trace and gap between turns, both in m."""
+    """Turns per layer, trace width and gap of a winding.
+
+    Width and gap are in m.
+    """
 
     turns: int
     trace_width: float
@@ -27,18 +30,18 @@ class Winding:
 
 @dataclass(frozen=True)
 class Room:
-    """What a winding has to keep to.
+    """Limits for a winding.
 
     Parameters
     ----------
     radius : float
         Distance in m from the centre to the outer edge of the copper's nearest side.
     hole : float
-        The same in m to the inner edge, which the innermost turn may not pass.
+        Distance in m from the centre to the inner edge, which the innermost turn may not pass.
     trace_width : float
         Narrowest trace in m.
     gap : float
-        Distance of the turns in m. The inner end of a circle lies a pitch further in than its last turn; polygons get
+        Distance of the turns in m. The inner end of a circle lies a pitch further in than its last turn. Polygons get
         the same room, though their last turn ends on its own sides.
     widest_trace : float
         Widest trace in m.
@@ -51,18 +54,24 @@ class Room:
     widest_trace: float = math.inf
 
     def widest(self, turns: int) -> float:
-        """Return the widest trace in m with which so many turns fit; below zero where not even their gaps do."""
+        """Return the widest trace in m with which the turns fit.
+
+        It is below zero if not even their gaps fit.
+        """
         return min((self.radius - self.hole - turns * self.gap) / (turns + 1), self.widest_trace)
 
     @property
     def most_turns(self) -> int:
-        """Most turns that fit, those of the narrowest trace; 0 where there is no room for one."""
+        """Most turns that fit, with the narrowest trace.
+
+        0 if there is no room for a turn.
+        """
         pitch = self.trace_width + self.gap
         return max(math.floor((self.radius - self.hole - self.trace_width) / pitch * (1 + 1e-9)), 0)
 
     @property
     def fullest(self) -> Winding:
-        """The winding of the most turns, which has the most inductance."""
+        """Winding of the most turns, which has the most inductance."""
         return Winding(self.most_turns, self.trace_width, self.gap)
 
 
@@ -73,26 +82,26 @@ def wind(
     resistance_of: Callable[[Winding], float],
     keeping: int | None = None,
 ) -> Winding:
-    """Find the winding of a wanted inductance that has the least resistance.
+    """Find the winding of a wanted inductance with least resistance.
 
-    More turns of the narrowest trace have more inductance, and so have narrower traces of as many turns, as they lie
-    further out. For each possible number of turns the width of the trace is solved for, and rounded to 1 µm.
+    More turns of the narrowest trace have more inductance. So have narrower traces of equally many turns, as they lie
+    further out. For each possible number of turns the width of the trace is solved for and rounded to 1 µm.
 
     Parameters
     ----------
     inductance : float
         Wanted inductance in H.
     room : Room
-        What the winding has to keep to.
+        Limits for the winding.
     inductance_of, resistance_of : callable
-        Return the inductance in H of a winding, and its resistance.
+        Functions that return the inductance in H of a winding, and its resistance.
     keeping : int, optional
-        Number of turns that were found before, which is kept where the inductance can be had with it.
+        Number of turns that was found before. It is kept if it gives the inductance.
 
     Raises
     ------
     DesignError
-        An inductance that cannot be reached: one line with the range that can.
+        If the inductance cannot be reached. The message is one line with the possible range.
     """
     if room.most_turns < 1:
         raise DesignError(
@@ -129,12 +138,15 @@ def wind(
 
 
 def _drawn(width: float, widest: float) -> float:
-    """Return the nearest width in m that a trace is drawn with and that fits."""
+    """Return the nearest width in m that can be drawn and fits."""
     return min(round(width / _TRACE_STEP), math.floor(widest / _TRACE_STEP * (1 + 1e-9))) * _TRACE_STEP
 
 
 def _first(holds: Callable[[int], bool], most: int) -> int:
-    """Return the least whole number from 1 for which a condition holds that keeps holding; `most` + 1 where none."""
+    """Return the least whole number from 1 that fulfils a condition.
+
+    A condition that holds for a number must hold for all larger numbers. `most` + 1 if it does not hold.
+    """
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 

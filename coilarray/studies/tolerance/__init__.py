@@ -1,4 +1,4 @@
-"""Tolerances: the effect of fabrication errors on the coils and on the positions that the sensor finds."""
+"""Tolerances: effect of fabrication errors on the coils and on the positions that the sensor finds."""
 
 from __future__ import annotations
 

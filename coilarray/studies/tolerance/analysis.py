@@ -1,4 +1,4 @@
-"""The whole analysis: boards around the design, randomly drawn boards, and the spread from both."""
+"""Whole tolerance analysis: boards around the design, randomly drawn boards, and the spread from both."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def analyse(
     cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Spread of a design's quantities over the boards that a fabricator makes of it.
+    """Compute the spread of a design's quantities over real boards.
+
+    Real boards differ from the design by fabrication errors.
 
     Parameters
     ----------
@@ -58,20 +60,20 @@ def analyse(
     tolerances : Tolerances
         Distributions of the errors, positions and limits.
     quantities : sequence of str, optional
-        Names as in `coilarray.studies.quantities`. By default those of the tolerances, and where they name none,
-        `default_quantities`. What the limits name comes on top.
+        Names as in `coilarray.studies.quantities`. By default the quantities of the tolerances, or `default_quantities`
+        if they name none. Quantities in limits are added.
     samples : int
-        Number of boards to draw, at least 8; 0 computes only the linearised spread.
+        Number of boards to draw, at least 8. With 0 only the linearized spread is computed.
     seed, sampling
         See `coilarray.studies.tolerance.sampling.draw`.
     accuracy : {"full", "screen"}
         Accuracy of the inductances. ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so
-        that their spread is right to 1 % (tests/studies/test_tolerance_analysis.py).
+        their spread is accurate to 1 %.
     table : xarray.Dataset, optional
-        Response table of the design for locating positions, from `coilarray.localize.forward.table_for`; computed by
-        default.
+        Response table of the design for locating positions, from `coilarray.localize.forward.table_for`. By default it
+        is computed.
     pool : Pool, optional
-        Workers that compute the boards; this process by default.
+        Workers that compute the boards. By default they are computed in this process.
     cache : Store, optional
         Store that keeps the boards, so that an interrupted analysis can be continued.
     progress : callable, optional
@@ -80,36 +82,39 @@ def analyse(
     Returns
     -------
     xarray.Dataset
-        Over ``output`` (quantities in the units of their names, δ by place and state, and shifts of the located
-        position in mm) and ``contributor`` (the errors):
+        Dataset over ``output`` and ``contributor``. Outputs are quantities in the units of their names, δ by place and
+        state, and shifts of the located position in mm. Contributors are the errors. The variables are:
 
-        - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output;
-        - ``effect``, ``wide_effect`` and ``share`` (contributor, output);
-        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor and, where it is
-          assumed, the reason.
+        - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
+        - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
+        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with the reason if it
+        is
+          assumed.
 
-        With samples also
+        With samples also:
 
-        - ``error`` (sample, contributor) and ``value`` (sample, output), which is NaN where ``failure`` (sample) says
-          why a board has no value or a reading no position;
-        - ``sample_mean`` and ``sample_deviation`` with its standard error;
-        - their ``ratio`` to the linear deviation with its standard error, NaN where that deviation is zero;
+        - ``error`` (sample, contributor) and ``value`` (sample, output). A value is NaN if a board has no value or a
+          reading has no position. ``failure`` (sample) gives the cause.
+        - ``sample_mean``, and ``sample_deviation`` with its standard error.
+        - ``ratio`` of sample deviation and linear deviation, with its standard error, NaN if the linear deviation is
+        zero.
         - ``percentiles``.
 
-        Where no converter can read a board, ``unread`` (sample) marks it, and the attribute ``not_read`` counts.
+        ``unread`` (sample) marks boards that no converter can read, and the attribute ``not_read`` counts them.
 
-        With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples, ``sample_yield`` with
-        its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be made keeps no limit,
-        and one that no converter can read none of what is read; the linear model has neither.
+        With limits, for each ``limit`` and last for all limits together: ``linear_yield`` and, with samples,
+        ``sample_yield`` with its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be
+        made keeps no limit. A board that no converter can read keeps no limit on read quantities. The linear model
+        includes neither effect.
 
     Raises
     ------
     GoalError
-        Arguments that `check_analysis` refuses, or an impossible board next to the nominal one.
+        If `check_analysis` refuses the arguments, or a board next to the nominal board is impossible.
     CoilarrayError
-        A nominal board that cannot be solved.
+        If the nominal board cannot be solved.
     ValueError
-        A design that differs from its document.
+        If the design differs from its document.
 
     Examples
     --------
@@ -176,22 +181,24 @@ def check_analysis(
     accuracy: Accuracy = "screen",
     with_table: bool = False,
 ) -> None:
-    """Refuse what `analyse` would refuse, as far as that shows in milliseconds, without a table or a board.
+    """Check the arguments of `analyse`, within milliseconds.
+
+    Neither a table nor a board is computed, so some errors are found by `analyse` only.
 
     Parameters
     ----------
     design, tolerances, quantities, samples, seed, sampling, accuracy
         See `analyse`.
     with_table : bool
-        True if a response table is at hand. Without one, positions must lie in the table that will be computed.
+        Whether a response table exists. Without a table, positions must lie in the table that will be computed.
 
     Raises
     ------
     GoalError
-        An unknown quantity or coil, a limit on something else than an output, samples or a seed that are not allowed,
-        or no error with a spread.
+        If a quantity or coil is unknown, a limit is not on an output, the samples or the seed are not allowed, or no
+        error has a spread.
     LocalizeError
-        A position outside the table that is to be computed, or fewer states than unknowns.
+        If a position lies outside the table to be computed, or there are fewer states than unknowns.
     """
     design = as_file(design).design
     _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
@@ -210,7 +217,10 @@ def _asked(
     sampling: Sampling,
     accuracy: Accuracy,
 ) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
-    """Check the input of an analysis; return its contributors, outputs, limits and drawn errors."""
+    """Check the input of an analysis.
+
+    Returns its contributors, outputs, limits and drawn errors.
+    """
     if 0 < samples < LEAST_SAMPLES:
         raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
     found = contributors(design, tolerances)
@@ -218,7 +228,7 @@ def _asked(
     limits = list(tolerances.limits)
     by_name = []
     for k, limit in enumerate(limits):
-        if limit.quantity.partition("[")[0].strip() in QUANTITIES:  # else δ or a shift
+        if limit.quantity.partition("[")[0].strip() in QUANTITIES:  # otherwise δ or a shift
             limits[k] = replace(limit, quantity=canonical(limit.quantity))
             by_name.append(limits[k].quantity)
     outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
@@ -236,7 +246,10 @@ def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
 
 
 def _check_places(design: Design, outputs: Outputs) -> None:
-    """Refuse positions that do not lie in the table that is to be computed, and too few states for it."""
+    """Refuse positions outside the table to be computed.
+
+    Too few states for the table are refused too.
+    """
     at = outputs.positions
     if at is None:
         return
@@ -259,7 +272,7 @@ def _evaluated(
     cache: Store | None,
     progress: Progress | None,
 ) -> list[Outcome]:
-    """Outcomes in the order of the boards."""
+    """Evaluate boards, with outcomes in their order."""
     items = (outputs.item(file.document, errors) for errors in boards)
     outcomes: list[Outcome] = [""] * len(boards)
     for k, outcome in run_cached(evaluate_board, items, pool, cache, progress=progress, total=len(boards)):
@@ -272,7 +285,10 @@ def _evaluated(
 def _near_values(
     outcomes: Sequence[Outcome], boards: Sequence[Mapping[str, float]], names: Sequence[str]
 ) -> FloatArray:
-    """Return the outputs of the nominal board and of those next to it, shape (boards, outputs)."""
+    """Return the outputs of the nominal board and its neighbours.
+
+    The array has the shape (boards, outputs).
+    """
     rows = []
     for outcome, errors in zip(outcomes, boards, strict=False):
         if isinstance(outcome, str):
@@ -287,7 +303,10 @@ def _near_values(
 def _with_shifts(
     shifts: Shifts, outputs: Outputs, nominal: FloatArray, linear: Sensitivity, sampled: FloatArray
 ) -> tuple[FloatArray, Sensitivity, FloatArray, dict[str, str]]:
-    """Append the shifts of the located positions to the outputs; also return attributes of the result."""
+    """Append the shifts of the located positions to the outputs.
+
+    Attributes of the result are returned too.
+    """
     first, by_delta = len(outputs.quantities), shifts.matrix()
     matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
     good = np.isfinite(sampled).all(axis=1)
@@ -302,13 +321,17 @@ def _with_shifts(
 
 
 def _is_read(output: str) -> bool:
-    """Whether an output comes from what a converter reads, as δ and shifts do."""
+    """Whether an output depends on values that a converter reads.
+
+    δ and shifts do.
+    """
     return output.partition("[")[0] not in QUANTITIES or request(output).quantity.is_read
 
 
 def _linear_part(
     names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, linear: Sensitivity
 ) -> xr.Dataset:
+    """Make the part of the result from the linear model."""
     both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
     return xr.Dataset(
         {
@@ -334,8 +357,9 @@ def _linear_part(
 def _sampled_part(
     names: Sequence[str], linear: Sensitivity, drawn: FloatArray, values: FloatArray, failures: Sequence[str]
 ) -> xr.Dataset:
+    """Make the part of the result from drawn boards."""
     single = ("output",)
-    # a board without a position has its other outputs all the same
+    # a board without a position still has its other outputs
     columns = [column[np.isfinite(column)] for column in values.T]
     short = [name for name, column in zip(names, columns, strict=True) if len(column) < LEAST_SAMPLES]
     if short:
@@ -372,7 +396,10 @@ def _yields(
     values: FloatArray,
     unread: BoolArray,
 ) -> xr.Dataset:
-    """Share of good boards by limit and, last, of those that keep all; `unread` (sample) marks boards."""
+    """Yield for each limit and, last, for all limits together.
+
+    `unread` (sample) marks boards that no converter can read.
+    """
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]

@@ -28,19 +28,19 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
     Parameters
     ----------
     path : str or Path, optional
-        A TOML file; typical values of board houses by default.
+        A TOML file. By default typical values of board houses are used.
 
     Returns
     -------
     Tolerances
-        Tables that the file does not give have typical values and are marked as assumed, unless it says
-        ``others = "none"``.
+        The tolerances. Tables that are missing in the file have typical values and are marked as assumed, unless the
+        file has ``others = "none"``.
 
     Raises
     ------
     GoalError
-        An unreadable file, wrong TOML, an unknown key or a value that is not allowed: one line that names the file, the
-        key, what was given and what is allowed.
+        If the file is unreadable, is not valid TOML, or has an unknown key or a value that is not allowed. The message
+        is one line with the file, the key, the given value and the allowed values.
 
     Examples
     --------
@@ -53,7 +53,10 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
 
 
 def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
-    """Read tolerances from the text of a TOML file; `origin` names it in messages. See `load_tolerances`."""
+    """Read tolerances from the text of a TOML file.
+
+    `origin` is the name of the text in messages. See `load_tolerances`.
+    """
     file = _TOLERANCES.check(_File, _TOLERANCES.parse(text, origin), origin)
     given = file.spreads()
     for key in file.assumed:
@@ -70,13 +73,13 @@ def typical_text() -> str:
     return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
 
 
-# bounds far beyond any board, so that a typo is refused where it stands
+# bounds far beyond any board, so that a typo is refused at its place
 _Micrometres = Annotated[float, Field(ge=0, le=10_000)]
 _UpTo100 = Annotated[float, Field(ge=0, le=100)]
 
 
 class _Errors(Table):
-    """The numbers are standard deviations or, where uniform, half widths."""
+    """Errors as standard deviations or, if uniform, half widths."""
 
     distribution: Distribution = "normal"
     """Normal with these standard deviations, or uniform with these half widths."""
@@ -150,13 +153,16 @@ class _PositionsTable(Table):
         return self
 
     def build(self) -> Positions:
-        """Return the positions in SI; divided, so that −26 mm is −0.026 m."""
+        """Return the positions in SI.
+
+        Values are divided, so that −26 mm is exactly −0.026 m.
+        """
         x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
         return Positions(x, y, self.depth_mm / 1e3, self.noise)
 
 
 class _LimitTable(Bounds):
-    """``[[limit]]``: what a good board keeps."""
+    """``[[limit]]``: bounds for a good board."""
 
     quantity: str
     """Quantity of the design that a good board keeps within the bounds."""
@@ -167,7 +173,7 @@ class _LimitTable(Bounds):
 
 
 class _File(Table):
-    """The whole file."""
+    """Tables of a whole tolerance file."""
 
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
     """Version of the file format."""
@@ -212,7 +218,7 @@ class _File(Table):
         return {name: table.spread() for name, table in tables.items() if table is not None}
 
     def build(self, spreads: Mapping[str, Spread], assumed: Mapping[str, str]) -> Tolerances:
-        """Return the file with these errors."""
+        """Return the tolerances of the file with these errors."""
         return Tolerances(
             dict(spreads),
             dict(assumed),

@@ -1,4 +1,4 @@
-"""What is computed for every board: quantities by name, and δ of every state at positions of the indenter."""
+"""Outputs of every board: quantities by name, and δ of every state at positions of the indenter."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.tolerances import Positions
 
 UNREAD = "unread values"
-"""Name of an outcome that is no output."""
-_MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a table that can be read
+"""Name of an outcome that is not an output."""
+_MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a readable table
 
 
 def default_quantities(design: Design) -> tuple[str, ...]:
-    """Names of the self-inductances and the coupling of all pairs, of many coils of neighbours: what costs little.
+    """Names of all self-inductances and couplings.
+
+    The couplings are between all pairs or, for many coils, between neighbours. These quantities are cheap.
 
     Examples
     --------
@@ -39,27 +41,36 @@ def default_quantities(design: Design) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is computed of every board: quantities by their canonical names, and δ at positions."""
+    """Outputs of a board: quantities by name, and δ at positions.
+
+    The names are canonical.
+    """
 
     quantities: tuple[str, ...]
     positions: Positions | None = None
     accuracy: Accuracy = "screen"
 
     def names(self, design: Design) -> tuple[str, ...]:
-        """Names of all outputs of a board of this design, quantities first, then δ by place and state."""
+        """Names of all outputs of a board of this design.
+
+        Quantities come first, then δ by place and state.
+        """
         states = [state.name for state in design.plan]
         deltas = [f"delta[{state},{place}]" for place in self.places() for state in states]
         return (*self.quantities, *deltas)
 
     def places(self) -> tuple[str, ...]:
-        """Positions as they stand in names of outputs."""
+        """Positions as they appear in names of outputs."""
         at = self.positions
         if at is None:
             return ()
         return tuple(f"x_mm={_mm(x)},y_mm={_mm(y)},depth_mm={_mm(at.depth)}" for y, x in product(at.y, at.x))
 
     def item(self, document: Mapping[str, Any], errors: Mapping[str, float]) -> dict[str, Any]:
-        """Return one board as plain data, for `evaluate_board` in another process."""
+        """Return one board as plain data, for `evaluate_board`.
+
+        The data can be sent to another process.
+        """
         at = self.positions
         return {
             "document": document,
@@ -73,10 +84,9 @@ class Outputs:
 def wanted_outputs(
     design: Design, quantities: Sequence[str], positions: Positions | None, accuracy: Accuracy = "screen"
 ) -> Outputs:
-    """Check what is asked for; repeated quantities count once.
+    """Check the requested outputs, counting repeated quantities once.
 
-    GoalError for an unknown quantity or coil, or positions of a design that says nothing of an
-    indentation.
+    Raises GoalError if a quantity or coil is unknown, or if positions are given for a design without an indentation.
     """
     if positions is not None and design.indentation is None:
         raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
@@ -90,12 +100,13 @@ def wanted_outputs(
 
 
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the outputs of one board from `Outputs.item`, by the names of `Outputs.names`; workers run this function.
+    """Compute the outputs of one board, on a worker.
 
-    `UNREAD` is the number of values among them that no converter can read.
+    `item` comes from `Outputs.item`, and the result has the names of `Outputs.names`. `UNREAD` is the number of values
+    among them that no converter can read.
 
-    GoalError for errors that leave no board, or a quantity that the board does not have; CoilarrayError for physics
-    that cannot be solved.
+    Raises GoalError if the errors leave no board or the board does not have a quantity, and CoilarrayError if the
+    physics cannot be solved.
     """
     document = item["document"]
     board = perturb(build_design(document, document["name"]), item["errors"])

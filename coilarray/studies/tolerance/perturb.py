@@ -1,12 +1,12 @@
-"""Fabrication errors of a board, and the design as it comes out with them.
+"""Fabrication errors of a board, and the design with these errors.
 
-An error is named ``kind.part``: ``etch.L1``, ``registration_x.L3``, ``dielectric.L1-L2``, ``elastomer.base``; kinds
-without parts have the name alone: ``placement_x``, ``permeability``, ``capacitance``. Values are in SI.
+An error is named ``kind.part``: ``etch.L1``, ``registration_x.L3``, ``dielectric.L1-L2``, ``elastomer.base``. Kinds
+without parts have a plain name: ``placement_x``, ``permeability``, ``capacitance``. Values are in SI.
 
 ==================  ==================  =====  ================================================================
-kind                part                unit   what a positive error does
+kind                part                unit   effect of a positive error
 ==================  ==================  =====  ================================================================
-etch                copper layer        m      widens every trace, on both sides alike: the centre line stays
+etch                copper layer        m      widens every trace, equally on both sides: the centre line stays
 registration_x, _y  copper layer        m      shifts the copper against the drilled holes
 rotation            copper layer        rad    turns the copper about the middle of the board, counterclockwise
 dielectric          upper-lower layer   1      thickens the dielectric; all layers below sink
@@ -15,7 +15,7 @@ placement_x, _y     none                m      true less believed position of th
 permeability        none                1      raises μr of all magnetic sheets
 elastomer           sheet               m      thickens the sheet
 capacitance         none                1      raises the capacitance of the tank
-plate_distance      plate               m      moves the plate away from the coils; nearer, until it touches
+plate_distance      plate               m      moves the plate away from the coils, or nearer until it touches
 plate_thickness     plate               1      thickens the plate; its face near the coils stays
 conductivity        none                1      raises the conductivity of all plates and of the target
 target_tilt_x, _y   none                rad    tilts a target with an outline, which rises towards x or y
@@ -48,8 +48,8 @@ def error_names(design: Design) -> tuple[str, ...]:
     Parameters
     ----------
     design : Design
-        Design of the board. Layers that carry no copper of a coil have neither etch nor registration; a design without
-        an indentation has no placement, one without magnetic sheets no permeability, one without metal no conductivity.
+        Design of the board. Layers without copper of a coil have neither etch nor registration. A design without an
+        indentation has no placement, without magnetic sheets no permeability, and without metal no conductivity.
 
     Examples
     --------
@@ -81,24 +81,24 @@ def error_names(design: Design) -> tuple[str, ...]:
 
 
 def perturb(design: Design, errors: Mapping[str, float]) -> Design:
-    """Return a design as it comes out of fabrication.
+    """Return a design with fabrication errors.
 
     Parameters
     ----------
     design : Design
         Nominal design.
     errors : mapping of str to float
-        Errors by the names of `error_names`, in SI; the others are zero.
+        Errors by the names of `error_names`, in SI. The others are zero.
 
     Returns
     -------
     Design
-        The board; the design itself where all errors are zero.
+        The board. It is the design itself if all errors are zero.
 
     Raises
     ------
     GoalError
-        A name that the design does not have, a value that is not finite, or an error that leaves nothing of a trace,
+        If the design does not have an error of a name, a value is not finite, or an error leaves nothing of a trace,
         gap or layer.
 
     Examples
@@ -147,6 +147,7 @@ def _scaled(value: float, errors: Mapping[str, float], name: str) -> float:
 
 
 def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
+    """Return a sheet with its errors."""
     magnetic = sheet.magnetic
     return replace(
         sheet,
@@ -177,13 +178,16 @@ def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
 def _plate(
     plate: Plate | FinitePlate, design: Design, errors: Mapping[str, float], rise: float, sink: float
 ) -> Plate | FinitePlate:
-    """Return a plate at its gap to the sheets, which rise, or to the board's underside, which sinks, both in m."""
+    """Return a plate displaced by the errors of sheets and board.
+
+    It keeps its gap to the sheets, which rise, or to the board's underside, which sinks, both in m.
+    """
     thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
     changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
     low, high = plate.heights
     above = low >= 0
     gap = low - design.top if above else -design.array.stackup.thickness - high
-    # what it would touch stops it
+    # a plate stops where it touches
     away = max(errors.get(f"plate_distance.{plate.name}", 0.0), -max(gap, 0.0))
     if above:
         return changed.lifted(rise + away + low - changed.heights[0])
@@ -191,6 +195,7 @@ def _plate(
 
 
 def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None:
+    """Return a target with its errors."""
     if target is None:
         return None
     body = replace(target.body, material=_conducting(target.body.material, errors))
@@ -202,13 +207,14 @@ def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None
 
 
 def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:
+    """Return an array with its errors."""
     stackup = _stackup(array.stackup, errors)
     x_min, y_min, x_max, y_max = array.bounds
     middle = np.array([x_min + x_max, y_min + y_max]) / 2
     made: dict[tuple[object, ...], Coil] = {}
     placements = []
     for place in array.placements:
-        # coils that come out alike stay one, so that their inductance is computed once
+        # coils with equal errors stay one object, so that their inductance is computed once
         turned = any(f"rotation.{layer}" in errors for layer in place.layers)
         key = (id(place.coil), place.layers, place.rotation, (place.x, place.y) if turned else None)
         if key not in made:
@@ -218,6 +224,8 @@ def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:
 
 
 def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
+    """Return a stack-up with its errors."""
+
     def thickened(kind: str, parts: Iterable[str], thickness: Sequence[float]) -> tuple[float, ...]:
         names = (f"{kind}.{part}" for part in parts)
         return tuple(value * (1 + errors.get(name, 0.0)) for name, value in zip(names, thickness, strict=True))
@@ -231,7 +239,10 @@ def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
 
 
 def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> Coil:
-    """Return the coil of a placement as it comes out there, in its own frame."""
+    """Return a coil with the errors at its placement.
+
+    It is given in its own frame.
+    """
     coil = place.coil
     wider = [errors.get(f"etch.{layer}", 0.0) for layer in place.layers]
     return replace(
@@ -240,7 +251,7 @@ def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> 
             _moved(place, line, layer, errors, middle) for line, layer in zip(coil.lines, place.layers, strict=True)
         ),
         widths=tuple(widths + change for widths, change in zip(coil.widths, wider, strict=True)),
-        # one gap a coil: the pitch of its turns stays, on the mean over its layers
+        # one gap per coil: the pitch of its turns stays, on the mean over its layers
         gap=coil.gap - sum(wider) / len(wider),
     )
 
@@ -248,7 +259,10 @@ def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> 
 def _moved(
     place: Placement, line: FloatArray, layer: str, errors: Mapping[str, float], middle: FloatArray
 ) -> FloatArray:
-    """Shift and turn a line with its layer, but for its ends, which are at holes."""
+    """Shift and turn a line with its layer, except for its ends.
+
+    The ends are at holes.
+    """
     shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
     angle = errors.get(f"rotation.{layer}", 0.0)
     if not (shift.any() or angle):

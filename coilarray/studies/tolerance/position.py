@@ -1,8 +1,9 @@
-"""Errors of positions found with a board that has fabrication errors, by the response table of the nominal board.
+"""Errors of positions found with an imperfect board and the response table of the nominal board.
 
-The board reads δ + Δδ. Near the truth the likelihood of the table is that of a linear model with J = ∂δ/∂(x, y, depth),
-and with the covariance Σ of the noise its maximum is moved by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading hardly
-determines are left out of J, that is, taken as known: y itself on the middle line of a board that is symmetric in y.
+The board reads δ + Δδ. Near the truth the likelihood of the table is the likelihood of a linear model with J = ∂δ/∂(x,
+y, depth). With the covariance Σ of the noise its maximum is shifted by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading
+hardly determines are left out of J, so they are taken as known. An example is y itself on the middle line of a board
+that is symmetric in y.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ IntArray = npt.NDArray[np.intp]
 class Shifts:
     """Shifts of located positions by errors of the board.
 
-    `model` is the response of the board without errors, `points` are the true x, y and depth in m, shape (places, 3),
-    `noise` the standard deviation of δ, and `determined` tells for each place which of x, y and depth a reading
-    determines.
+    `model` is the response of the board without errors, and `points` are the true x, y and depth in m, shape (places,
+    3). `noise` is the standard deviation of δ. `determined` lists for each place the indices of x, y and depth that a
+    reading determines.
     """
 
     model: ForwardModel
@@ -40,7 +41,10 @@ class Shifts:
     determined: tuple[tuple[int, ...], ...]
 
     def names(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Names of the outputs, place by place, from the places' own names."""
+        """Names of the outputs, place by place.
+
+        They are made from the names of the places.
+        """
         return tuple(
             f"shift_{PARAMETERS[axis]}_mm[{place}]"
             for place, axes in zip(places, self.determined, strict=True)
@@ -48,7 +52,10 @@ class Shifts:
         )
 
     def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Return the unknowns that no reading determines, one text a place: ``y at x_mm=0,y_mm=0,depth_mm=1``."""
+        """Return the unknowns that no reading determines.
+
+        There is a text for each such place, like ``y at x_mm=0,y_mm=0,depth_mm=1``.
+        """
         texts = []
         for place, axes in zip(places, self.determined, strict=True):
             missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
@@ -57,7 +64,10 @@ class Shifts:
         return tuple(texts)
 
     def matrix(self) -> FloatArray:
-        """Shifts in mm per change of δ, shape (shifts, places · states), zero between different places."""
+        """Shifts in mm per change of δ.
+
+        The array has the shape (shifts, places · states). It is zero between different places.
+        """
         states = len(self.model.states)
         rows = []
         for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
@@ -71,10 +81,11 @@ class Shifts:
     def located(self, changes: FloatArray) -> tuple[FloatArray, IntArray]:
         """Locate readings with the real solver.
 
-        `changes` is Δδ of n boards against the board without errors, finite, shape (n, places · states). Returns
-        located less true in mm of the mode next to the truth, shape (n, shifts), NaN where a reading has no mode; and
-        for each board the number of places where its position is ``"found"``: elsewhere it is on the border of the
-        table, or the residuals are beyond noise.
+        `changes` is Δδ of n boards relative to the board without errors, finite, shape (n, places · states). The first
+        result is the located position minus the true position in mm, shape (n, shifts). It is computed for the mode
+        next to the truth, and is NaN if a reading has no mode. The second result is, for each board, the number of
+        places whose position is ``"found"``. Other positions are on the border of the table, or have residuals beyond
+        noise.
         """
         states = len(self.model.states)
         shifts, found = [], np.zeros(len(changes), dtype=np.intp)
@@ -93,11 +104,11 @@ class Shifts:
 
 
 def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shifts:
-    """Prepare to locate readings at positions within the table, with the noise of readings.
+    """Prepare to locate readings at positions within the table.
 
-    An unknown counts as determined up to the standard deviation `largest` in m by noise alone: a length over which δ
-    changes much, beyond which nothing is linear. LocalizeError for a position outside the table, or fewer states than
-    unknowns.
+    Readings have their usual noise. An unknown counts as determined if its standard deviation by noise alone is up to
+    `largest` in m. This is a length over which δ changes much and beyond which nothing is linear. Raises LocalizeError
+    if a position lies outside the table, or there are fewer states than unknowns.
     """
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
     require_states(model.states, model.unknowns)
@@ -106,20 +117,23 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
 
 
 def require_states(states: Sequence[str], unknowns: int) -> None:
-    """Refuse fewer states than unknowns: LocalizeError."""
+    """Raise LocalizeError if there are fewer states than unknowns."""
     if len(states) < unknowns:
         raise LocalizeError(f"{unknowns} unknowns need at least as many states; the scan has {', '.join(states)}.")
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
-    """Leave out the least known unknown until the others are known well enough."""
+    """Leave out the least known unknowns until the rest is known.
+
+    The others must be known well enough.
+    """
     axes = list(range(len(information)))
     while axes:
         among = information[np.ix_(axes, axes)]
         deviations = np.sqrt(np.diag(covariance_of(among)))
         if deviations.max() <= largest:
             break
-        # where the information is singular, all deviations are infinite: then the unknown that alone would be worst
+        # if the information is singular, all deviations are infinite: then the worst unknown taken alone is left out
         known = np.isfinite(deviations).all()
         del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
     return tuple(axes)

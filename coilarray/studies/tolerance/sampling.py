@@ -15,7 +15,7 @@ from coilarray.errors import GoalError
 from coilarray.studies.tolerance.tolerances import Contributor
 
 Sampling = Literal["sobol", "random"]
-"""Scrambled Sobol points, which fill the range of every error evenly and are paired anew, or independent ones."""
+"""Scrambled Sobol points, which fill the range of every error evenly and are paired again, or independent points."""
 
 MOST_SAMPLES = 1_000_000
 _LEAST_TAIL = 2.0**-40  # a probability of 0 or 1 would lie at infinity
@@ -32,9 +32,9 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     contributors : sequence of Contributor
         Independent errors.
     count : int
-        Number of boards, up to 1 000 000; a power of 2 from 64 on suits Sobol points best.
+        Number of boards, up to 1 000 000. A power of 2 from 64 on suits Sobol points best.
     seed : int
-        Seed of the sequence. Equal seeds give equal boards; a larger count begins with the same boards.
+        Seed of the sequence. Equal seeds give equal boards. A larger count begins with the same boards.
     sampling : {"sobol", "random"}
         Kind of points.
 
@@ -46,7 +46,7 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     Raises
     ------
     GoalError
-        A count or seed that is not allowed, or more contributors than Sobol points have dimensions.
+        If the count or the seed is not allowed, or there are more contributors than dimensions of Sobol points.
 
     Examples
     --------
@@ -75,12 +75,13 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
 
 
 def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Pair the coordinates of Sobol points, shape (n, dimensions), anew, so that they hardly correlate.
+    """Pair the coordinates of Sobol points again, without correlation.
 
-    Of some pairs of the first 36 dimensions 64 Sobol points have correlations of 0.7 (0.09 so): a spread of two errors
-    was 20 % off. Each block of 64, 64, 128, … points keeps its values of each coordinate, of which every equal part of
-    its range has one; their order is that of random numbers from which all that correlates with the coordinates before
-    is taken away (Owen, J. Am. Stat. Assoc. 89, 1517, 1994).
+    `points` have the shape (n, dimensions). For some pairs of the first 36 dimensions 64 Sobol points have correlations
+    of 0.7, which made the spread of two errors wrong by 20 %. After pairing the correlations are 0.09. Each block of
+    64, 64, 128, … points keeps its values of each coordinate, of which every equal part of its range has a single
+    value. The order of the values is the order of random numbers, from which the correlation with the earlier
+    coordinates is removed (Owen, J. Am. Stat. Assoc. 89, 1517, 1994).
     """
     if points.shape[1] <= _WELL_PAIRED:
         return points
@@ -110,7 +111,7 @@ def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dic
     contributors : sequence of Contributor
         Contributors of the board.
     values : array_like, shape (contributors,)
-        Their values in SI.
+        Values of the contributors in SI.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Linearised spread: derivatives by central differences, and what every error contributes to the variance.
+"""Linearized spread: derivatives by central differences, and the contribution of every error to the variance.
 
-With the outputs q, the errors e of the board and independent contributors c that move the errors alike,
+With the outputs q, the errors e of the board and independent contributors c that move the errors equally,
 
     q ≈ q₀ + Σ_c J_c c,   J_c = Σ_(e moved by c) ∂q/∂e,   var q = Σ_c (J_c σ_c)².
 """
@@ -17,11 +17,14 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.studies.tolerance.tolerances import Contributor
 
 STEPS = (1.0, 0.5)
-"""Half widths of the central differences in standard deviations: the second gives the derivative, both its check."""
+"""Half widths of the central differences in standard deviations. The second gives the derivative, both its check."""
 
 
 def error_steps(contributors: Sequence[Contributor]) -> dict[str, float]:
-    """Return the standard deviation in SI of every error that the contributors move, in their order."""
+    """Return the standard deviation in SI of every moved error.
+
+    The errors are in the order of the contributors.
+    """
     variances: dict[str, float] = {}
     for one in contributors:
         for target in one.targets:
@@ -30,16 +33,20 @@ def error_steps(contributors: Sequence[Contributor]) -> dict[str, float]:
 
 
 def difference_points(steps: dict[str, float]) -> list[dict[str, float]]:
-    """Errors of the boards that `Sensitivity` needs: for each error and each of `STEPS` one above and one below."""
+    """Errors of the boards that `Sensitivity` needs.
+
+    For each error and each of `STEPS` there is a board above and a board below.
+    """
     return [{name: sign * part * step} for name, step in steps.items() for part in STEPS for sign in (1.0, -1.0)]
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Effects of one standard deviation of every contributor, J_c σ_c in the units of the outputs.
+    """Effects of one standard deviation of every contributor.
 
-    `effects`, from the smaller step, and `wide_effects`, from the larger one, have the shape (contributors, outputs).
-    Where the two differ by much, the output is not linear over the errors.
+    The effects are J_c σ_c in the units of the outputs. `effects` come from the smaller step and `wide_effects` from
+    the larger step. Both have the shape (contributors, outputs). If they differ much, the output is not linear over the
+    errors.
     """
 
     effects: FloatArray
@@ -52,28 +59,43 @@ class Sensitivity:
 
     @property
     def shares(self) -> FloatArray:
-        """Share of every contributor in the variance of every output, shape (contributors, outputs); 0 without one."""
+        """Share of every contributor in the variance of every output.
+
+        The array has the shape (contributors, outputs). It is 0 for an output without variance.
+        """
         variance = (self.effects**2).sum(axis=0)
         return np.asarray(np.divide(self.effects**2, variance, out=np.zeros_like(self.effects), where=variance > 0))
 
     @property
     def step_change(self) -> FloatArray:
-        """Largest change of an effect by the larger step, in standard deviations of the output, shape (outputs,)."""
+        """Largest change of an effect by the larger step.
+
+        It is given in standard deviations of the output, shape (outputs,).
+        """
         change = np.abs(self.wide_effects - self.effects).max(axis=0)
         deviation = self.deviation
         return np.asarray(np.divide(change, deviation, out=np.zeros_like(change), where=deviation > 0))
 
     def joined(self, other: Sensitivity) -> Sensitivity:
-        """Return these outputs and then those of another sensitivity to the same contributors."""
+        """Append the outputs of another sensitivity.
+
+        Both have the same contributors.
+        """
         return Sensitivity(np.hstack((self.effects, other.effects)), np.hstack((self.wide_effects, other.wide_effects)))
 
     def through(self, matrix: FloatArray) -> Sensitivity:
-        """Return the sensitivity of other outputs, linear in these by a matrix of shape (others, outputs)."""
+        """Return the sensitivity of linear functions of the outputs.
+
+        The matrix has the shape (others, outputs).
+        """
         return Sensitivity(self.effects @ matrix.T, self.wide_effects @ matrix.T)
 
 
 def sensitivity(contributors: Sequence[Contributor], steps: dict[str, float], values: FloatArray) -> Sensitivity:
-    """Put the outputs at all `difference_points`, shape (points, outputs), together; `steps` are from `error_steps`."""
+    """Compute the sensitivity from the outputs of all boards.
+
+    `values` are the outputs at all `difference_points`, shape (points, outputs). `steps` come from `error_steps`.
+    """
     names = list(steps)
     pairs = values.reshape(len(names), len(STEPS), 2, -1)
     spans = 2 * np.outer(list(steps.values()), STEPS)[..., None]

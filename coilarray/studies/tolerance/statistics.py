@@ -22,11 +22,12 @@ CENTRAL = (2.5, 97.5)
 
 
 def deviation_error(values: FloatArray) -> FloatArray:
-    """Estimate the standard error of the standard deviation of drawn values, shape (n, …), in their unit, shape (…,).
+    """Estimate the standard error of a sampled standard deviation.
 
-    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s; a normal
-    one has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10), which is taken at the
-    least where so few values do not tell μ₄. For Sobol points it is too large rather than too small.
+    The values have the shape (n, …), and the result has their unit and the shape (…,). var(s²) = (μ₄ − s⁴ (n − 3)/(n −
+    1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s. A normal distribution has s/√(2(n − 1))
+    (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). It is taken as the lower limit if there are
+    too few values to determine μ₄. For Sobol points the estimate is too large rather than too small.
     """
     n = len(values)
     variance = values.var(axis=0, ddof=1)
@@ -38,7 +39,10 @@ def deviation_error(values: FloatArray) -> FloatArray:
 
 
 def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
-    """Tell which boards keep which limits, shape (n, limits), by named outputs, shape (n, outputs); NaN keeps none."""
+    """Whether boards keep limits, shape (n, limits).
+
+    The outputs are named and have the shape (n, outputs). NaN keeps no limit.
+    """
     columns = values[:, [names.index(limit.quantity) for limit in limits]]
     low, high = np.array([limit.at_least for limit in limits]), np.array([limit.at_most for limit in limits])
     return np.asarray((columns >= low) & (columns <= high))
@@ -46,10 +50,10 @@ def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> B
 
 @dataclass(frozen=True)
 class Yield:
-    """Share of boards that are good; one that cannot be made is not.
+    """Share of good boards.
 
-    `low` and `high` are Wilson's interval. Of independent boards it holds the true share with 95 %; boards of Sobol
-    points are not independent, and come only near that.
+    A board that cannot be made is not good. `low` and `high` are Wilson's interval. For independent boards it contains
+    the true share with 95 %. Boards of Sobol points are not independent, and reach this only approximately.
     """
 
     share: float
@@ -58,6 +62,9 @@ class Yield:
 
 
 def yield_of(good: int, count: int) -> Yield:
-    """Return the share of `good` boards among `count` drawn ones, at least one."""
+    """Return the share of `good` boards among drawn boards.
+
+    There is at least one drawn board.
+    """
     interval = binomtest(good, count).proportion_ci(0.95, method="wilson")
     return Yield(good / count, float(interval.low), float(interval.high))

@@ -29,15 +29,15 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Spread:
-    """How far one kind of error scatters.
+    """Spread of one kind of error.
 
     Parameters
     ----------
     distribution : {"normal", "uniform"}
         Distribution of each part.
     board, layer : float
-        Standard deviation of the part that all layers of a board share, and of the part of each layer, in SI; the
-        parts are independent and add up.
+        Standard deviation in SI of the part that all layers of a board share, and of the part of each layer. The parts
+        are independent and add up.
     """
 
     distribution: Distribution = "normal"
@@ -47,17 +47,17 @@ class Spread:
 
 @dataclass(frozen=True)
 class Positions:
-    """Where the indenter presses when the response is asked for.
+    """Positions of the indenter at which the response is wanted.
 
     Parameters
     ----------
     x, y : tuple of float
-        Rising, in m from the map's origin; every x with every y.
+        Positions in m from the map's origin, in rising order. Every x is combined with every y.
     depth : float
         Depth of the indentation in m.
     noise : float, optional
-        Standard deviation of δ with which readings are weighted when they are located; that of the design's noise
-        budget by default.
+        Standard deviation of δ for weighting readings when they are located. By default it follows from the design's
+        noise budget.
     """
 
     x: tuple[float, ...]
@@ -75,7 +75,7 @@ class Limit:
     quantity : str
         Name of an output.
     at_least, at_most : float
-        Bounds in the unit of the name; infinite where there is none.
+        Bounds in the unit of the name, infinite for a missing bound.
     """
 
     quantity: str
@@ -84,7 +84,7 @@ class Limit:
 
     @property
     def text(self) -> str:
-        """The limit in one line."""
+        """Limit in one line of text."""
         low = "" if math.isinf(self.at_least) else f"{self.at_least:g} ≤ "
         high = "" if math.isinf(self.at_most) else f" ≤ {self.at_most:g}"
         return f"{low}{self.quantity}{high}"
@@ -92,16 +92,16 @@ class Limit:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """A tolerance file, read and checked.
+    """Tolerance file, read and checked.
 
     Parameters
     ----------
     spreads : mapping of str to Spread
-        Spreads by table; a missing table means no error.
+        Spreads by table. A missing table means no error.
     assumed : mapping of str to str
         Tables that are not given, with the reason for their values.
     quantities : tuple of str
-        Names of outputs that the file asks for; empty if it asks for none.
+        Names of requested outputs. Empty if the file requests none.
     positions : Positions or None
         Positions where the response is wanted.
     limits : tuple of Limit
@@ -117,16 +117,18 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Contributor:
-    """One independent error: a part of one kind of error that moves one or more errors of the board alike.
+    """Independent error that moves one or more errors of the board.
+
+    It is a part of one kind of error and moves all of them equally.
 
     Parameters
     ----------
     name : str
-        Name for people: ``etch, board``, ``dielectric, layer L1-L2``.
+        Name for people, such as ``etch, board`` or ``dielectric, layer L1-L2``.
     table : str
         Table of the file that it comes from.
     part : {"board", "layer"}
-        ``board`` for an error common to all layers of a board, ``layer`` for one of its own for each.
+        ``board`` for an error common to all layers of a board, ``layer`` for an error of a single layer.
     targets : tuple of str
         Errors of `coilarray.studies.tolerance.perturb.perturb` to which it is added.
     distribution : {"normal", "uniform"}
@@ -156,13 +158,12 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
     Returns
     -------
     tuple of Contributor
-        Contributors with a spread. The board part and the layer part stay separate even where there is a single layer
-        or sheet.
+        Contributors with a spread. The board part and the layer part stay separate even for a single layer or sheet.
 
     Raises
     ------
     GoalError
-        No error has a spread.
+        If no error has a spread.
 
     Examples
     --------
