@@ -55,8 +55,7 @@ def write_dxf(array: CoilArray, path: Path) -> None:
 
     - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width.
       A polyline inside another is a hole. Cutters, field solvers and CAM programs read this layer. Drilled holes are
-      not
-      cut out.
+      not cut out.
     - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, arcs as arcs, for
       programs that route. Switched off and not plotted, because it shows the same copper again.
     - ``drill``: a circle for each hole, with its diameter. Holes that are not through the whole board lie on layers of

@@ -66,8 +66,7 @@ def write_gerbers(
       object has its net, the coil's name. Pads of terminals also have the coil and their number, 1 where the path
       begins.
     - solder masks with an opening as large as each pad of a terminal on the outer layers. Board houses widen it to
-    their
-      registration. Vias are covered.
+      their registration. Vias are covered.
     - the names of the coils on top, where they fit.
     - the edge of the board.
     - Excellon files of the plated holes, one for each span of layers. A terminal that reaches one layer of several

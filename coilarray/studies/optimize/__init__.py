@@ -1,4 +1,4 @@
-"""Optimisation of a design: goals, the search, its results."""
+"""Optimization of a design: goals, the search, its results."""
 
 from __future__ import annotations
 

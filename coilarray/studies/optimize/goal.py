@@ -16,10 +16,10 @@ from coilarray.errors import GoalError
 from coilarray.studies.quantities import canonical
 
 GOALS = TomlFiles("goal", GoalError)
-"""Goal files; goals that fit any design are in `coilarray.studies.optimize.goals`."""
+"""Goal files. Goals that fit any design are in `coilarray.studies.optimize.goals`."""
 
-_POLISH = 60  # evaluations of the local solver where the goal says nothing
-_WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
+_POLISH = 60  # evaluations of the local solver by default
+_WHOLE_STEPS = 1e-9  # of a step: tolerance of a range for a whole number of steps
 _MOST_STEPS = 1e9
 _ROUNDING = 1e-9  # of a bound: less is not a violation
 
@@ -27,7 +27,10 @@ Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
 
 def _key(asked: Any) -> str:
-    """Return the canonical text of a quantity, given as a text or as a table with options."""
+    """Return the canonical text of a quantity.
+
+    It is given as a text or as a table with options.
+    """
     try:
         return canonical(asked)
     except GoalError as error:
@@ -44,7 +47,7 @@ class Variable(Table):
     entry: Annotated[str, Field(min_length=1)]
     """Dotted key of the design, such as array.pitch_mm."""
     low: float | None = None
-    """Least value, in the unit of the entry, as all of this table."""
+    """Least value, in the unit of the entry, like all values of this table."""
     high: float | None = None
     """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
@@ -56,6 +59,7 @@ class Variable(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Variable:
+        """Require either bounds or choices, with consistent values."""
         if self.choices is not None:
             if (self.low, self.high, self.step) != (None, None, None) or self.log:
                 raise ValueError("needs either low and high or choices, not both")
@@ -79,6 +83,7 @@ class Variable(Table):
 
     @staticmethod
     def _check_choices(choices: list[Any]) -> None:
+        """Require choices that differ and can be written as JSON."""
         try:
             texts = [json.dumps(choice, allow_nan=False) for choice in choices]
         except (TypeError, ValueError):
@@ -88,7 +93,7 @@ class Variable(Table):
 
 
 def _plain(choice: Any) -> Any:
-    """Return a choice with whole numbers written in one way: 12.0 is 12."""
+    """Return a choice with whole numbers in one form: 12.0 is 12."""
     if isinstance(choice, list):
         return [_plain(part) for part in choice]
     return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
@@ -112,18 +117,21 @@ class Objective(Table):
 
     @property
     def maximized(self) -> bool:
-        """True if larger scores are better."""
+        """Whether larger scores are better."""
         return self.direction == "maximize"
 
     @property
     def wish(self) -> str:
-        """The wish in words, as in "minimize rms_k"."""
+        """Wish in words, such as "minimize rms_k"."""
         if self.target is not None:
             return f"bring {self.quantity} to {self.target:g}"
         return f"{self.direction} {self.quantity}"
 
     def score(self, value: float) -> float:
-        """Return what is made small or large: the quantity, or its distance to the target."""
+        """Return the score that is minimized or maximized.
+
+        It is the quantity, or its distance to the target.
+        """
         return value if self.target is None else abs(value - self.target)
 
 
@@ -135,14 +143,17 @@ class Constraint(Bounds):
 
     @property
     def wish(self) -> str:
-        """The bounds in words, as in "span_mm ≥ 89.4"."""
+        """Bounds in words, such as "span_mm ≥ 89.4"."""
         bounds = [
             f"{sign} {bound:g}" for sign, bound in (("≥", self.at_least), ("≤", self.at_most)) if bound is not None
         ]
         return f"{self.quantity} {' and '.join(bounds)}"
 
     def violations(self, value: float) -> dict[str, float]:
-        """Return by how much each bound is broken, relative to the bound where that is not zero; kept up to zero."""
+        """Return the violation of each bound.
+
+        It is relative to the bound unless the bound is zero. A bound is kept up to a violation of zero.
+        """
         broken = {}
         if self.at_least is not None:
             broken[f"{self.quantity} >= {self.at_least!r}"] = _excess(self.at_least - value, self.at_least)
@@ -152,17 +163,20 @@ class Constraint(Bounds):
 
 
 def _excess(difference: float, bound: float) -> float:
-    """Scale a violation, so that those of different units add up; rounding breaks no bound."""
+    """Scale a violation, so that different units add up.
+
+    Rounding breaks no bound.
+    """
     scaled = difference / (abs(bound) or 1.0)
     return 0.0 if abs(scaled) < _ROUNDING else scaled
 
 
 class Search(Table):
-    """``[search]``: how many points, which sampler, what is random about it, and how exact.
+    """``[search]``: number of points, sampler, random seed and accuracy.
 
     ``accuracy = "screen"`` computes the inductances of the sampler's points faster:
-    `coilarray.electromagnetics.inductance.Accuracy`. The local solver's points and the designs that are chosen are
-    always computed in full.
+    `coilarray.electromagnetics.inductance.Accuracy`. The local solver's points and the chosen designs are always
+    computed in full accuracy.
     """
 
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
@@ -182,7 +196,7 @@ class Search(Table):
 
 
 class Goal(Table):
-    """A goal file; `parse_goal` reads one."""
+    """Goal of a search, read by `parse_goal`."""
 
     schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema")
     """Version of the file format."""
@@ -197,6 +211,7 @@ class Goal(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Goal:
+        """Require different variables and objectives, and a fit sampler."""
         for one, other in itertools.permutations([variable.entry for variable in self.variables], 2):
             if one == other or other.startswith(f"{one}."):
                 raise ValueError(f"names the entry {one} in more than one variable")
@@ -212,19 +227,22 @@ class Goal(Table):
 
     @property
     def sampler(self) -> Sampler:
-        """The sampler: as given, else tpe for one objective and nsga2 for several."""
+        """Sampler, by default tpe for one objective and nsga2 for several."""
         return self.search.sampler or ("tpe" if len(self.objectives) == 1 else "nsga2")
 
     @property
     def polish(self) -> int:
-        """Evaluations of the local solver: as given, else some for one objective and none for several."""
+        """Evaluations of the local solver.
+
+        By default there are none for several objectives.
+        """
         if self.search.polish is not None:
             return self.search.polish
         return _POLISH if len(self.objectives) == 1 else 0
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Every quantity that is wanted, constrained or watched, each once."""
+        """Every wanted, constrained or watched quantity, without repeats."""
         keys = [wish.quantity for wish in self.objectives] + [limit.quantity for limit in self.constraints] + self.watch
         return tuple(dict.fromkeys(keys))
 
@@ -239,17 +257,19 @@ class Goal(Table):
         Returns
         -------
         tuple of float
-            In the unit of its quantity each, in the order of the objectives.
+            Scores in the units of their quantities, in the order of the objectives.
         """
         return tuple(objective.score(values[objective.quantity]) for objective in self.objectives)
 
     def violations(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Every bound by how much it is broken, from quantities by name; see `Constraint.violations`.
+        """Violation of every bound, from quantities by name.
+
+        See `Constraint.violations`.
 
         Returns
         -------
         dict of str to float
-            Excess relative to the bound, 0 or less where it is kept, by the bound as text.
+            Excess relative to the bound, by the bound as text. It is 0 or less if the bound is kept.
         """
         return {
             key: excess
@@ -258,7 +278,9 @@ class Goal(Table):
         }
 
     def searched(self) -> dict[str, Any]:
-        """All that decides which points are tried, as plain tables: without title, trials, polish and watch.
+        """Everything that determines the points, as plain tables.
+
+        Title, trials, polish and watch are left out.
 
         Returns
         -------
@@ -272,9 +294,10 @@ class Goal(Table):
 
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
-    """Read a goal from the text of a TOML file; `origin` names it in messages.
+    """Read a goal from the text of a TOML file.
 
-    GoalError for wrong TOML, an unknown key or a value that is not allowed, in one line.
+    `origin` is the name of the text in messages. Raises GoalError for wrong TOML, an unknown key or a value that is not
+    allowed, in one line.
 
     Examples
     --------
@@ -287,5 +310,8 @@ def parse_goal(text: str, origin: str = "goal") -> Goal:
 
 
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
-    """Read a goal from tables as TOML gives them. See `parse_goal`."""
+    """Read a goal from the tables of a TOML file.
+
+    See `parse_goal`.
+    """
     return GOALS.check(Goal, document, origin)

@@ -1,9 +1,9 @@
 """Importance of the variables: PED-ANOVA over the points of a search.
 
 S. Watanabe, A. Bansal, F. Hutter, PED-ANOVA: Efficiently Quantifying Hyperparameter Importance in Arbitrary Subspaces,
-IJCAI 2023. For each variable, how differently it is distributed among the best tenth of the points than among all of
-them, by the Pearson divergence; the numbers of all variables add up to 1. A variable of no importance may still matter
-beside another one, or outside the region that was searched.
+IJCAI 2023. The importance of a variable is the Pearson divergence between its distribution among the best tenth of the
+points and its distribution among all points. The numbers of all variables add up to 1. A variable of no importance may
+still matter in combination with another variable, or outside the searched region.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from coilarray.studies.optimize.study_file import quiet
 from coilarray.studies.optimize.trials import Trial
 
 LEAST_POINTS = 30
-"""Smallest number of feasible points for an importance; the best tenth of fewer would be two points."""
+"""Smallest number of feasible points for an importance. The best tenth of fewer would be two points."""
 
 
 def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
-    """Return for each objective the share of each variable in reaching the best tenth of the points, the largest first.
+    """Share of each variable in reaching the best tenth of points.
 
-    Only feasible points of the search count: those of the local solver lie close together and would say little. Empty
-    where there are fewer than `LEAST_POINTS` of them, or where all are equal.
+    There is a dictionary for each objective, with the largest share first. Only feasible points of the search count.
+    The points of the local solver lie too close together. Empty if there are fewer than `LEAST_POINTS` such points, or
+    if all are equal.
     """
     from optuna import create_study
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances

@@ -1,9 +1,9 @@
-"""Polish the best point of a search with a local solver: SciPy's COBYQA, which needs no derivatives.
+"""Refinement of the best point of a search with a local solver: SciPy's COBYQA, which needs no derivatives.
 
 T. M. Ragonneau, Model-Based Derivative-Free Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic
 University (2022): quadratic models in a trust region, bounds always kept, constraints by sequential quadratic
-programming. Variables are scaled to the unit box, scores by that of the first point; a distance to a target is squared,
-which makes it smooth. Whole numbers, steps and choices stay as they are.
+programming. Variables are scaled to the unit box, and scores by the score of the first point. A distance to a target is
+squared, which makes it smooth. Whole numbers, steps and choices are not changed.
 """
 
 from __future__ import annotations
@@ -24,13 +24,16 @@ from coilarray.studies.optimize.trials import Trial, trial_of
 
 _FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
 _LAST_RADIUS = 1e-7
-_WORSE = 10.0  # cost of an impossible point, relative to that of the first
+_WORSE = 10.0  # cost of an impossible point, relative to the first point
 _INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
 _MOST_EVALUATIONS = 1_000_000
 
 
 def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
-    """Return why there is nothing to polish, in one line; empty if there is."""
+    """Return the reason why polishing is impossible, or an empty text.
+
+    The reason is one line.
+    """
     if len(goal.objectives) > 1:
         return "a goal with several objectives has no single best point to polish."
     if not goal.polish:
@@ -45,10 +48,11 @@ def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
 def polish(
     goal: Goal, axes: Sequence[Axis], best: Trial, store: StudyFile, evaluate: Evaluate, report: Callable[[Trial], None]
 ) -> None:
-    """Improve the `best` point of a search for one objective, over its continuous variables.
+    """Improve the `best` point of a search with one objective.
 
-    New trials are added to the study. Trials in the study are not evaluated again, and at most as many as the goal says
-    are tried. `report` is called with each. OutputError if the study cannot be written.
+    Only its continuous variables change. New trials are added to the study. Trials in the study are not evaluated
+    again, and the number of trials is limited by the goal. `report` is called with each trial. Raises OutputError if
+    the study cannot be written.
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
@@ -68,12 +72,15 @@ def polish(
 
 
 class _EnoughError(Exception):
-    """The number of points that the goal says are evaluated."""
+    """The goal's number of points has been evaluated."""
 
 
 @dataclass
 class _Local:
-    """Cost and violations of the points that the solver asks for, one trial for each point."""
+    """Cost and violations of the points chosen by the solver.
+
+    There is one trial for each point.
+    """
 
     _goal: Goal
     _axes: Sequence[Axis]
@@ -94,7 +101,10 @@ class _Local:
         self._unit = abs(best.scores[0]) or 1.0
 
     def cost(self, point: FloatArray) -> float:
-        """Return the value that the solver minimizes; 1 or −1 at the first point."""
+        """Return the value that the solver minimizes.
+
+        It is 1 or −1 at the first point.
+        """
         trial = self._at(point)
         if trial.reason:
             return _WORSE
@@ -104,17 +114,23 @@ class _Local:
         return -score if self._objective.maximized else score
 
     def violations(self, point: FloatArray) -> FloatArray:
-        """Return by how much each bound is violated; an impossible point violates them all."""
+        """Return the violation of each bound.
+
+        An impossible point violates all bounds.
+        """
         trial = self._at(point)
         return np.array([trial.violations.get(key, 1.0) for key in self._best.violations])
 
     def _at(self, point: FloatArray) -> Trial:
-        """Return the trial at a point of the unit box; the solver asks for its cost and its violations separately."""
+        """Return the trial at a point of the unit box.
+
+        The solver asks for its cost and its violations separately.
+        """
         changes = dict(self._best.changes)
         parts = zip(self._free, point.tolist(), strict=True)
         changes |= {axis.entry: axis.value(axis.at(part)) for axis, part in parts}
         key = json.dumps(changes)
-        if key in self._seen:  # points closer than what can be made are one
+        if key in self._seen:  # points closer than the fabrication resolution are one point
             return self._seen[key]
         if self._tried >= self._goal.polish:
             raise _EnoughError

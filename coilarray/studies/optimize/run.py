@@ -1,4 +1,4 @@
-"""Optimise a design: the start, the search, the local solver and the result."""
+"""Optimization of a design: the start, the search, the local solver and the result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from coilarray.studies.optimize.study_file import StudyFile, open_study
 from coilarray.studies.optimize.trials import Trial, best_of, better_than, trial_of
 
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
-"""Called with the number of known points, their largest number, and the best one for a goal with one objective."""
+"""Function of the number of known points, their largest number, and the best point of a single objective."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +35,24 @@ class Optimization:
     Parameters
     ----------
     file : DesignFile
-        Design that the search started from.
+        Design from which the search started.
     goal : Goal
-        Goal of the search, with as many trials as an earlier run had where those were more.
+        Goal of the search. Its number of trials is raised to the number in an earlier run, if that was larger.
     axes : tuple of Axis
         The variables, as `axes_of` returns them.
     start : Trial
-        The design that the search started from, as a trial.
+        The design from which the search started, as a trial.
     start_inside : bool
-        True if the start lies within the bounds of the variables, and is a point of the search too.
+        Whether the start lies within the bounds of the variables, and is a point of the search too.
     trials : tuple of Trial
-        Trials of the search, then of the local solver, each in their order, including those of earlier runs.
+        Trials of the search, then of the local solver, each in their order, including the trials of earlier runs.
     front : tuple of Trial
-        The trials that are better than the start, see `better_than`, in the order of the first objective; with one
-        objective the best trial alone. Empty where there is none that keeps all bounds.
+        The trials that are better than the start, see `better_than`, in the order of the first objective. With one
+        objective it is the best trial alone. Empty if no trial keeps all bounds.
     found : int
-        Number of trials that an earlier run had left.
+        Number of trials from an earlier run.
     polish_problem : str
-        Why the local solver did not run; empty if it did.
+        Reason why the local solver did not run. Empty if it did.
     """
 
     file: DesignFile
@@ -72,11 +72,16 @@ class Optimization:
 
     @property
     def best(self) -> Trial | None:
-        """The best trial of a goal with one objective; None if none is better than the start, or with several."""
+        """Best trial of a goal with one objective.
+
+        None if no trial is better than the start, and for several objectives.
+        """
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
-        """Return the variables' values of a trial by entry; None if the start has none.
+        """Return the variables' values of a trial by entry.
+
+        A value is None if the start has no value.
 
         Returns
         -------
@@ -91,7 +96,7 @@ class Optimization:
         Returns
         -------
         tuple of Design
-            One for every point of the front.
+            A design for every point of the front.
         """
         return tuple(vary(self.file, trial.changes) for trial in self.front)
 
@@ -105,19 +110,19 @@ def optimize_design(
     *,
     progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search for better designs; a run that was killed is continued.
+    """Search for better designs, and continue a killed run.
 
     Parameters
     ----------
     design : Design or DesignFile
-        Design to start from; entries that are not variables stay as they are.
+        Design to start from. Entries that are not variables stay unchanged.
     goal : Goal
-        Goal of the search, from `coilarray.studies.optimize.goals.load_goal`. A board that cannot be made is never the
-        best: see `coilarray.studies.optimize.goals.keeping_rules`.
+        Goal of the search, from `coilarray.studies.optimize.goals.load_goal`. To exclude boards that cannot be made,
+        see `coilarray.studies.optimize.goals.keeping_rules`.
     folder : str or Path
         Folder of the study, ``study.db``.
     pool : Pool
-        Workers, from `coilarray.compute.workers.workers`; the points do not depend on them.
+        Workers, from `coilarray.compute.workers.workers`. The points do not depend on them.
     cache : Store, optional
         Store of evaluated points, from `coilarray.compute.store.open_store`.
     progress : callable, optional
@@ -126,17 +131,17 @@ def optimize_design(
     Returns
     -------
     Optimization
-        All trials, the best designs and what was asked for.
+        All trials, the best designs and the input of the search.
 
     Raises
     ------
     GoalError
-        A variable that does not fit the design, see `axes_of`, or a quantity that the design does not have, for example
-        of an unknown coil.
+        If a variable does not fit the design, see `axes_of`, or the design does not have a quantity, for example of an
+        unknown coil.
     OutputError
-        A study that cannot be used; see `open_study`.
+        If the study cannot be used, see `open_study`.
     MissingDependencyError
-        Optuna is not installed.
+        If Optuna is not installed.
     """
     file = as_file(design)
     require_coils(file.design, goal)
@@ -160,7 +165,10 @@ def optimize_with(
     *,
     progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search as `optimize_design` does, with quantities from any function `evaluate`, which is an `Evaluate`."""
+    """Search as `optimize_design` does, with any `evaluate` function.
+
+    It is an `Evaluate`.
+    """
     file = as_file(design)
     axes = axes_of(goal, file)
     inside = start_parameters(axes) is not None
@@ -181,7 +189,10 @@ def optimize_with(
 
 
 def require_coils(design: Design, goal: Goal) -> None:
-    """Refuse a goal that names a coil which the design does not have, before anything is computed: GoalError."""
+    """Raise GoalError if a goal names a missing coil.
+
+    It is raised before anything is computed.
+    """
     evaluation = quantities.Evaluation(design)
     for key in goal.quantities:
         for coil in quantities.request(key).coils:
@@ -189,7 +200,10 @@ def require_coils(design: Design, goal: Goal) -> None:
 
 
 def _with_known(goal: Goal, store: StudyFile) -> Goal:
-    """Return the goal with at least as many trials as the study has, so that no known point is left out."""
+    """Return the goal with at least as many trials as the study.
+
+    No known point is then left out.
+    """
     points = [trial.user_attrs["point"] for trial in store.trials()]
     known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
     if known <= goal.search.trials:
@@ -198,13 +212,19 @@ def _with_known(goal: Goal, store: StudyFile) -> Goal:
 
 
 def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]:
-    """Return every point of the local solver, including those of earlier runs with another start."""
+    """Return every point of the local solver.
+
+    Points of earlier runs with another start are included.
+    """
     stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
     return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
 
 
 def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
-    """Compute the front in full accuracy, and the watched quantities that its points lack."""
+    """Compute the front in full accuracy.
+
+    Watched quantities that its points lack are computed too.
+    """
     known = {trial.name: trial for trial in trials}
     full = {
         trial.name
@@ -220,7 +240,10 @@ def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Eval
 
 
 def _require_quantities(design: Design, goal: Goal) -> None:
-    """Refuse a goal with a coil or an indentation that the start does not have; other problems may disappear."""
+    """Refuse a goal with a missing coil or indentation.
+
+    They are missing in the start. Other problems may disappear in the search.
+    """
     try:
         quantities.evaluate(design, goal.quantities)
     except GoalError:
@@ -230,7 +253,7 @@ def _require_quantities(design: Design, goal: Goal) -> None:
 
 
 class _Count:
-    """Counts the points for a progress bar, and keeps the best."""
+    """Count of the points for a progress bar, with the best point."""
 
     def __init__(self, goal: Goal, progress: SearchProgress | None) -> None:
         self._goal, self._progress = goal, progress

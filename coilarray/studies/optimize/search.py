@@ -1,9 +1,9 @@
-"""The search over the variables of a goal: batches of points from an Optuna sampler, the same on every run.
+"""Search over the variables of a goal: batches of points from an Optuna sampler, the same on every run.
 
 The sampler chooses all points of a batch before any of them is evaluated, and gets their results together, in the order
-of the batch. A point therefore depends only on the goal, its place and the batches before it: not on the number of
-workers, nor on which of them was faster, nor on how often the run was killed and resumed. The sampler is made anew for
-each point with a seed of its own, so that its only state is the history.
+of the batch. A point therefore depends only on the goal, its place and the batches before it. It does not depend on the
+number of workers, on their speed, or on how often the run was killed and resumed. A new sampler with its own seed is
+made for each point, so its only state is the history.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Outcome: TypeAlias = Mapping[str, float] | str
 """Quantities of a point by name, or the reason why it has none."""
 Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
-"""Takes the changes of several points and an accuracy; yields the index and outcome of each, in any order."""
+"""Function of the changes of several points and an accuracy. It yields the index and outcome of each, in any order."""
 
 _REBUILT = "tpe:"  # prefix of system attributes that no later point reads; storing them costs time
 
@@ -42,11 +42,11 @@ def search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Try as many points as the goal says, in the order of their places; those in the study are not evaluated again.
+    """Evaluate the points of a goal, in the order of their places.
 
-    The first point is the design as it is, where that lies within the bounds; `start` is its outcome. `report` is
-    called with each trial once it is known. OutputError if the study cannot be written, MissingDependencyError where
-    the sampler is cmaes and its package is not installed.
+    Points in the study are not evaluated again. The first point is the design itself, if it lies within the bounds.
+    `start` is its outcome. `report` is called with each trial once it is known. Raises OutputError if the study cannot
+    be written, and MissingDependencyError if the sampler is cmaes and its package is not installed.
     """
     if goal.sampler == "cmaes":
         import_extra("cmaes", "searches by cmaes", package="cmaes", extra="optimize")
@@ -93,10 +93,10 @@ def frozen_trial(
     on_trial: Mapping[str, Any] | None = None,
     on_study: Mapping[str, Any] | None = None,
 ) -> FrozenTrial:
-    """Return a finished trial as the study keeps it; an impossible point is marked as pruned.
+    """Return a finished trial in the form kept by the study.
 
-    `on_trial` and `on_study` are the attributes that a sampler has set on the trial and on the study as it asked for
-    it.
+    An impossible point is marked as pruned. `on_trial` and `on_study` are the attributes that a sampler has set on the
+    trial and on the study when it chose the point.
     """
     from optuna.trial import TrialState, create_trial
 
@@ -118,10 +118,10 @@ def frozen_trial(
 
 
 class _Memory:
-    """The study in memory that the sampler works on; the number of a trial in it is its place.
+    """Study in memory on which the sampler works.
 
-    Samplers keep their state as attributes of trials and of the study. The attributes that a point has set are stored
-    and recalled with it.
+    The number of a trial in it is its place. Samplers keep their state as attributes of trials and of the study. The
+    attributes that a point has set are stored and recalled with it.
     """
 
     def __init__(self, goal: Goal, axes: Sequence[Axis]) -> None:
@@ -149,12 +149,15 @@ class _Memory:
         return trial
 
     def left_by(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the attributes that a point has set on itself and the study, without those that no later one reads."""
+        """Return the attributes that a point has set.
+
+        They are set on the trial and on the study. Attributes that no later point reads are left out.
+        """
         on_trial = self._study.get_trials(deepcopy=False)[place].system_attrs
         return {key: value for key, value in on_trial.items() if not key.startswith(_REBUILT)}, self._on_study[place]
 
     def recall(self, stored: FrozenTrial) -> None:
-        """Add a stored trial as it was when its batch was asked for."""
+        """Restore a stored trial as its batch's sampler saw it."""
         from optuna.trial import TrialState, create_trial
 
         for key, value in stored.user_attrs["point"]["study"].items():
@@ -169,7 +172,10 @@ class _Memory:
         )
 
     def tell(self, place: int, trial: Trial, asked: AskedTrial | None) -> None:
-        """Report the outcome of a point; `asked` is None for a recalled one, which has its constraints already."""
+        """Report the outcome of a point.
+
+        `asked` is None for a recalled point, which already has its constraints.
+        """
         from optuna.trial import TrialState
 
         if asked is not None:
@@ -203,7 +209,10 @@ def _sampler(goal: Goal, place: int) -> BaseSampler:
 
 
 def _sobol_point(axes: Sequence[Axis], seed: int, place: int) -> dict[str, Any]:
-    """Return one point of a scrambled Sobol sequence over the unit box, as parameters."""
+    """Return a point of a scrambled Sobol sequence, as parameters.
+
+    The sequence covers the unit box.
+    """
     from scipy.stats import qmc
 
     sequence = qmc.Sobol(len(axes), seed=seed)
@@ -215,7 +224,10 @@ def _sobol_point(axes: Sequence[Axis], seed: int, place: int) -> dict[str, Any]:
 def _outcomes(
     goal: Goal, axes: Sequence[Axis], asked: Mapping[int, AskedTrial], start: Outcome, evaluate: Evaluate
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate the points of a batch; the outcome of the start is known, in full accuracy."""
+    """Evaluate the points of a batch.
+
+    The outcome of the start is known, in full accuracy.
+    """
     places = list(asked)
     if 0 in asked and start_parameters(axes) is not None and goal.search.accuracy == "full":
         yield places.pop(0), start

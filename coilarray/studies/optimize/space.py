@@ -1,7 +1,7 @@
-"""The variables of a goal as coordinates: entries of a design, parameters of Optuna, and the unit box.
+"""Variables of a goal as coordinates: entries of a design, parameters of Optuna, and the unit box.
 
-A parameter is named by its entry. That of a choice is the choice as JSON text, which Optuna can store whatever it is;
-that of a number with steps counts the steps.
+A parameter is named by its entry. For a choice it is the choice as JSON text, which Optuna can always store. For a
+number with steps it counts the steps.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 _DIGITS = 15
 _DECIMALS = {"mm": 3, "um": 0}  # of a length that a board house can make: 1 µm
-_LEAST_STEPS = 10  # between bounds: closer ones are meant to be searched finer
+_LEAST_STEPS = 10  # between bounds; closer bounds are meant for a finer search
 _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One variable of a goal, together with its value in the design.
+    """Variable of a goal, together with its value in the design.
 
-    `choices` are the allowed values as JSON texts, empty for a number; `low`, `high` and `step` are in the unit of the
-    entry, a step of None allows any value. `log` searches over the logarithm; `whole` is an entry that takes only whole
-    numbers; `start` is the value in the design, None if it has none.
+    `choices` are the allowed values as JSON texts, empty for a number. `low`, `high` and `step` are in the unit of the
+    entry, and a step of None allows any value. `log` searches over the logarithm. `whole` marks an entry that takes
+    only whole numbers. `start` is the value in the design, None if it has none.
     """
 
     entry: str
@@ -51,19 +51,22 @@ class Axis:
 
     @property
     def continuous(self) -> bool:
-        """True for a number that may take any value between its bounds."""
+        """Whether it is a number with any value between its bounds."""
         return not self.choices and not self.whole and self.step is None
 
     @property
     def _decimals(self) -> int | None:
-        """Decimals of a length in mm or µm between bounds that are further apart; None for any other number."""
+        """Decimals of a length in mm or µm.
+
+        None for any other number, and for a length with closer bounds.
+        """
         names = [part for part in self.entry.split(".") if not part.isdecimal()]
         decimals = _DECIMALS.get(names[-1].rpartition("_")[2])
         return decimals if decimals is not None and self.high - self.low > _LEAST_STEPS * 10.0**-decimals else None
 
     @property
     def _count(self) -> int:
-        """Values that a variable with steps may take."""
+        """Number of values of a variable with steps."""
         return round((self.high - self.low) / (self.step or 1.0)) + 1
 
     def distribution(self) -> BaseDistribution:
@@ -79,7 +82,10 @@ class Axis:
         return FloatDistribution(self.low, self.high, self.log)
 
     def parameter(self, value: Any) -> Any:
-        """Return a value of the entry as a parameter; None for one that the variable cannot take."""
+        """Return a value of the entry as a parameter.
+
+        None if the variable cannot take the value.
+        """
         if self.choices:
             return next((text for text in self.choices if json.loads(text) == value), None)
         if not isinstance(value, int | float) or isinstance(value, bool) or not self.low <= value <= self.high:
@@ -94,7 +100,10 @@ class Axis:
         return float(value)
 
     def value(self, parameter: Any) -> Any:
-        """Return what the entry says for a parameter: lengths but the design's own to 1 µm, which can be made."""
+        """Return the value of the entry for a parameter.
+
+        Lengths are rounded to 1 µm, which can be made, except the design's own length.
+        """
         if self.choices:
             return json.loads(parameter)
         if self.step is not None and not self.whole:
@@ -105,7 +114,10 @@ class Axis:
         return parameter
 
     def at(self, part: float) -> Any:
-        """Return the parameter at a part, 0 to 1, of the way from the first to the last value."""
+        """Return the parameter at a fraction of the range.
+
+        The fraction is 0 at the first value and 1 at the last.
+        """
         part = min(max(part, 0.0), 1.0)
         if self.choices:
             return self.choices[min(int(part * len(self.choices)), len(self.choices) - 1)]
@@ -126,8 +138,8 @@ class Axis:
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
-    GoalError for an unknown entry, or a bound or choice that the design file cannot have: which variable,
-    what is allowed, what was given. Whether a geometry is possible is only seen in the search.
+    Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have. The message has the
+    variable, the allowed values and the given value. Impossible geometries are found only in the search.
     """
     file = as_file(design)
     return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))
@@ -144,24 +156,28 @@ def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str,
 
 
 def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
-    """Return the design as it is in parameters; None if it lies outside the bounds or choices."""
+    """Return the design itself in parameters.
+
+    None if it lies outside the bounds or choices.
+    """
     parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
     return None if None in parameters.values() else parameters
 
 
 def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
+    """Make the axis of a variable, checked against the design."""
     start = value_of(file, variable.entry)
     if variable.choices is not None:
         for choice in variable.choices:
             _check(file, variable.entry, choice, f"{key}.choices")
         return Axis(variable.entry, tuple(json.dumps(choice) for choice in variable.choices), start=start)
     low, high = variable.low, variable.high
-    assert low is not None  # the table has seen to it
+    assert low is not None  # checked by the table
     assert high is not None
     _check(file, variable.entry, low, f"{key}.low")
     _check(file, variable.entry, high, f"{key}.high")
     whole = isinstance(start, int) and not isinstance(start, bool)
-    if start is None:  # the entry's type shows by what it refuses
+    if start is None:  # the entry's type is found from the values that it refuses
         whole = low.is_integer() and high.is_integer() and not _allowed(file, variable.entry, _fraction(low, high))
     step = variable.step
     if whole:
@@ -172,7 +188,10 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
-    """Return the value of an entry, of one place of a list too; None if the design says nothing."""
+    """Return the value of an entry, or None if it is missing.
+
+    The entry may be one place of a list.
+    """
     if entry in file.values:
         return file.values[entry]
     whole, _, place = entry.rpartition(".")
@@ -183,7 +202,7 @@ def value_of(file: DesignFile, entry: str) -> Any:
 
 
 def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
-    """Refuse what a design file could not say at this entry."""
+    """Refuse a value that a design file cannot have at this entry."""
     try:
         document = vary_document(file.document, {entry: value})
         Document.model_validate(document)
@@ -202,5 +221,5 @@ def _allowed(file: DesignFile, entry: str, value: Any) -> bool:
 
 
 def _fraction(low: float, high: float) -> float:
-    """Return a number between two whole ones that is not whole."""
+    """Return a number between two whole numbers that is not whole."""
     return low + 0.5 * min(1.0, high - low)

@@ -1,9 +1,9 @@
-"""The trials of a search on disk: an Optuna study in SQLite that holds only finished trials.
+"""Trials of a search on disk: an Optuna study in SQLite that holds only finished trials.
 
-A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms a trial with six
-variables. Here the sampler works on a study in memory, and each trial is written once it is finished, in one
-transaction. A killed run leaves no half-finished trial behind. Every trial has a checksum among its attributes: one
-that has changed since counts as missing, and its point is computed again.
+A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms per trial with
+six variables. Here the sampler works on a study in memory, and each finished trial is written in one transaction. A
+killed run leaves no half-finished trial behind. Every trial has a checksum among its attributes. A trial that has
+changed since counts as missing, and its point is computed again.
 """
 
 from __future__ import annotations
@@ -32,24 +32,27 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 FILE = "study.db"
-"""Name of the database in the folder of the results; any tool for Optuna reads it."""
+"""Name of the database in the folder of the results. Any tool for Optuna reads it."""
 
 _LOG = logging.getLogger(__name__)
 _CHECKSUM = "checksum"
 
 
 class StudyFile:
-    """The study on disk; `open_study` makes one."""
+    """Study on disk, made by `open_study`."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
         self._damaged = 0  # damaged trials already reported
 
     def trials(self) -> list[FrozenTrial]:
-        """Return every finished trial that is as it was written, in that order; OutputError for a damaged file."""
+        """Return every undamaged trial, in the order of writing.
+
+        Raises OutputError for a damaged file.
+        """
         try:
             every = self._study.get_trials(deepcopy=False)
-        except Exception as error:  # Optuna lets through what SQLAlchemy and the readers of JSON raise
+        except Exception as error:  # Optuna lets through the errors of SQLAlchemy and of JSON readers
             raise OutputError(f"cannot use {FILE}, it is damaged: {_first_line(error)}.") from None
         whole = [trial for trial in every if is_whole(trial)]
         if (damaged := len(every) - len(whole)) > self._damaged:
@@ -60,7 +63,10 @@ class StudyFile:
         return whole
 
     def add(self, trial: FrozenTrial) -> None:
-        """Write a finished trial, whole or not at all; OutputError if that fails."""
+        """Write a finished trial completely or not at all.
+
+        Raises OutputError on failure.
+        """
         from optuna.exceptions import StorageInternalError
 
         trial.set_user_attr(_CHECKSUM, _checksum(trial))
@@ -72,11 +78,12 @@ class StudyFile:
 
 @contextmanager
 def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
-    """Open the study of a design and a goal in a folder for a ``with`` block; make it where there is none.
+    """Open or make the study of a design and a goal.
 
-    The folder may hold studies of other designs and goals too: all of a goal except its trials, polish and watch
-    identifies the study, as does the code. OutputError for a file that cannot be written or holds something else, or a
-    folder in which another search is running; MissingDependencyError where Optuna is not installed.
+    It is a context manager on a folder. The folder may hold studies of other designs and goals too. A study is
+    identified by the code and by the whole goal except its trials, polish and watch. Raises OutputError if the file
+    cannot be written or holds something else, or if another search is running in the folder, and MissingDependencyError
+    if Optuna is not installed.
     """
     optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
     from sqlalchemy import event
@@ -90,11 +97,11 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
             check_database(path)
             storage = storage_on(path.resolve())
             event.listen(storage.engine, "connect", _without_waiting)
-            storage.engine.dispose()  # connections that are open do not know of it
+            storage.engine.dispose()  # open connections are not aware of it
             study = optuna.create_study(
                 storage=storage, study_name=study_name(design, goal), directions=goal.directions, load_if_exists=True
             )
-        except Exception as error:  # Optuna lets through what SQLAlchemy and Alembic raise
+        except Exception as error:  # Optuna lets through the errors of SQLAlchemy and Alembic
             if not there:
                 delete_database(path)
             raise OutputError(f"cannot use {path}: {_first_line(error)}.") from None
@@ -106,10 +113,10 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
 
 
 def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
-    """Return Optuna's storage on a database, whose file is a path or, as SQLite has it, ``file:…?mode=ro``.
+    """Return Optuna's storage on a database.
 
-    Optuna takes a URL, in which names with %, ? or # are read differently from one version of SQLAlchemy to the next. A
-    database that is taken `as_it_is` is not completed first.
+    The file is a path or, in SQLite's form, ``file:…?mode=ro``. Optuna takes a URL, in which names with %, ? or # are
+    read differently by different versions of SQLAlchemy. A database taken `as_it_is` is not completed first.
     """
     from optuna.storages import RDBStorage
 
@@ -121,7 +128,10 @@ def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
 
 
 def check_database(path: Path) -> None:
-    """Check the structure of a study's file, where there is one; sqlite3.Error for one that is damaged."""
+    """Check the structure of a study's file, if it exists.
+
+    Raises sqlite3.Error if it is damaged.
+    """
     if path.exists():
         with closing(sqlite3.connect(path.absolute())) as connection:
             (first,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
@@ -130,7 +140,10 @@ def check_database(path: Path) -> None:
 
 
 def is_whole(trial: FrozenTrial) -> bool:
-    """Whether a trial of a study is as it was written: it has its checksum, and a complete one its values."""
+    """Whether a trial of a study is unchanged and complete.
+
+    It must have its checksum, and a complete trial must have its values.
+    """
     if trial.state.name == "COMPLETE" and trial.values is None:
         return False
     try:
@@ -140,21 +153,30 @@ def is_whole(trial: FrozenTrial) -> bool:
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return the number of points that an earlier run left; errors as `open_study`, but it makes no files."""
-    if not os.path.exists(folder / FILE):  # pathlib's raises where the folder may not be read
+    """Return the number of points left by an earlier run.
+
+    The errors are the same as in `open_study`, but no files are made.
+    """
+    if not os.path.exists(folder / FILE):  # pathlib raises an error if the folder may not be read
         return 0
     with open_study(folder, design, goal) as store:
         return len(store.trials())
 
 
 def study_name(design: Design, goal: Goal) -> str:
-    """Return the name of a study: that of the design, and a hash of all that decides which points are tried."""
+    """Return the name of a study.
+
+    It is the name of the design with a hash of everything that determines the points.
+    """
     key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
     return f"{design.name}-{key[:16]}"
 
 
 def _checksum(trial: FrozenTrial) -> str:
-    """Return the checksum of all of a trial that a study keeps, but for its number and the times."""
+    """Return the checksum of a trial as kept in a study.
+
+    Its number and the times are left out.
+    """
     attributes = {key: value for key, value in trial.user_attrs.items() if key != _CHECKSUM}
     ranges = {name: repr(distribution) for name, distribution in trial.distributions.items()}
     values = None if trial.values is None else list(trial.values)
@@ -162,14 +184,20 @@ def _checksum(trial: FrozenTrial) -> str:
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
-    """Do not wait for the disk at every trial: a killed process loses nothing, a power cut at most the last trials."""
+    """Do not wait for the disk at every trial.
+
+    A killed process loses nothing, and a power cut at most the last trials.
+    """
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence Optuna's notes and warnings on standard error while the block runs: what is damaged we say ourselves."""
+    """Silence Optuna's notes and warnings on standard error.
+
+    Damage is reported by this package instead.
+    """
     from optuna import logging
 
     before = logging.get_verbosity()
@@ -181,6 +209,9 @@ def quiet() -> Iterator[None]:
 
 
 def _first_line(error: Exception) -> str:
-    """Return the first line of an error without the class that SQLAlchemy puts before it."""
+    """Return the first line of an error.
+
+    The class that SQLAlchemy puts before it is removed.
+    """
     line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
     return re.sub(r"^\([\w.]+\) ", "", line)

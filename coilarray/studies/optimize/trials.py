@@ -15,7 +15,7 @@ from coilarray.studies.sweep import UNREAD, Sweep, is_read, keeps_rules
 
 _ROUNDING = 1e-9  # of a score: less is not a gain
 RULES = ("fab_margin_mm", "fab_broken")
-"""Quantities by which a goal says what it takes of the fabrication rules."""
+"""Quantities by which a goal treats the fabrication rules."""
 
 
 @dataclass(frozen=True)
@@ -25,21 +25,21 @@ class Trial:
     Parameters
     ----------
     kind : {"start", "search", "polish"}
-        Origin of the point: the design as it is where that lies outside the bounds, the sampler, or the local solver.
+        Origin of the point: the design itself if it lies outside the bounds, the sampler, or the local solver.
     place : int
-        Number of the point among those of its kind, from 0.
+        Number of the point among the points of its kind, from 0.
     changes : mapping of str to object
-        Changed entries of the design, in the units of their keys; none for the start.
+        Changed entries of the design, in the units of their keys. Empty for the start.
     quantities : mapping of str to float
-        Values by name, in the unit of the name; empty for an impossible point.
+        Values by name, in the unit of the name. Empty for an impossible point.
     scores : tuple of float
-        Score of every objective, see `Goal.scores`; empty for an impossible point.
+        Score of every objective, see `Goal.scores`. Empty for an impossible point.
     violations : mapping of str to float
-        Violation of every bound; see `Goal.violations`.
+        Violation of every bound, see `Goal.violations`.
     reason : str
-        Why the point is impossible, in one line; else empty.
+        Reason why the point is impossible, in one line. Empty for a possible point.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
     kind: Literal["start", "search", "polish"]
@@ -53,12 +53,12 @@ class Trial:
 
     @property
     def feasible(self) -> bool:
-        """True if the point is possible and keeps every bound."""
+        """Whether the point is possible and keeps every bound."""
         return not self.reason and all(violation <= 0 for violation in self.violations.values())
 
     @property
     def name(self) -> str:
-        """Kind and place, as in "search 12"."""
+        """Kind and place, such as "search 12"."""
         return self.kind if self.kind == "start" else f"{self.kind} {self.place}"
 
 
@@ -72,8 +72,8 @@ def trial_of(
 ) -> Trial:
     """Judge a point by a goal.
 
-    The outcome is a reason why the point has no quantities, or those of the goal by name, of which the merely watched
-    may be missing.
+    `outcome` is the reason why the point has no quantities, or the quantities of the goal by name. Merely watched
+    quantities may be missing.
     """
     if isinstance(outcome, str):
         return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
@@ -82,23 +82,32 @@ def trial_of(
 
 
 def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
-    """Return the feasible trial with the best score of a goal with one objective, the first of equals."""
+    """Return the feasible trial with the best score.
+
+    The goal has one objective. Of equal trials it is the first.
+    """
     sign = -1 if goal.objectives[0].maximized else 1
     return min((trial for trial in trials if trial.feasible), key=lambda trial: sign * trial.scores[0], default=None)
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front: feasible trials that no other beats, by the first objective; of equals only one."""
+    """Return the Pareto front, in the order of the first objective.
+
+    It consists of feasible trials that no other trial beats. Of equal trials it has only one.
+    """
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     scores = {k: trial.scores for k, trial in enumerate(trials) if trial.feasible}
     return tuple(trials[k] for k in unbeaten(scores, signs))
 
 
 def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
-    """Return the numbers of the Pareto front's points, by the first score; −1 in `signs` is for a maximum."""
+    """Return the numbers of the Pareto front's points.
+
+    They are sorted by the first score. A sign of −1 marks a maximum.
+    """
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
-    # sorted by all costs, a point is beaten by none that comes after it
+    # sorted by all costs, a point is not beaten by a later point
     for k in sorted(costs, key=lambda k: costs[k]):
         if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in front):
             front.append(k)
@@ -106,9 +115,10 @@ def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> lis
 
 
 def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front of the start and the trials, without the start and what is as good but for rounding.
+    """Return the Pareto front of the start and the trials.
 
-    Empty where no trial is better than the start in any objective; all of the front for a start that breaks a bound.
+    The start and trials that are equally good but for rounding are left out. The front is empty if no trial is better
+    than the start in any objective. It is complete if the start breaks a bound.
     """
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
 
@@ -121,10 +131,11 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
-    """Return the best point of a sweep by a goal, of several objectives the Pareto front; none if no bound is kept.
+    """Return the best points of a sweep by a goal.
 
+    They are the best point, or the Pareto front for several objectives. They are empty if no point keeps all bounds.
     The result has the quantities of the goal, as `coilarray.sweep` returns it. Points that break fabrication rules, and
-    those that no converter can read, are left out, unless the goal says itself what it takes of them.
+    points that no converter can read, are left out, unless the goal treats them itself.
     """
     free = any(name.startswith(RULES) for name in goal.quantities)
     kept, read = (of(result).values.ravel().tolist() for of in (keeps_rules, is_read))

@@ -1,4 +1,4 @@
-"""The files of an optimisation: every trial as CSV, everything as JSON, the chosen designs as design files."""
+"""Files of an optimization: every trial as CSV, everything as JSON, the chosen designs as design files."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
-    """Write all files except the report.
+    """Write all files of an optimization except the report.
 
     Parameters
     ----------
     result : Optimization
         Result of `coilarray.studies.optimize.optimize_design`.
     folder : str or Path
-        Folder of the files, made where it does not exist. Designs of an earlier search, which its ``result.json``
-        lists, are removed.
+        Folder of the files, made if it does not exist. Designs of an earlier search, listed in its ``result.json``, are
+        removed.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
     Raises
     ------
     OutputError
-        A file cannot be written; none is left half-written.
+        If a file cannot be written. No file is left half-written.
     """
     folder = Path(folder)
     make_folder(folder)
@@ -64,10 +64,13 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
 
 
 def _written_before(folder: Path) -> set[str]:
-    """Return the names of the designs that an earlier search wrote, as its ``result.json`` lists them."""
+    """Return the names of the designs of an earlier search.
+
+    They are listed in its ``result.json``.
+    """
     try:
         files = [design["file"] for design in json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):  # none, or none of ours
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):  # no such file, or of another program
         return set()
     return {name for name in files if isinstance(name, str) and _DESIGN_NAME.fullmatch(name)}
 
@@ -80,7 +83,9 @@ def design_names(result: Optimization) -> tuple[str, ...]:
 
 
 def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
-    """Return the design file of a trial as TOML, named after the design and `label`.
+    """Return the design file of a trial as TOML.
+
+    It is named after the design and `label`.
 
     Entries that were chosen are no longer marked as assumed.
     """
@@ -94,7 +99,10 @@ def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
 
 
 def trials_csv(result: Optimization) -> str:
-    """Return every trial as CSV: the start first, entries and quantities in the units of their names."""
+    """Return every trial as CSV, the start first.
+
+    Entries and quantities are in the units of their names.
+    """
     entries = [variable.entry for variable in result.goal.variables]
     quantities = result.goal.quantities
     best = {(trial.kind, trial.place) for trial in result.front}
@@ -110,7 +118,7 @@ def trials_csv(result: Optimization) -> str:
 
 
 def result_data(result: Optimization) -> dict[str, Any]:
-    """Return what `write_optimization` writes as JSON."""
+    """Return the data that `write_optimization` writes as JSON."""
     goal = result.goal
     return {
         "schema": 1,

@@ -23,7 +23,7 @@ from coilarray.studies.quantities.targets import TARGETS
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {quantity.name: quantity for quantity in (*LAYOUT, *COUPLINGS, *RESONATORS, *TARGETS, *RESPONSES, *POSITIONS)}
 )
-"""Every quantity by its name, the cheap ones first."""
+"""Every quantity by its name, the cheap quantities first."""
 
 _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
@@ -40,13 +40,13 @@ def request(asked: str | Mapping[str, Any]) -> Request:
     Returns
     -------
     Request
-        Its `key` is the canonical text, which reads back to the same request.
+        The request. Its `key` is the canonical text, which reads back to the same request.
 
     Raises
     ------
     GoalError
-        An unknown quantity or option, a value that is not allowed, or an option that is missing. Whether a design has
-        the coils that are named shows when it is evaluated.
+        If a quantity or option is unknown, a value is not allowed, or an option is missing. Missing coils of a design
+        are found when the request is evaluated.
 
     Examples
     --------
@@ -66,7 +66,9 @@ def request(asked: str | Mapping[str, Any]) -> Request:
 
 
 def canonical(asked: str | Mapping[str, Any]) -> str:
-    """Return the canonical text of what is asked for, under which `evaluate` returns it; GoalError as `request`.
+    """Return the canonical text of a request.
+
+    It is the key of the result of `evaluate`. Raises GoalError as `request` does.
 
     Examples
     --------
@@ -86,22 +88,22 @@ def evaluate(
     design : Design
         Design to evaluate.
     asked : iterable of str or mapping
-        Quantities, each as `request` reads it; shared intermediate results are computed once.
+        Quantities, each in a form that `request` reads. Shared intermediate results are computed once.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
 
     Returns
     -------
     dict of str to float
-        Values by the keys of the requests, in their order; always finite.
+        Values by the keys of the requests, in their order. They are always finite.
 
     Raises
     ------
     GoalError
-        A request that `request` refuses, before anything is computed, or a coil or quantity that the design does not
-        have, for example a response without an indenter.
+        If `request` refuses a request, before anything is computed, or the design does not have a coil or quantity, for
+        example a response without an indenter.
     CoilarrayError
-        Physics that cannot be solved, for example a state without a resonance.
+        If the physics cannot be solved, for example in a state without a resonance.
 
     Examples
     --------
@@ -116,6 +118,7 @@ def evaluate(
 
 
 def _quantity(name: object) -> Quantity:
+    """Return the quantity of a name, or raise GoalError with a hint."""
     if isinstance(name, str) and name in QUANTITIES:
         return QUANTITIES[name]
     if not name:
@@ -127,11 +130,14 @@ def _quantity(name: object) -> Quantity:
 
 
 _SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistance_ohm", "δ": "peak_delta"}
-"""Quantities by their letters in tables and reports, which are no names here."""
+"""Quantities by their letters in tables and reports, which are not names here."""
 
 
 def _meant(name: str) -> list[str]:
-    """Names that somebody may have meant: written alike, with the same words, or described by them."""
+    """Quantities that may be meant by an unknown name.
+
+    Their names are similar or contain the same words, or their descriptions match.
+    """
     text = name.casefold()
     alike = [_SYMBOLS[name]] if name in _SYMBOLS else [key for key in QUANTITIES if key.casefold() == text]
     within = [key for key in QUANTITIES if text in key.casefold()] if len(text) > 2 else []
@@ -147,7 +153,10 @@ def _order(name: str) -> tuple[bool, int]:
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:
-    """Split the text in the brackets; parts without a name are the value of the bare option."""
+    """Split the text in the brackets into options.
+
+    A part without a name is the value of the bare option.
+    """
     options: dict[str, Any] = {}
     nameless: list[str] = []
     for part in (part.strip() for part in text.split(",")):

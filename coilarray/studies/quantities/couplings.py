@@ -13,7 +13,7 @@ from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_name, read_pair
 
 COIL = Option("coil", "the name of a coil", read_name, "which coil", required=True, bare=True)
-"""One coil that must be named."""
+"""Name of one coil, which is required."""
 
 
 @quantity("rms_k", "1", "coupling", "root mean square of the coupling coefficients of all pairs")

@@ -1,4 +1,4 @@
-"""Intermediate results that the quantities of one design share, each computed once when it is first needed."""
+"""Intermediate results shared by the quantities of one design, each computed at most once."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Evaluation:
     design : Design
         Design to evaluate.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
     design: Design
@@ -44,28 +44,40 @@ class Evaluation:
 
     @property
     def unread(self) -> int:
-        """Number of values that the converter cannot read, of what quantities have taken."""
+        """Number of used values that the converter cannot read."""
         return sum(self._unread)
 
     @property
     def judged(self) -> bool:
-        """Whether quantities have taken anything that a converter reads, or there is no converter."""
+        """Whether the converter has been checked.
+
+        It has if quantities have used values that a converter reads, or if there is no converter.
+        """
         return bool(self._unread) or not self.design.readout.converter
 
     def taken(self, found: xr.Dataset) -> xr.Dataset:
-        """Note what the converter cannot read of a dataset that a quantity takes, and return it."""
+        """Note unreadable values of a dataset, and return it.
+
+        The dataset is used by a quantity, and the converter cannot read these values.
+        """
         if "readable" in found:
             self._unread.append(int((~found.readable).sum()))
         return found
 
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
-        """Margins of the fabrication rules, see `coilarray.geometry.check_rules`."""
+        """Margins of the fabrication rules.
+
+        See `coilarray.geometry.check_rules`.
+        """
         return check_rules(self.design.array, self.design.rules)
 
     @cached_property
     def inductance(self) -> FloatArray:
-        """Inductance matrix in H under the flat sheets, shape (coils, coils)."""
+        """Inductance matrix in H under the flat sheets.
+
+        It has the shape (coils, coils).
+        """
         return design_inductance(self.design, accuracy=self.accuracy)[0]
 
     @cached_property
@@ -75,12 +87,18 @@ class Evaluation:
 
     @cached_property
     def scan(self) -> xr.Dataset:
-        """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_design`."""
+        """All states of the scan in which the converter oscillates.
+
+        See `coilarray.circuit.impedance.scan_design`.
+        """
         return self.taken(scan_design(self.design, elastomer=False, accuracy=self.accuracy))
 
     @cached_property
     def own_states(self) -> dict[str, int]:
-        """Index of the first state of the scan that measures a coil alone, of those coils that have one."""
+        """Index of the first state that measures a coil alone.
+
+        Only coils with such a state are included.
+        """
         states: dict[str, int] = {}
         for k, state in enumerate(self.design.plan):
             if len(state.measured) == 1:
@@ -89,17 +107,23 @@ class Evaluation:
 
     @property
     def indentation(self) -> Indentation:
-        """Indentation of the design; GoalError if it has none."""
+        """Indentation of the design.
+
+        Raises GoalError if it has none.
+        """
         if self.design.indentation is None:
             raise GoalError(no_indentation(self.design))
         return self.design.indentation
 
     def depth(self, given_mm: float | None) -> float:
-        """Return the given depth or the first one of the design, in m."""
+        """Return the depth in m, by default the design's first."""
         return self.indentation.depths[0] if given_mm is None else given_mm * 1e-3
 
     def response(self, depths: FloatArray, x: FloatArray, y: FloatArray) -> xr.Dataset:
-        """Return the response at depths and places in m, from the map's origin; computed once for equal ones."""
+        """Return the response at depths and places in m.
+
+        They are measured from the map's origin. Equal requests are computed once.
+        """
         key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
@@ -110,18 +134,24 @@ class Evaluation:
 
     @property
     def target(self) -> Target:
-        """Target of the design; GoalError if it has none."""
+        """Target of the design.
+
+        Raises GoalError if it has none.
+        """
         try:
             return target_of(self.design)
         except MetalError as error:
             raise GoalError(str(error)) from None
 
     def distance(self, given_mm: float | None) -> float:
-        """Return the given distance of the target or the least one of the design, in m."""
+        """Return the target's distance in m, by default the least."""
         return self.target.distances[0] if given_mm is None else given_mm / 1e3
 
     def target_map(self, distances: Sequence[float], x: float, y: float) -> xr.Dataset:
-        """Return what the target does at distances and a place in m from its origin; computed once for equal ones."""
+        """Return the effect of the target at distances and a place.
+
+        They are in m, with the place relative to its origin. Equal requests are computed once.
+        """
         key = (tuple(distances), (x,), (y,), ("target",))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
@@ -131,29 +161,36 @@ class Evaluation:
         return self._maps[key]
 
     def coil(self, name: str) -> int:
-        """Return the index of a coil; GoalError if there is none of that name."""
+        """Return the index of a coil.
+
+        Raises GoalError if no coil has this name.
+        """
         names = self.design.array.names
         if name not in names:
             raise GoalError(f"the design {self.design.name} has no coil {name!r}; there are {', '.join(names)}.")
         return names.index(name)
 
     def state_of(self, coil: str) -> int:
-        """Return the index of the first state of the scan that measures this coil alone; GoalError if none does."""
+        """Return the index of the first state with this coil alone.
+
+        Raises GoalError if no state of the scan measures it alone.
+        """
         self.coil(coil)
         if coil not in self.own_states:
             raise GoalError(f"the scan of {self.design.name} has no state that measures {coil} alone.")
         return self.own_states[coil]
 
     def centre(self, coil: str) -> tuple[float, float]:
-        """Return x and y of a coil's centre in m from the map's origin."""
+        """Return a coil's centre in m from the map's origin."""
         x, y = self.design.array.centres[self.coil(coil)] - self.indentation.origin_point
         return float(x), float(y)
 
     def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
-        """Return where the indenter may press: up to `beyond` the coils' outlines, its contact inside the sample.
+        """Return the rectangle where the indenter may press.
 
-        x_min, x_max, y_min, y_max in m from the map's origin; `depth` and `beyond` in m. GoalError for a sample too
-        small for the contact.
+        It extends up to `beyond` the coils' outlines, with the contact inside the sample. The edges x_min, x_max,
+        y_min, y_max are in m from the map's origin. `depth` and `beyond` are in m. Raises GoalError if the sample is
+        too small for the contact.
         """
         setup, points = self.indentation, outlines(self.design)
         low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point
@@ -165,5 +202,8 @@ class Evaluation:
 
 
 def outlines(design: Design) -> FloatArray:
-    """Corners of all windings' outlines in m on the board, shape (n, 2)."""
+    """Corners of all windings' outlines in m on the board.
+
+    The array has the shape (n, 2).
+    """
     return np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])

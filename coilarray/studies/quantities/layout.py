@@ -19,7 +19,7 @@ LENGTH_RULES = (
 """Rules whose margin is a length."""
 
 FARTHEST = 9.0
-"""Limits above which the margin of a distance is not measured and counts as this many."""
+"""Number of limits above which the margin of a distance is not measured and counts as this many limits."""
 
 
 def _length_rule(given: Any) -> str | None:
@@ -54,6 +54,7 @@ def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     ),
 )  # fmt: skip
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Smallest margin in mm of all length rules, or of one rule."""
     wanted = options.get("rule")
     margins = [m.margin * 1e3 for m in evaluation.margins if m.unit == "m" and wanted in (None, m.rule)]
     rules = evaluation.design.rules

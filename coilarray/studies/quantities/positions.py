@@ -1,4 +1,4 @@
-"""How well readings determine the position: the Cramér–Rao bound over a region."""
+"""Accuracy with which readings determine the position: the Cramér–Rao bound over a region."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_positive, read_rectangle
 from coilarray.studies.quantities.responses import DEPTH
 
-# Against half the spacing and twice the depths the medians of σ_x are right to 1 % and those of σ_h to 3 %
+# Against half the spacing and twice the depths the medians of σ_x are accurate to 1 % and the medians of σ_h to 3 %
 # (tests/studies/test_quantities.py), and from one mesh to the next they scatter by less.
 _STEPS = 6  # positions of the table in the thickness of all sheets
-_DEPTHS = (0.85, 1.0, 1.15)  # of the table, in the depth that is asked for; δ = 0 at the depth 0 too
+_DEPTHS = (0.85, 1.0, 1.15)  # of the table, relative to the requested depth; δ = 0 at the depth 0 too
 _PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
 
 
@@ -59,6 +59,7 @@ def _depth_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> float:
+    """Median over a region of the standard deviation in mm."""
     depth = evaluation.depth(options.get("depth_mm"))
     given = options.get("region_mm")
     if given is None:
@@ -84,7 +85,7 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
 
 
 def _middles(start: float, stop: float, count: int) -> FloatArray:
-    """Middles of equal parts."""
+    """Middles of equal parts of an interval."""
     return start + (stop - start) * (np.arange(count) + 0.5) / count
 
 

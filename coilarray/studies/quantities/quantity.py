@@ -1,4 +1,4 @@
-"""A quantity, and requests for it with options: as a text like ``k[coil1,coil2]`` or as a table."""
+"""Quantities, and requests for them with options: as a text like ``k[coil1,coil2]`` or as a table."""
 
 from __future__ import annotations
 
@@ -15,16 +15,19 @@ from coilarray.studies.quantities.evaluation import Evaluation
 Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
 
 Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response", "table"]
-"""Most expensive result that a quantity needs: shapes alone, inductances, the circuit of every state, a target at some
-distances, an indentation at some places, or one at a whole table of places and depths."""
+"""Most expensive result that a quantity needs.
+
+It is shapes alone, inductances, the circuit of every state, a target at some distances, an indentation at some places,
+or an indentation at a whole table of places and depths.
+"""
 
 
-_EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, as they stand in brackets
+_EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in the form used in brackets
 
 
 @dataclass(frozen=True)
 class Option:
-    """One option of a quantity.
+    """Option of a quantity.
 
     Parameters
     ----------
@@ -37,9 +40,9 @@ class Option:
     says : str
         Meaning of the option and its default.
     required : bool
-        True if there is no default.
+        Whether the option has no default.
     bare : bool
-        True if its value stands in a text without its name.
+        Whether its value stands in a text without its name.
     """
 
     name: str
@@ -52,18 +55,18 @@ class Option:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of a design that can be optimized, limited or tabulated.
+    """Number of a design that can be optimized, limited or tabulated.
 
     Parameters
     ----------
     name : str
-        Name of the quantity, which ends with its unit if it has one.
+        Name of the quantity. It ends with the unit, if there is one.
     unit : str
-        Unit as shown: "mm", "µH"; "1" for pure numbers.
+        Unit as shown: "mm", "µH", or "1" for pure numbers.
     says : str
         Meaning of the quantity.
     cost : {"geometry", "coupling", "circuit", "target", "response", "table"}
-        Most expensive result that it needs; see `Cost`.
+        Most expensive result that it needs, see `Cost`.
     compute : callable
         Function of an `Evaluation` and the given options that returns the number.
     options : tuple of Option
@@ -79,11 +82,17 @@ class Quantity:
 
     @property
     def is_read(self) -> bool:
-        """Whether it comes from what a converter reads, rather than from shapes and inductances alone."""
+        """Whether a converter must read the quantity.
+
+        Otherwise it comes from shapes and inductances alone.
+        """
         return self.cost not in ("geometry", "coupling")
 
     def asked(self, given: Mapping[str, Any]) -> Request:
-        """Return the request for this quantity with options; GoalError for those that it does not take."""
+        """Return the request for this quantity with options.
+
+        Raises GoalError for options that it does not have.
+        """
         known = {option.name: option for option in self.options}
         for name in given:
             if name not in known:
@@ -108,20 +117,20 @@ class Quantity:
 def quantity(
     name: str, unit: str, cost: Cost, says: str, *options: Option
 ) -> Callable[[Callable[[Evaluation, Mapping[str, Any]], float]], Quantity]:
-    """Make a `Quantity` of the function below that computes it."""
+    """Make a decorator that turns a function into a `Quantity`."""
     return lambda compute: Quantity(name, unit, says, cost, compute, options)
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A quantity with its options.
+    """Quantity with its options.
 
     Parameters
     ----------
     quantity : Quantity
         The quantity.
     options : mapping of str to value
-        The given options, in the order of those of the quantity.
+        The given options, in the order in which the quantity has them.
     """
 
     quantity: Quantity
@@ -129,19 +138,25 @@ class Request:
 
     @property
     def coils(self) -> list[str]:
-        """Names of the coils that it asks for."""
+        """Names of the requested coils."""
         named = [self.options[option] for option in ("coil", "coils") if option in self.options]
         return [str(name) for value in named for name in (value if isinstance(value, tuple) else (value,))]
 
     @property
     def key(self) -> str:
-        """Canonical text, equal for equal requests: ``k[coil1,coil2]``, ``position_error_mm[depth_mm=1]``."""
+        """Canonical text, equal for equal requests.
+
+        Examples are ``k[coil1,coil2]`` and ``position_error_mm[depth_mm=1]``.
+        """
         bare = {option.name for option in self.quantity.options if option.bare}
         parts = [_text(value) if name in bare else f"{name}={_text(value)}" for name, value in self.options.items()]
         return f"{self.quantity.name}[{','.join(parts)}]" if parts else self.quantity.name
 
     def value(self, evaluation: Evaluation) -> float:
-        """Compute the quantity; GoalError if the design has none."""
+        """Compute the quantity.
+
+        Raises GoalError if the design does not have it.
+        """
         number = float(self.quantity.compute(evaluation, self.options))
         if not math.isfinite(number):
             missing = design_capacitance(evaluation.design)[1] if self.quantity.cost == "circuit" else ""
@@ -177,7 +192,10 @@ def read_positive(given: Any) -> float | None:
 
 
 def read_rectangle(given: Any) -> tuple[float, ...] | None:
-    """Read x_min, x_max, y_min, y_max from a list or from a text with colons."""
+    """Read x_min, x_max, y_min, y_max.
+
+    They are given as a list, or as a text with colons.
+    """
     parts = given.split(":") if isinstance(given, str) else given
     if not isinstance(parts, list | tuple) or len(parts) != 4:
         return None

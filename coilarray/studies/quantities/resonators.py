@@ -1,4 +1,4 @@
-"""Quantities of the circuit: every state of the scan where the converter oscillates, with all losses and strays."""
+"""Quantities of the circuit: every state of the scan in which the converter oscillates, with all losses and strays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from coilarray.studies.quantities.quantity import Option, Quantity, quantity, re
 
 
 def _of_state(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
-    """Make the quantity of a variable of the scan, of the state that measures one coil alone."""
+    """Make the quantity of a variable of the scan.
+
+    It belongs to the state that measures one coil alone.
+    """
 
     @quantity(name, unit, "circuit", says, COIL)
     def of_state(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
@@ -44,6 +47,7 @@ def _self_resonance_margin(evaluation: Evaluation, options: Mapping[str, Any]) -
     "relative distance of R_p to the nearer end of the LDC1614's window of 1 to 100 kΩ, worst state; negative outside",
 )  # fmt: skip
 def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Smallest relative distance from the limits of the drive window."""
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     margins = []
     for state in zip(*(evaluation.scan[name].values.tolist() for name in names), strict=True):
@@ -58,7 +62,7 @@ def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 )  # fmt: skip
 def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     if not evaluation.judged:
-        _ = evaluation.scan  # which notes itself
+        _ = evaluation.scan  # which updates the count
     return float(evaluation.unread)
 
 

@@ -29,6 +29,7 @@ DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; t
     Option("coil", COIL.must_be, read_name, "which coil; the array by default", bare=True), DEPTH,
 )  # fmt: skip
 def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Largest δ of a coil, or of all states at the middle."""
     depth = evaluation.depth(options.get("depth_mm"))
     if "coil" in options:
         state, (x, y) = evaluation.state_of(options["coil"]), evaluation.centre(options["coil"])
@@ -44,6 +45,7 @@ def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     COIL, DEPTH,
 )  # fmt: skip
 def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Width in mm at half the peak of a coil's response."""
     name = options["coil"]
     state, (x, y) = evaluation.state_of(name), evaluation.centre(name)
     line = _line(evaluation, y, evaluation.depth(options.get("depth_mm")), x)
@@ -64,6 +66,7 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
     Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
 )  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Root mean square of the shift x0 of the ellipses, in mm."""
     setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
@@ -82,7 +85,10 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> CubicSpline:
-    """Spline of δ of every state over x at one y and depth, in m; GoalError if it does not reach `through`."""
+    """Spline of δ of every state over x.
+
+    y and depth are in m. Raises GoalError if the line does not reach `through`.
+    """
     thickness = sum(sheet.thickness for sheet in evaluation.design.sheets)
     low, high, _, _ = evaluation.window(depth, beyond=thickness)
     if not low <= through <= high:
@@ -95,7 +101,7 @@ def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> Cub
 
 
 def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
-    """Coils on the x axis of the map whose largest δ lies inside it."""
+    """Coils on the map's x axis with their largest δ inside it."""
     near = np.diff(response.y.values).min(initial=np.inf) / 2
     inside = []
     for name, state in evaluation.own_states.items():

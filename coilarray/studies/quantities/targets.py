@@ -50,6 +50,7 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
     COIL, *_PLACE, _NOISE,
 )  # fmt: skip
 def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Largest detected distance in mm."""
     found = _ranges(_every_distance(evaluation, options), options)
     value = float(found.range.item())
     if math.isnan(value):
@@ -65,6 +66,7 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     COIL, *_OVER, _NOISE,
 )  # fmt: skip
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Compute the standard deviation of the distance in µm."""
     distance = evaluation.distance(options.get("distance_mm"))
     known = _every_distance(evaluation, options, distance)
     deviations = _ranges(known, options).distance_deviation.values[:, 0]
@@ -82,7 +84,10 @@ def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:
-    """Map of one coil's state at all distances of the design, and one that is wanted."""
+    """Map of one coil's state at all distances of the design.
+
+    A wanted distance is added.
+    """
     distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
     if len(distances) < 2:
         raise GoalError(
@@ -92,7 +97,10 @@ def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: 
 
 
 def _over(evaluation: Evaluation, options: Mapping[str, Any], distances: Sequence[float]) -> xr.Dataset:
-    """Map of one coil's state with the target over the coil, or where the options say, at some distances in m."""
+    """Map of one coil's state at some distances in m.
+
+    The target is over the coil, or at the place given in the options.
+    """
     name, target = options["coil"], evaluation.target
     state = evaluation.state_of(name)
     place = evaluation.design.array.centres[evaluation.coil(name)]

@@ -88,8 +88,7 @@ def analyse(
         - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
         - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
         - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with the reason if it
-        is
-          assumed.
+          is assumed.
 
         With samples also:
 
@@ -97,7 +96,7 @@ def analyse(
           reading has no position. ``failure`` (sample) gives the cause.
         - ``sample_mean``, and ``sample_deviation`` with its standard error.
         - ``ratio`` of sample deviation and linear deviation, with its standard error, NaN if the linear deviation is
-        zero.
+          zero.
         - ``percentiles``.
 
         ``unread`` (sample) marks boards that no converter can read, and the attribute ``not_read`` counts them.

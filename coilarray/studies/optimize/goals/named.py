@@ -1,4 +1,4 @@
-"""Named goals that fit any design: each takes its ranges and bounds from the given design."""
+"""Named goals that fit any design, with ranges and bounds from the given design."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ from coilarray.studies.sweep import UNREAD, Axis
 _UNKNOWNS = 3  # of a position: x, y and the depth
 _WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
 _KEPT = -0.001  # mm: what the check of the fabrication rules takes as kept
-_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # of what they are
+_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
 @dataclass(frozen=True)
 class _Part:
-    """What one name or wish gives to a goal: tables, each with a line that says where it comes from."""
+    """Contribution of one name or wish to a goal.
+
+    It consists of tables, each with a line about its origin.
+    """
 
     objectives: list[tuple[dict[str, Any], str]]
     constraints: list[tuple[dict[str, Any], str]]
@@ -39,23 +42,29 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Named:
-    """A goal that has a name: of which designs it can be made, what it changes, and the rest of it."""
+    """Goal with a name: its condition, its changes, and the rest."""
 
     title: str
-    needs: Callable[[Design], object]  # GoalError for a design that has not what it is about
+    needs: Callable[[Design], object]  # GoalError for a design that lacks the goal's subject
     variables: Callable[[DesignFile], list[Range]]
     part: Callable[[DesignFile], _Part]
 
 
 @dataclass(frozen=True)
 class DerivedGoal:
-    """A goal, and one line for each of its tables, by places such as "variable.0", that says where it comes from."""
+    """Goal with a line about the origin of each of its tables.
+
+    The tables are named by places such as "variable.0".
+    """
 
     goal: Goal
     comments: Mapping[str, str]
 
     def text(self, head: str) -> str:
-        """Return the goal as a commented file; `head` are the lines at its top."""
+        """Return the goal as a commented file.
+
+        `head` are the lines at its top.
+        """
         return goal_text(self.goal, self.comments, head)
 
 
@@ -65,7 +74,7 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
     Parameters
     ----------
     name_or_path : str or Path
-        A goal file (TOML), or one of `NAMES`, a goal that is made for the design; a file goes before a name.
+        A goal file (TOML), or one of `NAMES`, a goal that is made for the design. A file has precedence over a name.
     design : Design or DesignFile
         Design that is to be changed.
 
@@ -77,8 +86,8 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
     Raises
     ------
     GoalError
-        An unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line; a design for which
-        there is no such goal, for example `decouple` for a single coil.
+        If the file is unreadable, is not valid TOML, or has an unknown key or a value that is not allowed, in one line.
+        Also if the goal does not fit the design, for example `decouple` for a single coil.
 
     Examples
     --------
@@ -94,11 +103,11 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
 
 
 def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
-    """Return a goal with bounds that every board must keep.
+    """Add bounds that every board must keep to a goal.
 
-    The margin of the fabrication rules is kept, or broken no more than by the design; where the goal has a quantity
-    that an LDC1614 reads, and the design such a converter, it must be able to read all of it. A bound is left out where
-    the goal says something of it itself, and both for the sampler cmaes, which takes none.
+    The margin of the fabrication rules is kept, or broken no more than by the design. If the goal has a quantity that
+    an LDC1614 reads, and the design has such a converter, the converter must be able to read all of it. A bound is left
+    out if the goal already treats its quantity. Both are left out for the sampler cmaes, which takes no bounds.
     """
     if goal.search.sampler == "cmaes":
         return goal
@@ -115,7 +124,7 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
 
 
 def is_named(name_or_path: str | Path) -> bool:
-    """Whether this is the name of a goal that is made for a design, and no file."""
+    """Whether this is the name of a goal, and not a file."""
     return str(name_or_path) in NAMES and not Path(name_or_path).is_file()
 
 
@@ -125,17 +134,17 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     Parameters
     ----------
     wishes : sequence of str
-        Names among `NAMES`, or ``minimize QUANTITY``, ``maximize QUANTITY`` and ``QUANTITY=VALUE``; several make a goal
-        with several objectives, in which all may change that any of them changes.
+        Names among `NAMES`, or ``minimize QUANTITY``, ``maximize QUANTITY`` and ``QUANTITY=VALUE``. Several wishes make
+        a goal with several objectives. Its variables are the variables of all of them.
     design : Design or DesignFile
         Design that is to be changed.
     vary : sequence of Axis
-        Variables, from `coilarray.studies.sweep.parse_axis`, instead of those that follow from the wishes.
+        Variables, from `coilarray.studies.sweep.parse_axis`, instead of the variables that follow from the wishes.
 
     Raises
     ------
     GoalError
-        A wish that is none, or a design that has nothing that such a goal could change.
+        If a wish is not valid, or the design has nothing that such a goal could change.
     """
     file = as_file(design)
     asked = [_named(wish) for wish in wishes]
@@ -170,9 +179,9 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
 
 
 def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[str, Any]]) -> DerivedGoal:
-    """Return a goal with the variables of `vary` instead of its own, where there are some, and further bounds.
+    """Return a goal with other variables and further bounds.
 
-    A bound takes the place of those of the same quantity.
+    The variables of `vary`, if any, replace the goal's own. A bound replaces the bounds of the same quantity.
     """
     if not vary and not keep:
         return derived
@@ -195,7 +204,9 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
-    """Return which of `NAMES` are no goals for a design, and why, in one line.
+    """Return the goals of `NAMES` that do not fit, with reasons.
+
+    Each reason is one line.
 
     Examples
     --------
@@ -219,7 +230,10 @@ def _nothing_to_vary(wishes: Sequence[str], file: DesignFile) -> str:
 
 
 def _named(wish: str) -> _Named:
-    """Return the goal of a name, or make one of a wish: all that decides a coil and its distances may change."""
+    """Return the goal of a name or a wish.
+
+    With a wish everything that determines a coil and its distances may change.
+    """
     if wish in _NAMED:
         return _NAMED[wish]
     objective = parse_wish(wish)
@@ -241,6 +255,7 @@ def _worst_k(file: DesignFile) -> _Part:
 
 
 def _decouple(file: DesignFile) -> _Part:
+    """Goal of zero coupling between two neighbours in the middle."""
     near = ranges.neighbours(file.design)
     reason = "two neighbours in the middle"
     if near.share_copper:
@@ -255,6 +270,7 @@ def _decouple(file: DesignFile) -> _Part:
 
 
 def _three_states(design: Design) -> None:
+    """Refuse a design with fewer states than unknowns."""
     _ = Evaluation(design).indentation  # there must be one
     if len(design.plan) < _UNKNOWNS:
         raise GoalError(
@@ -264,6 +280,7 @@ def _three_states(design: Design) -> None:
 
 
 def _position_error(file: DesignFile) -> _Part:
+    """Goal of the least error of x over all coils."""
     return _Part(
         [
             (
@@ -294,7 +311,10 @@ def _resolution(file: DesignFile) -> _Part:
 
 
 def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _Part:
-    """Change size, turns and traces of the coils, on no more board than there is."""
+    """Change size, turns and traces of the coils.
+
+    The board does not grow.
+    """
     coil = file.design.array.middle_coil
     board, _ = _areas(file)[0]
     now = evaluate(file.design, ["board_area_mm2"])["board_area_mm2"]
@@ -308,7 +328,10 @@ def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _P
 
 
 def _smallest(file: DesignFile) -> _Part:
-    """Keep the inductance in the middle, the coupling and most of Q, as far as the design has them."""
+    """Minimize the board area at constant performance.
+
+    The inductance in the middle, the coupling and most of Q are kept, as far as the design has them.
+    """
     design = file.design
     coil = design.array.names[0] if len(design.array.names) == 1 else ranges.neighbours(design).names[0]
     wanted = {f"inductance_uH[{coil}]": (1.0, "at_least", "as much as it is; another one can be asked for here")}
@@ -332,7 +355,10 @@ def _smallest(file: DesignFile) -> _Part:
 
 
 def _distances(file: DesignFile) -> list[Range]:
-    """Return what brings coils nearer to each other: the pitch, or their size where each has its own place."""
+    """Return the ranges that bring coils nearer to each other.
+
+    They are the pitch, or the sizes if each coil has its own place.
+    """
     return ranges.pitch_ranges(file) or ranges.size_ranges(file)
 
 
@@ -345,6 +371,7 @@ def _of_traces(file: DesignFile) -> list[Range]:
 
 
 def _fab(file: DesignFile) -> tuple[dict[str, Any], str]:
+    """Bound of the fabrication margin, with its reason."""
     margin = evaluate(file.design, ["fab_margin_mm"])["fab_margin_mm"]
     if margin < _KEPT:
         least, says = rounded(_WORSE * margin, 3, up=False), "no worse than it is: the design itself breaks a rule"
@@ -354,6 +381,7 @@ def _fab(file: DesignFile) -> tuple[dict[str, Any], str]:
 
 
 def _areas(file: DesignFile) -> list[tuple[dict[str, Any], str]]:
+    """Bounds of board area and covered area, with their reasons."""
     now = evaluate(file.design, ["board_area_mm2", "covered_mm2"])
     board = rounded(_AREA_MORE * now["board_area_mm2"], 3, up=True)
     covered = rounded(_COVERED_LESS * now["covered_mm2"], 3, up=False)
@@ -392,4 +420,4 @@ _NAMED: Mapping[str, _Named] = {
     "resolution": _Named("Finest resolution of distance", _target, _of_traces, _resolution),
 }  # fmt: skip
 NAMES: Mapping[str, str] = {name: named.title for name, named in _NAMED.items()}
-"""Goals that fit many designs, by name, with what each is in words; see `unfit_goals`."""
+"""Goals that fit many designs, by name, each with a description. See `unfit_goals`."""

@@ -1,6 +1,6 @@
 """Ranges of the entries of a design that may change, from its coils, its lattice and its fabrication limits.
 
-The design as it is lies in every range, so that a search never has to leave out what it starts from.
+The design itself lies in every range, so a search never has to leave out its start.
 """
 
 from __future__ import annotations
@@ -18,13 +18,16 @@ from coilarray.errors import GoalError
 
 _MOST_CHOICES = 12  # of copper layers; more would need more points than a search has
 _WIDER, _SMALLER = 1.25, 0.6  # of a pitch or a size, from what it is
-_OVERLAP = 0.5  # of the distance at which coils touch: nearer ones are all but one coil
+_OVERLAP = 0.5  # of the distance at which coils touch: nearer coils are nearly one coil
 _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
 
 
 @dataclass(frozen=True)
 class Range:
-    """An entry that may change: the tables of ``[[variable]]``, and one line that says where its range comes from."""
+    """Entry that may change, with a reason for its range.
+
+    `tables` are tables of ``[[variable]]``, and the reason is one line.
+    """
 
     variable: dict[str, Any]
     says: str
@@ -32,7 +35,10 @@ class Range:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two coils: their names, their distance in m, that at which their outlines touch, and if they share copper."""
+    """Two coils with their distance in m.
+
+    The pair has the names, the distance at which the outlines touch, and whether the coils share copper.
+    """
 
     names: tuple[str, str]
     distance: float
@@ -41,7 +47,10 @@ class Pair:
 
 
 def pairs(design: Design) -> list[Pair]:
-    """Return all pairs of coils, the nearest first; of equally near ones those first that lie in the middle."""
+    """Return all pairs of coils, the nearest first.
+
+    Equally near pairs are sorted by their distance from the middle.
+    """
     places = design.array.placements
     middle = (design.array.centres.min(axis=0) + design.array.centres.max(axis=0)) / 2
     found, outlines = [], {place.name: place.to_board(place.coil.outline) - (place.x, place.y) for place in places}
@@ -57,9 +66,9 @@ def pairs(design: Design) -> list[Pair]:
 
 
 def neighbours(design: Design) -> Pair:
-    """Return the two neighbours in the middle of the array, on different copper where there are such.
+    """Return two neighbours in the middle of the array.
 
-    GoalError for a single coil.
+    They are on different copper if there is such a pair. Raises GoalError for a single coil.
     """
     known = pairs(design)
     if not known:
@@ -69,13 +78,16 @@ def neighbours(design: Design) -> Pair:
 
 
 def pitch_ranges(file: DesignFile) -> list[Range]:
-    """Return the range of the pitch of a lattice; none for a single coil and where every coil has its own place."""
+    """Return the range of the pitch of a lattice.
+
+    It is empty for a single coil, and if every coil has its own place.
+    """
     design, pitch = file.design, file.values.get("array.pitch_mm")
     known = pairs(design)
     if not isinstance(pitch, int | float) or not known:
         return []
     gap = design.rules.min_gap
-    # a distance between two coils is the pitch times what it is now
+    # a distance between two coils is the pitch times a constant ratio
     apart = max((pitch * (one.touching + gap) / one.distance for one in known if one.share_copper), default=0.0)
     near = neighbours(design)
     closest = pitch * _OVERLAP * near.touching / near.distance
@@ -87,7 +99,10 @@ def pitch_ranges(file: DesignFile) -> list[Range]:
 
 
 def size_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of the outer sizes of all spirals; coils of one copper layer do not grow into each other."""
+    """Return the ranges of the outer sizes of all spirals.
+
+    Coils of one copper layer do not grow into each other.
+    """
     design = file.design
     room = min(
         ((one.distance - design.rules.min_gap) / one.touching for one in pairs(design) if one.share_copper),
@@ -100,7 +115,10 @@ def size_ranges(file: DesignFile) -> list[Range]:
 
 
 def turns_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of the turns a layer of all spirals, in whole steps from what they are."""
+    """Return the ranges of the turns per layer of all spirals.
+
+    They are in whole steps from the present numbers.
+    """
     ranges = []
     for key, turns in _of_coils(file, "turns_per_layer"):
         low = turns - min(max(1, round(_TURNS_LESS * turns)), math.ceil(turns) - 1)
@@ -112,7 +130,10 @@ def turns_ranges(file: DesignFile) -> list[Range]:
 
 
 def trace_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of trace widths and gaps of all spirals: from the limits of [fab] to what they are."""
+    """Return the ranges of trace widths and gaps of all spirals.
+
+    They extend from the limits of [fab] to the present values.
+    """
     rules = file.design.rules
     limits = (("trace_width_mm", rules.min_trace * 1e3), ("gap_mm", rules.min_gap * 1e3))
     return [
@@ -124,7 +145,10 @@ def trace_ranges(file: DesignFile) -> list[Range]:
 
 
 def layer_choices(file: DesignFile) -> list[Range]:
-    """Return the ways to give the sets of copper layers, one of which each coil of a lattice takes in turn."""
+    """Return the possible sets of copper layers.
+
+    Each coil of a lattice takes one of the sets in turn.
+    """
     sets = file.values.get("array.layers")
     if not isinstance(sets, list) or len(sets) < 2 or len(file.design.array.names) < 2:
         return []
@@ -144,7 +168,10 @@ def layer_choices(file: DesignFile) -> list[Range]:
 
 
 def termination_choices(file: DesignFile) -> list[Range]:
-    """Return what may close the coils that are not measured; none for a single coil."""
+    """Return the possible terminations of coils not measured.
+
+    It is empty for a single coil.
+    """
     key = "circuit.default_termination"
     now = file.values.get(key)
     if now not in ("short", "open") or len(file.design.array.names) < 2:
@@ -153,7 +180,7 @@ def termination_choices(file: DesignFile) -> list[Range]:
 
 
 def rounded(value: float, digits: int, *, up: bool) -> float:
-    """Return a number rounded up or down to so many digits.
+    """Round a number up or down to a number of digits.
 
     >>> rounded(13.28, 3, up=True), rounded(-0.0123, 1, up=False)
     (13.3, -0.02)
@@ -166,13 +193,19 @@ def rounded(value: float, digits: int, *, up: bool) -> float:
 
 
 def _between(key: str, now: float, low: float, high: float, why: str) -> Range:
-    """Make a range of bounds of three digits that holds the value as it is."""
+    """Make a range with bounds of three digits.
+
+    It includes the present value.
+    """
     ends = {"low": min(rounded(low, 3, up=True), now), "high": max(rounded(high, 3, up=True), now)}
     return Range({"entry": key, **ends}, f"{now:g} as it is; {why}")
 
 
 def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
-    """Return the numbers of all spirals that are used whose key begins so, by their dotted keys."""
+    """Return the numbers of all used spirals for some keys.
+
+    They are given by their dotted keys. The last name of a key starts with `begins`.
+    """
     used = {place.coil.name for place in file.design.array.placements}
     return [
         (key, float(value))
@@ -185,12 +218,15 @@ def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
 
 
 def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[list[str]]]:
-    """Give the ways to choose so many sets of layers without a common one, whatever their order."""
+    """Yield the ways to choose disjoint sets of layers.
+
+    The order of the sets does not matter.
+    """
     if count == 0:
         yield []
         return
     for first in itertools.combinations(range(len(names)), size):
-        # every set begins after the one before, so that no way is there twice
+        # every set begins after the set before, so no way is repeated
         for rest in _disjoint(
             tuple(n for k, n in enumerate(names) if k > first[0] and k not in first), size, count - 1
         ):

@@ -1,4 +1,4 @@
-"""A goal as the text of a goal file, with a comment beside everything that was derived from the design."""
+"""Goal as the text of a goal file, with a comment beside everything that was derived from the design."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ _TABLES = ("variable", "objective", "constraint")
 
 
 def goal_text(goal: Goal, comments: Mapping[str, str], head: str) -> str:
-    """Write a goal as a file that `coilarray.studies.optimize.goal.parse_goal` reads back.
+    """Write a goal as the text of a goal file.
 
-    `comments` has a line for each table by its place, such as "variable.0"; `head` are the lines at the top.
+    `coilarray.studies.optimize.goal.parse_goal` reads it back. `comments` has a line for each table by its place, such
+    as "variable.0". `head` are the lines at the top.
     """
     document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
     lines = [*(f"# {line}".rstrip() for line in head.splitlines()), ""]
@@ -30,12 +31,12 @@ def goal_text(goal: Goal, comments: Mapping[str, str], head: str) -> str:
 
 
 def _entries(table: Mapping[str, Any]) -> list[str]:
-    ordered = sorted(table, key=lambda key: key != "quantity")  # what a bound is of comes first
+    ordered = sorted(table, key=lambda key: key != "quantity")  # the quantity of a bound comes first
     return [f"{key} = {_value(table[key])}" for key in ordered if table[key] is not None]
 
 
 def _value(value: Any) -> str:
-    """Return a plain value as TOML, lists of lists one a line."""
+    """Return a plain value as TOML, with one inner list per line."""
     if isinstance(value, list) and any(isinstance(part, list) for part in value):
         return "[\n" + "".join(f"    {json.dumps(part, ensure_ascii=False)},\n" for part in value) + "]"
     return json.dumps(value, ensure_ascii=False)

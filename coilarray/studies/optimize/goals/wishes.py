@@ -19,7 +19,9 @@ _BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
 
 
 def parse_wish(text: str) -> dict[str, Any] | None:
-    """Read ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE`` as an objective; None for anything else.
+    """Read a wish as an objective.
+
+    The form is ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``. None for any other text.
 
     Examples
     --------
@@ -34,7 +36,9 @@ def parse_wish(text: str) -> dict[str, Any] | None:
 
 
 def parse_bound(text: str) -> dict[str, Any]:
-    """Read ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE`` as a constraint; GoalError for anything else.
+    """Read a bound as a constraint.
+
+    The form is ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE``. Raises GoalError for any other text.
 
     Examples
     --------
@@ -49,7 +53,10 @@ def parse_bound(text: str) -> dict[str, Any]:
 
 
 def variable_of(axis: Axis) -> dict[str, Any]:
-    """Return an axis of the command line as a variable: START:STOP, START:STOP:COUNT as steps, or A,B,… as choices."""
+    """Return an axis of the command line as a variable.
+
+    The axis is START:STOP, START:STOP:COUNT as steps, or A,B,… as choices.
+    """
     values = axis.values
     if axis.interval:
         return {"entry": axis.key, "low": values[0], "high": values[1]}
@@ -63,7 +70,7 @@ def axis_of(variable: Variable) -> Axis:
     """Return a variable of a goal as an axis of a sweep."""
     if variable.choices is not None:
         return Axis(variable.entry, tuple(variable.choices))
-    assert variable.low is not None  # the table has seen to it
+    assert variable.low is not None  # checked by the table
     assert variable.high is not None
     if variable.step is None:
         return Axis(variable.entry, (variable.low, variable.high), interval=True)
