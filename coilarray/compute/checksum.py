@@ -1,13 +1,13 @@
-"""Checksums of what is written and read back: a bit that flips on a disk is noticed, and never taken for a number.
+"""Checksums of written data: a bit that flips on a disk is noticed, and never taken for a number.
 
-Values, such as a row of a database, are kept with the `checksum` of them. A whole file ends in a line with the checksum
-of all bytes before it, its seal. To readers of TOML that line is a comment, and readers of netCDF (HDF5) stop before
-it: the format itself says where it ends, and so a netCDF file without a seal is one of another program. A TOML or JSON
-file without one is cut.
+Values, such as a row of a database, are kept with their `checksum`. A whole file ends in a line with the checksum of
+all bytes before it, its seal. To readers of TOML that line is a comment. Readers of netCDF (HDF5) stop before it,
+because the format itself defines its end, so a netCDF file without a seal was written by another program. A TOML or
+JSON file without a seal is cut.
 
-A table of text, CSV, is kept line by line: the last column of each line is a checksum of the table up to there, and the
-last line, a comment, has the number of lines and a checksum of all. Lines that are missing, doubled or swapped are thus
-noticed, and so is a table that is cut. Nothing is repaired.
+A table of text, CSV, is kept line by line. The last column of each line is a checksum of the table up to there. The
+last line, a comment, has the number of lines and a checksum of all. Missing, doubled or swapped lines are thus noticed,
+and so is a table that is cut. Nothing is repaired.
 """
 
 from __future__ import annotations
@@ -37,16 +37,18 @@ _AT_ONCE = 1 << 20  # bytes
 
 
 def canonical(*parts: Any) -> bytes:
-    """Return the bytes that stand for values in a checksum or a key: equal values have equal bytes on every machine.
+    """Return the bytes of values for a checksum or a key.
 
-    The parts are tables, lists, texts, numbers, arrays and dataclasses of these. The order of a table's entries does
-    not matter; 1 and 1.0 are different.
+    Equal values have equal bytes on every machine. The parts are tables, lists, texts, numbers, arrays and dataclasses
+    of these. The order of a table's entries does not matter. 1 and 1.0 are different.
     """
     return _ENCODER.encode(parts).encode()
 
 
 def checksum(*parts: Any) -> str:
-    """Return the checksum of values, as `canonical` takes them: 64 bits of BLAKE2b (RFC 7693), hexadecimal.
+    """Return the checksum of values, as 16 hexadecimal digits.
+
+    It is 64 bits of BLAKE2b (RFC 7693) of the values in the form of `canonical`.
 
     Examples
     --------
@@ -78,13 +80,19 @@ class TableSeal:
         self._lines = 0
 
     def line(self, cells: Iterable[object]) -> str:
-        """Return the next line, the first of which is the head, with its checksum and its end."""
+        """Return the next line with its checksum and its end.
+
+        The first line is the head.
+        """
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="").writerow(cells)
         return self.text_line(buffer.getvalue())
 
     def text_line(self, text: str) -> str:
-        """Return the next line as `line` does, from its cells as text with commas between them."""
+        """Return the next line, from its text with commas.
+
+        See `line`.
+        """
         self._digest.update(f"{text}\n".encode())
         self._lines += 1
         return f"{text},{COLUMN if self._lines == 1 else self._digest.hexdigest()}\n"
@@ -97,21 +105,25 @@ class TableSeal:
 
 
 def with_checksums(table: str) -> str:
-    """Return a CSV, of which no cell has a line break, with a checksum in each line and a last line of `TableSeal`."""
+    """Return a CSV with the checksums of `TableSeal`.
+
+    Each line gets a checksum, and the table a last line. No cell may have a line break.
+    """
     seal = TableSeal()
     return "".join(map(seal.text_line, table.splitlines())) + seal.end()
 
 
 def has_checksums(table: str) -> bool:
-    """Whether a CSV is one of `TableSeal`, cut or not."""
+    """Whether a CSV has checksums of `TableSeal`, cut or not."""
     return table.split("\n", 1)[0].endswith(f",{COLUMN}") or _LAST_LINE in table
 
 
 def checked_rows(table: str, name: object, *, cut: bool = False) -> tuple[list[list[str]], bool]:
-    """Check a CSV of `TableSeal`; return the cells of its lines, without the checksums, and whether it is whole.
+    """Check a CSV of `TableSeal`, and return its cells.
 
-    DamagedError, which names the file, for one in which anything has changed, and for one without its last line, as a
-    killed program leaves it, unless `cut` asks for its whole lines.
+    The cells of its lines are returned without the checksums, and whether the table is whole. Raises DamagedError,
+    which names the file, if anything has changed. A table without its last line, as a killed program leaves it, raises
+    it too, unless `cut` requests its whole lines.
     """
     *lines, rest = table.split("\n")
     last = lines.pop() if lines and not rest and lines[-1].startswith(_LAST_LINE) else None
@@ -134,7 +146,10 @@ def sealed(data: bytes) -> bytes:
 
 
 def unsealed(data: bytes, name: object) -> bytes:
-    """Return the content of a file without its seal; DamagedError, which names the file, for a wrong one or none."""
+    """Return the content of a file without its seal.
+
+    Raises DamagedError, which names the file, if the seal is wrong or missing.
+    """
     if _SEAL.fullmatch(data[-_LENGTH:]) is None:
         raise DamagedError(f"{name} is cut: its last line, a checksum, is missing.")
     content = data[:-_LENGTH]
@@ -144,15 +159,19 @@ def unsealed(data: bytes, name: object) -> bytes:
 
 
 def seal_file(path: Path) -> None:
-    """Put the seal behind a file, which is read in blocks; OSError if that fails."""
+    """Append the seal to a file, which is read in blocks.
+
+    Raises OSError on failure.
+    """
     with path.open("r+b") as file:
         file.write(_seal(_digest(file, path.stat().st_size)))
 
 
 def check_seal(path: Path) -> bool:
-    """Check a file against its seal, in blocks; return whether it has one.
+    """Check a file against its seal, in blocks.
 
-    DamagedError if the two do not fit, OSError for a file that cannot be read.
+    Returns whether the file has a seal. Raises DamagedError if seal and content do not fit, and OSError if the file
+    cannot be read.
     """
     with path.open("rb") as file:
         size = max(path.stat().st_size - _LENGTH, 0)
@@ -167,7 +186,7 @@ def check_seal(path: Path) -> bool:
 
 
 def _digest(file: IO[bytes], size: int) -> hashlib.blake2b:
-    """Take in so many bytes of a file from where it stands."""
+    """Hash a number of bytes from a file's current position."""
     digest = hashlib.blake2b(digest_size=_FILE_BYTES)
     while size > 0 and (block := file.read(min(size, _AT_ONCE))):
         digest.update(block)
@@ -184,10 +203,10 @@ def _damaged(name: object) -> DamagedError:
 
 
 def _plain(value: Any) -> Any:
-    """Return arrays and dataclasses as JSON can hold them."""
+    """Return arrays and dataclasses in a form for JSON."""
     if isinstance(value, np.ndarray):
         return [value.dtype.str, value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
-    if isinstance(value, bytes):  # what a damaged database has instead of a text
+    if isinstance(value, bytes):  # a damaged database has bytes instead of a text
         return ["bytes", value.hex()]
     if isinstance(value, np.generic):
         return value.item()

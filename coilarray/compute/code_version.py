@@ -10,16 +10,17 @@ from pathlib import Path
 
 _ROOT = Path(__file__).parent.parent
 _COMPUTES_WITH = ("numpy", "scipy", "numba")
-_SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders that decide no result
+_SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without influence on results
 
 
 @functools.cache
 def code_version() -> str:
-    """Return the version of coilarray with a hash of its source and of the versions of numpy, scipy and numba.
+    """Return the version of coilarray with a hash of its code.
 
-    Two machines compute the same numbers only where this is equal, and a number kept on disk is valid only as long as
-    it is: the package's version alone stays the same while somebody edits a working copy or updates numpy. The
-    processor and its mathematical library are not in it; they change last digits.
+    The hash covers its source and the versions of numpy, scipy and numba. Two machines compute the same numbers only if
+    it is equal, and a number kept on disk is valid only as long as it stays. The package's version alone does not
+    change when a working copy is edited or numpy is updated. The processor and its mathematical library are not
+    included. They change last digits.
     """
     digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
     for path in _sources():
@@ -28,7 +29,10 @@ def code_version() -> str:
 
 
 def _sources() -> list[Path]:
-    """Return the modules and data files that decide results, in the same order on every machine."""
+    """Return the source and data files that decide results.
+
+    They are in the same order on every machine.
+    """
     found = []
     for folder, inside, files in os.walk(_ROOT, followlinks=True):  # geometry is a link in a working copy
         inside[:] = [name for name in inside if name not in _SHOWS]

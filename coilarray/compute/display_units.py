@@ -18,10 +18,11 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A customary unit: its symbol, empty for a pure number, the factor from SI, and the number of digits.
+    """Customary unit with its symbol, factor and digits.
 
-    `digits` are decimal places, by default as many as give the largest of the numbers four significant digits; or
-    `significant` digits of each number, for numbers that span many powers of ten.
+    The symbol is empty for a pure number. The factor converts from SI. `digits` are decimal places, by default as many
+    as give the largest of the numbers four significant digits. With `significant` they are significant digits of each
+    number, for numbers that span many powers of ten.
 
     Examples
     --------
@@ -41,11 +42,17 @@ class DisplayUnit:
     significant: bool = False
 
     def label(self, quantity: str) -> str:
-        """Return the quantity's name, followed by the unit in brackets where there is one."""
+        """Return the quantity's name with the unit in brackets.
+
+        The brackets are left out if there is no unit.
+        """
         return f"{quantity} ({self.symbol})" if self.symbol else quantity
 
     def texts(self, numbers: Sequence[float]) -> list[str]:
-        """Return numbers in SI as text in this unit, with a true minus sign and never a minus zero."""
+        """Return numbers in SI as text in this unit.
+
+        They have a true minus sign and never a minus zero.
+        """
         shown = [number * self.factor for number in numbers]
         if self.significant:
             return [true_minus(_with_power(f"{number:.{self.digits or _LARGEST_DIGITS}g}")) for number in shown]
@@ -54,26 +61,31 @@ class DisplayUnit:
 
     def of(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return values in SI as numbers in this unit."""
-        import numpy as np  # not above: commands import this module before the program says how many threads NumPy gets
+        import numpy as np  # not above: commands import this module before they set the number of threads of NumPy
 
         return np.asarray(values, dtype=np.float64) * self.factor
 
     def text(self, value: Any, digits: str = "") -> str:
-        """Return a value in SI as a plain number with its unit; `digits` is a precision as in ``".3"``."""
+        """Return a value in SI as a plain number with its unit.
+
+        `digits` is a precision as in ``".3"``.
+        """
         between = "·" if self.symbol.startswith("10") else " "
         return true_minus(f"{float(value) * self.factor + 0.0:{digits}g}{between}{self.symbol}".rstrip())
 
 
 def number_text(number: float, digits: int, sign: str = "-") -> str:
-    """Return a number with so many decimal places as text, with a true minus sign, and none before a zero.
+    """Return a number with fixed decimal places as text.
 
-    Where `sign` is "+", positive numbers have a plus sign.
+    It has a true minus sign, but no sign before a zero. If `sign` is "+", positive numbers have a plus sign.
     """
     return true_minus(f"{round(number, digits) + 0.0:{sign}.{digits}f}")
 
 
 def value_text(value: object) -> str:
-    """Return an entry of a design or a quantity as text: numbers with up to six digits, a dash where there is none.
+    """Return an entry of a design or a quantity as text.
+
+    Numbers have up to six digits. A missing value is a dash.
 
     Examples
     --------
@@ -110,7 +122,10 @@ def true_minus(text: str) -> str:
 
 
 def _decimals(numbers: Sequence[float]) -> int:
-    """Return the decimal places that give the largest number four significant digits; whole numbers get none."""
+    """Return the decimal places for four significant digits.
+
+    They are chosen for the largest number. Whole numbers get none.
+    """
     largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
     if largest == 0.0 or all(float(number).is_integer() for number in numbers):
         return 0
@@ -120,7 +135,7 @@ def _decimals(numbers: Sequence[float]) -> int:
 PLAIN = DisplayUnit()
 """Numbers as they are."""
 MM = DisplayUnit("mm", 1e3, 3)
-"""Places and shapes: people read pictures of boards in mm."""
+"""Places and shapes. Pictures of boards are in mm."""
 MILLI_DELTA = DisplayUnit("10⁻³", 1e3)
 """δ as an axis of its own, as in the figures of Gast & Zimmermann (2020)."""
 KILOHM = DisplayUnit("kΩ", 1e-3, 2)
@@ -140,8 +155,9 @@ _UNITS = {
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Return the customary unit for values in an SI unit, which is itself if there is no other.
+    """Return the customary unit for values in an SI unit.
 
-    The SI unit is as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
+    It is the SI unit itself if there is no other. The SI unit has the form of the attribute ``units`` of a dataset,
+    such as "H" or "ohm". "" and "1" are pure numbers.
     """
     return _UNITS.get(unit or "1", DisplayUnit(unit))

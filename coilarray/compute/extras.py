@@ -1,4 +1,4 @@
-"""Libraries that only some work needs, and that come with an extra of the package."""
+"""Optional libraries, which come with an extra of the package."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from coilarray.errors import MissingDependencyError
 
 
 def import_extra(module: str, purpose: str, *, package: str, extra: str) -> ModuleType:
-    """Import a module, by its dotted name, of an optional library that `purpose` needs ("STEP files", in the plural).
+    """Import a module of an optional library.
 
-    MissingDependencyError says how to install it, `package` by the `extra` of coilarray, or why it cannot be loaded.
+    `module` is its dotted name. `purpose` is the work that needs the library, in the plural, such as "STEP files".
+    MissingDependencyError has the command to install it, `package` by the `extra` of coilarray, or the reason why it
+    cannot be loaded.
     """
     try:
         return importlib.import_module(module)
     except ImportError as error:
         if importlib.util.find_spec(module.partition(".")[0]) is None:
             line = not_installed(purpose, package, extra)
-        else:  # an extension module hides what stopped it, even Ctrl-C, behind an ImportError
+        else:  # an extension module hides the error that stopped it, even Ctrl-C, behind an ImportError
             cause = error.__cause__ or error
             if isinstance(cause, KeyboardInterrupt):
                 raise cause from None
@@ -32,24 +34,33 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 
 
 def not_installed(purpose: str, package: str, extra: str) -> str:
-    """Return the line that says how to install `package` by an extra of coilarray; `purpose` is in the plural."""
+    """Return the message on how to install `package`.
+
+    It is installed by an extra of coilarray. `purpose` is in the plural.
+    """
     return f"{purpose} need {package}, which is not installed: {_install_command(extra)}."
 
 
 def _install_command(extra: str) -> str:
-    """Return the command that adds an extra, by the Python that runs, to coilarray as it was installed."""
+    """Return the command that adds an extra to this coilarray.
+
+    It uses the running Python and the way in which coilarray was installed.
+    """
     return f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
 
 
 def python_command(folder: Path) -> str:
-    """Return the Python that runs, as one types it in a folder."""
+    """Return the running Python, as typed in a folder."""
     path = Path(sys.executable or "python")
     typed = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
     return f'"{typed}"' if " " in typed else typed
 
 
 def _requirement(extra: str) -> str:
-    """Return what pip needs in order to find this coilarray again: a name, a folder, a file or an address."""
+    """Return the requirement by which pip finds this coilarray.
+
+    It is a name, a folder, a file or an address.
+    """
     from importlib.metadata import PackageNotFoundError, distribution  # every command imports this module
     from urllib.parse import urlsplit
     from urllib.request import url2pathname

@@ -1,4 +1,4 @@
-"""Write files whole or not at all."""
+"""Write files completely or not at all."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from pathlib import Path
 from coilarray.errors import CoilarrayError, OutputError
 
 MOST_BYTES = 1_000_000_000
-"""Of a file that is read into memory."""
+"""Largest size in bytes of a file that is read into memory."""
 
 _LEFT = re.compile(r"\..*-coilarray-(\d+)-[a-z0-9_]{8}(\..*)?", re.DOTALL)
 _TOLD: list[Callable[[Path, Path], None]] = []
 
-# there is no way to read the mask without setting it; once, before any thread runs
+# the mask cannot be read without setting it; once, before any thread runs
 _UMASK = os.umask(0o022)
 os.umask(_UMASK)
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Let `write` fill a temporary file beside `path` with the same suffix, then give it the name `path`.
+    """Write a file completely or not at all.
 
-    OutputError if the file cannot be written; `path` is then as it was before.
+    `write` fills a temporary file beside `path` with the same suffix, which then gets the name `path`. Raises
+    OutputError if the file cannot be written, in which case `path` is unchanged.
     """
     with writing(path):
         remove_left(path.parent)
@@ -46,13 +47,19 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def hidden_prefix(name: str) -> str:
-    """Return how a temporary file or folder beside the file of a name begins; `remove_left` knows it by that."""
+    """Return the prefix of temporary files beside a file.
+
+    `remove_left` recognizes temporary files and folders by it.
+    """
     return f".{name[:50]}-coilarray-{os.getpid()}-"
 
 
 def remove_left(folder: Path) -> None:
-    """Delete the temporary files and folders of programs that were killed on this computer."""
-    with suppress(OSError):  # what cannot be looked at or deleted stays
+    """Delete temporary files and folders of killed programs.
+
+    The programs ran on this computer.
+    """
+    with suppress(OSError):  # files that cannot be listed or deleted stay
         for entry in list(os.scandir(folder)):
             found = _LEFT.fullmatch(entry.name)
             if found is not None and not _is_alive(int(found[1])):
@@ -63,7 +70,10 @@ def remove_left(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether there is a process of this number; on Windows, where asking would end it, there always is."""
+    """Whether there is a process of this number.
+
+    Always True on Windows, where the check would end the process.
+    """
     if os.name != "posix":
         return True
     try:
@@ -76,21 +86,24 @@ def _is_alive(process: int) -> bool:
 
 
 def announce_to(tell: Callable[[Path, Path], None]) -> None:
-    """Call `tell` from now on with every temporary file that is whole and the name that it gets next, and no other."""
+    """Call `tell` with every complete temporary file.
+
+    It also gets the name that the file gets next. It replaces any earlier function.
+    """
     _TOLD[:] = [tell]
 
 
 def announce(temporary: Path, path: Path) -> None:
-    """Say that a temporary file is about to get its name."""
+    """Announce that a temporary file is about to get its name."""
     for tell in _TOLD:
         tell(temporary, path)
 
 
 @contextmanager
 def writing(path: object, *others: type[Exception]) -> Iterator[None]:
-    """Turn what the system says of a file that it cannot write into an OutputError that names the file.
+    """Convert errors of writing to OutputError with the file's name.
 
-    `others` are errors that say the same, such as ValueError for a name with a zero byte.
+    `others` are further errors with the same meaning, such as ValueError for a name with a zero byte.
     """
     failures: tuple[type[Exception], ...] = (OSError, *others)
     try:
@@ -100,7 +113,10 @@ def writing(path: object, *others: type[Exception]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file, whole or not at all; OutputError if that fails."""
+    """Write a UTF-8 text file, completely or not at all.
+
+    Raises OutputError on failure.
+    """
 
     def write(temporary: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
@@ -109,7 +125,10 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file, whole or not at all; OutputError if that fails."""
+    """Write a file, completely or not at all.
+
+    Raises OutputError on failure.
+    """
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(data)
@@ -125,7 +144,10 @@ def require_suffix(path: Path, *suffixes: str) -> None:
 
 
 def read_text(path: Path, error: type[CoilarrayError]) -> str:
-    """Read a UTF-8 text file, with or without a byte order mark; `error`, one line, where that fails."""
+    """Read a UTF-8 text file, with or without a byte order mark.
+
+    Raises `error`, with one line, on failure.
+    """
     try:
         return text_of_file(path)
     except UnicodeDecodeError:
@@ -135,14 +157,18 @@ def read_text(path: Path, error: type[CoilarrayError]) -> str:
 
 
 def text_of_file(path: Path, most: int = MOST_BYTES) -> str:
-    """Read a text as `bytes_of_file`, without a byte order mark; UnicodeDecodeError if it is not UTF-8."""
+    """Read a text file without its byte order mark.
+
+    The file is read by `bytes_of_file`. Raises UnicodeDecodeError if it is not UTF-8.
+    """
     return io.TextIOWrapper(io.BytesIO(bytes_of_file(path, most)), encoding="utf-8-sig").read()
 
 
 def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file or a pipe; OSError if that fails, also for a device and for more than so many bytes.
+    """Read a file or a pipe, up to a number of bytes.
 
-    A pipe into which no program writes is empty.
+    Raises OSError on failure, for a device, and for more than `most` bytes. A pipe into which no program writes is
+    empty.
     """
     with open(path, "rb", opener=_open_at_once) as file:
         found = os.fstat(file.fileno())
@@ -157,12 +183,15 @@ def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def _open_at_once(name: str, flags: int) -> int:
-    """Open a file without waiting for a program at the other end of a pipe."""
+    """Open a file without waiting at the other end of a pipe."""
     return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its parents where they do not exist; OutputError if that fails."""
+    """Make a folder and its parents if they do not exist.
+
+    Raises OutputError on failure.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

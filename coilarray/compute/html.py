@@ -1,4 +1,4 @@
-"""HTML for reports and notebooks: one table, and what a value shows of itself where a notebook displays it."""
+"""HTML for reports and notebooks: tables, and the display of values in notebooks."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _STYLE = "<style>.coilarray th, .coilarray td { text-align: left; } .coilarray i
 
 
 def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str | None = None) -> str:
-    r"""Return a table as HTML; all text is escaped.
+    r"""Return a table as HTML, with all text escaped.
 
     Parameters
     ----------
     headers : sequence of str
-        Headings of the columns; empty for a table without.
+        Headings of the columns. Empty for a table without headings.
     rows : iterable of sequence of str
         Text of the cells.
     mark : str, optional
@@ -36,7 +36,10 @@ def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str 
 
 
 def html_card(title: str, *parts: str) -> str:
-    """Return what a notebook shows of a value: a title in words, and tables or pictures as HTML below it."""
+    """Return the display of a value in a notebook.
+
+    It has a title in words, and tables or pictures as HTML below it.
+    """
     return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
 
 

@@ -1,4 +1,4 @@
-"""Available memory, and an error before more than that is allocated."""
+"""Available memory, and an error before more is allocated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from coilarray.errors import CoilarrayError
 
 LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
-"""Environment variable that sets the allowed memory in GB in place of a share of what is free."""
+"""Environment variable that sets the allowed memory in GB, in place of a share of the free memory."""
 
 SHARE = 0.75
 """Share of the free memory that one array and its computation may use."""
@@ -21,20 +21,26 @@ _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 class MemoryLimitError(CoilarrayError, MemoryError):
-    """Work that needs more memory than is allowed; names the work, its need and the allowed memory."""
+    """Work needs more memory than is allowed.
+
+    The message names the work, its need and the allowed memory.
+    """
 
 
 def collect_seldom() -> None:
-    """Let this process look for cycles of dead objects a hundred times less often than Python does by default.
+    """Reduce the garbage collection of this process.
 
-    Imports, kernels and pictures make very many objects that last: looking through them again and again takes a tenth
-    of a command's time, and a fifth of the compilation.
+    Cycles of dead objects are searched a hundred times less often than by default. Imports, kernels and pictures make
+    very many lasting objects. Searching them repeatedly takes a tenth of a command's time, and a fifth of the
+    compilation.
     """
     gc.set_threshold(_OBJECTS_A_COLLECTION, 20, 20)
 
 
 def require_memory(size: float, what: str, advice: str = "") -> None:
-    """Refuse work that needs more bytes than `allowed_memory`, with `what` as subject; call it before allocating.
+    """Refuse work that needs more bytes than `allowed_memory`.
+
+    `what` is the subject of the message. Call it before allocating.
 
     Examples
     --------
@@ -54,9 +60,10 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
 
 
 def allowed_memory() -> float:
-    """Bytes that one piece of work may use: `SHARE` of what is free, or what ``COILARRAY_MEMORY_GB`` says.
+    """Memory in bytes that one piece of work may use.
 
-    MemoryLimitError if that is not a positive number.
+    It is `SHARE` of the free memory, or the value of ``COILARRAY_MEMORY_GB``. Raises MemoryLimitError if this value is
+    not a positive number.
     """
     said = os.environ.get(LIMIT_VARIABLE)
     if said is None:
@@ -71,15 +78,16 @@ def allowed_memory() -> float:
 
 
 def available_memory() -> float:
-    """Bytes that this process can still get without swapping; infinite where the system does not say.
+    """Memory in bytes that is available without swapping.
 
-    The least of the free memory of the machine, of every control group that this process is in (as containers and
-    batch systems set them), and of its own limit (``ulimit -v``).
+    It is infinite if the system does not report it. It is the least of the free memory of the machine, of every control
+    group of this process, as set by containers and batch systems, and of its own limit (``ulimit -v``).
     """
     return min(_free_on_machine(), _left_in_groups(), own_limit())
 
 
 def _free_on_machine() -> float:
+    """Free memory of the machine in bytes, inf if unknown."""
     free = _fields(_PROC / "meminfo").get("MemAvailable")
     if free is not None:
         return free * 1024
@@ -90,7 +98,10 @@ def _free_on_machine() -> float:
 
 
 def _left_in_groups() -> float:
-    """Bytes left in the control groups, of both versions, whose pages of files can be given up."""
+    """Memory in bytes left in the control groups, of both versions.
+
+    Pages of files that can be given up count as free.
+    """
     left = float("inf")
     for line in _text(_PROC / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
@@ -111,13 +122,16 @@ def _left_in_groups() -> float:
 
 def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
     limit, used = (_text(group / name).strip() for name in names)
-    if not (limit.isdecimal() and used.isdecimal()):  # "max" where there is no limit, nothing if no group
+    if not (limit.isdecimal() and used.isdecimal()):  # "max" without a limit, empty without a group
         return float("inf")
     return float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0))
 
 
 def own_limit() -> float:
-    """Bytes of address space that this process may still take (``ulimit -v``); infinite without a limit."""
+    """Address space in bytes left to this process (``ulimit -v``).
+
+    It is infinite without a limit.
+    """
     try:
         import resource
     except ImportError:  # Windows
@@ -128,7 +142,7 @@ def own_limit() -> float:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """Numbers of a file of lines of a name and a number."""
+    """Numbers of a file with a name and a number per line."""
     words = [line.replace(":", " ").split() for line in _text(path).splitlines()]
     return {line[0]: int(line[1]) for line in words if len(line) > 1 and line[1].isdecimal()}
 

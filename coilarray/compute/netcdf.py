@@ -1,6 +1,6 @@
-"""Datasets on disk as netCDF, written whole or not at all, with a checksum, and what one that is read must have.
+"""Datasets on disk as netCDF with a checksum, written completely or not at all, and requirements on datasets.
 
-A file is made in memory and written as a whole: HDF5 crashes the process where it cannot write, as on a full disk.
+A file is made in memory and written as a whole, because HDF5 crashes the process if it cannot write, as on a full disk.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ _SHOWN = 100  # characters of names in a message
 
 
 class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
-    """An HDF5 file that opens each of its objects once: h5netcdf asks for every variable some twenty times."""
+    """HDF5 file that opens each of its objects once.
+
+    h5netcdf requests every variable about twenty times.
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -50,14 +53,14 @@ class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
 
 @dataclass(frozen=True)
 class Entry:
-    """What a variable, a coordinate or an attribute of a dataset must be.
+    """Requirements on a variable, coordinate or attribute.
 
     Parameters
     ----------
     unit : str, optional
-        Unit of the numbers, which ``units`` of a file must not contradict, empty for any; None for texts.
+        Unit of the numbers, which ``units`` of a file must not contradict. Empty for any unit, None for texts.
     dims : tuple of str
-        Dimensions of a variable, which a file may have in any order.
+        Dimensions of a variable. A file may have them in any order.
     needed : bool
         Whether a dataset without it is refused.
     low, high : float
@@ -65,8 +68,8 @@ class Entry:
     gaps : bool
         Whether a number may be NaN.
     rising : bool
-        Whether the numbers must rise, by a nanometre or more, where `low` is 0 from there on; names along a dimension
-        of their own must differ anyway.
+        Whether the numbers must rise, by a nanometre or more. If `low` is 0, the first number counts from 0. Names
+        along a dimension of their own must differ in any case.
     fewer_dims : bool
         Whether it may be without some of the dimensions.
     longest : int
@@ -74,7 +77,7 @@ class Entry:
     names : tuple of str
         Texts that must be among its own.
     flag : bool
-        Whether it is true or false instead of a number.
+        Whether it is a boolean instead of a number.
     """
 
     unit: str | None
@@ -92,10 +95,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Schema:
-    """What a kind of dataset must have; what else it has is left alone.
+    """Requirements on a kind of dataset.
 
-    `error` is raised for a dataset that is none, and `summary` says in it what makes it one. Each of `together` are
-    variables of which a dataset has all or none.
+    Other contents of the dataset are ignored. `error` is raised for a dataset of another kind, and `summary` describes
+    the kind in the message. Each of `together` are variables of which a dataset has all or none.
     """
 
     error: type[CoilarrayError]
@@ -106,13 +109,13 @@ class Schema:
 
     @property
     def needed(self) -> list[str]:
-        """Names of the variables without which a dataset is refused."""
+        """Names of the variables that a dataset must have."""
         return [name for name, entry in self.variables.items() if entry.needed]
 
     def checked(self, dataset: xr.Dataset, who: str) -> xr.Dataset:
         """Return a dataset with its numbers in float64 and its dimensions in order.
 
-        An `error` names the first field that is wrong, of `who`.
+        An `error` names the first wrong field of `who`.
 
         Examples
         --------
@@ -160,6 +163,7 @@ class Schema:
         return set(dims) <= set(entry.dims) if entry.fewer_dims else set(dims) == set(entry.dims)
 
     def _values(self, values: Any, entry: Entry, what: str, unit: Any) -> Any:
+        """Check the values of an entry, and return them."""
         if not entry.dims and values.ndim:
             raise self.error(f"{what} must be a single value; got an array of shape {values.shape}.")
         if entry.unit is None:
@@ -190,6 +194,7 @@ class Schema:
         return numbers
 
     def _check_rising(self, values: Any, entry: Entry, what: str) -> None:
+        """Raise an error if values do not rise."""
         if entry.low == 0 and 0 < values[0] < _LEAST_STEP:  # 0 itself may be put before it
             raise self.error(f"{what} must begin with 0 or at {_LEAST_STEP:g} or more; got {values[0]:g}.")
         steps = np.diff(values)
@@ -198,13 +203,16 @@ class Schema:
             raise self.error(f"{what} must rise; got {values[first + 1]:g} after {values[first]:g}.")
 
 
-_LEAST_STEP = 1e-9  # m; closer positions are those of another unit or of no map
+_LEAST_STEP = 1e-9  # m; closer positions have another unit or do not belong to a map
 
 
 def variables(
     *rows: tuple[str, tuple[str, ...], Any, str, str],
 ) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-    """Variables of a dataset from rows of a name, dimensions, values, the unit ("" for none), and the name in words."""
+    """Make the variables of a dataset from rows.
+
+    A row has a name, dimensions, values, the unit ("" for none), and the name in words.
+    """
     return {
         name: (dims, values, ({"units": unit} if unit else {}) | {"long_name": words})
         for name, dims, values, unit, words in rows
@@ -212,7 +220,10 @@ def variables(
 
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as netCDF, whole or not at all; OutputError where that fails."""
+    """Write a dataset as netCDF, completely or not at all.
+
+    Raises OutputError on failure.
+    """
     save_netcdf(netcdf_of(dataset), path)
 
 
@@ -225,7 +236,10 @@ def netcdf_of(dataset: xr.Dataset) -> bytes:
 
 
 def save_netcdf(content: bytes, path: Path) -> None:
-    """Write what `netcdf_of` returned to a file, whole or not at all; OutputError where that fails."""
+    """Write the result of `netcdf_of` to a file.
+
+    It is written completely or not at all. Raises OutputError on failure.
+    """
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(content)
@@ -236,9 +250,9 @@ def save_netcdf(content: bytes, path: Path) -> None:
 
 @contextmanager
 def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterator[Any]:
-    """Write a dataset into a file in memory; within the block more can be added to the h5netcdf.File that it gets.
+    """Write a dataset into a netCDF file in memory.
 
-    `options` are those of that file.
+    Within the block more can be added to the yielded h5netcdf.File. `options` are options of this file.
     """
     import h5netcdf
     from xarray.backends import H5NetCDFStore
@@ -249,23 +263,24 @@ def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterato
 
 
 def load_part(path: Path) -> xr.Dataset | None:
-    """Read a dataset from a netCDF file; None where there is no such file, or none that can be read.
+    """Read a dataset from a netCDF file.
 
-    DamagedError for a file that `save_dataset` wrote and that has changed since. Files of other programs have no
-    checksum, and are read as they are.
+    None if the file does not exist or cannot be read. Raises DamagedError if `save_dataset` wrote the file and it has
+    changed since. Files of other programs have no checksum, and are read without a check.
     """
     try:
         return _load(path)
     except DamagedError:
         raise
-    except Exception:  # h5py, h5netcdf and xarray raise whatever a damaged file makes them stumble over
+    except Exception:  # h5py, h5netcdf and xarray raise many kinds of errors for a damaged file
         return None
 
 
 def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
-    """Read a dataset from a netCDF file and check it by the first schema, or by the one whose needed variables it has.
+    """Read a dataset from a netCDF file and check it.
 
-    The schema's error for a file that is none of its kind; MemoryLimitError for one that is larger than the memory.
+    The schema is the schema whose needed variables it has, otherwise the first. Raises the schema's error if the file
+    is of another kind, and MemoryLimitError if it is larger than the memory.
     """
     error = schemas[0].error
     if not path.is_file():
@@ -281,14 +296,15 @@ def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
 
 
 def _load(path: Path) -> xr.Dataset:
+    """Load a dataset from a file after checking its seal."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
     check_seal(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what a damaged attribute means
+        warnings.simplefilter("ignore")  # about the meaning of a damaged attribute
         with _File(path, "r") as opened:
-            opened.attrs.get("_nc3_strict")  # what fails here would leave half an object of h5netcdf, loud on stderr
+            opened.attrs.get("_nc3_strict")  # an error here would leave half an object of h5netcdf, loud on stderr
             with (
                 h5netcdf.File(opened, "r", decode_vlen_strings=True, phony_dims="access") as file,
                 xr.open_dataset(H5NetCDFStore(file), decode_times=False) as dataset,

@@ -12,9 +12,9 @@ Result = TypeVar("Result")
 
 
 class Recent(Generic[Result]):
-    """The last `size` results by key.
+    """Last `size` results by key.
 
-    A second thread that asks for one waits for the first instead of computing it again.
+    If a second thread requests a key, it waits for the first instead of computing the result again.
     """
 
     def __init__(self, size: int) -> None:
@@ -23,7 +23,10 @@ class Recent(Generic[Result]):
         self._results: OrderedDict[Hashable, Future[Result]] = OrderedDict()
 
     def get(self, key: Hashable, compute: Callable[[], Result]) -> Result:
-        """Return the result of `compute` for a key; an exception is raised to all who wait and not kept."""
+        """Return the result of `compute` for a key.
+
+        An exception is raised to all waiting threads and not kept.
+        """
         with self._lock:
             future = self._results.get(key)
             mine = future is None

@@ -1,10 +1,10 @@
-"""Computed results on disk, each under a hash of what it was computed from, and the lock of files with one writer.
+"""Store of computed results on disk, each under a hash of its inputs, and the lock of files with one writer.
 
 An entry is a small JSON file or a netCDF file. Its name is the SHA-256 of everything that decides the result: the
 inputs, the source code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
-although it changes last digits. Entries are written whole or not at all and end in a checksum: one that is damaged
-counts as missing, which a line on standard error says. The folder may be deleted at any time, and several runs may use
-it at once.
+although it changes last digits. Entries are written completely or not at all and end in a checksum. A damaged entry
+counts as missing, with a warning on standard error. The folder may be deleted at any time, and several runs may use it
+at once.
 """
 
 from __future__ import annotations
@@ -38,12 +38,18 @@ _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 @dataclasses.dataclass(frozen=True)
 class Store:
-    """Results in a folder, in subfolders named by the first two digits of their key; `open_store` makes one."""
+    """Results in a folder, made by `open_store`.
+
+    Subfolders are named by the first two digits of the keys.
+    """
 
     folder: Path
 
     def get(self, key: str) -> Any | None:
-        """Return the JSON value kept under a key; None if there is none, or none that is whole."""
+        """Return the JSON value kept under a key.
+
+        None if it is missing or damaged.
+        """
         path = self._path(key, "json")
         try:
             return json.loads(unsealed(path.read_bytes(), path))
@@ -54,13 +60,19 @@ class Store:
             return None
 
     def put(self, key: str, value: Any) -> None:
-        """Keep a JSON value under a key; OutputError if the file cannot be written."""
+        """Keep a JSON value under a key.
+
+        Raises OutputError if the file cannot be written.
+        """
         path = self._path(key, "json")
         make_folder(path.parent)
         write_bytes(path, sealed(json.dumps(value).encode() + b"\n"))
 
     def get_dataset(self, key: str) -> xr.Dataset | None:
-        """Return the dataset kept under a key; None if there is none, or none that is whole."""
+        """Return the dataset kept under a key.
+
+        None if it is missing or damaged.
+        """
         from coilarray.compute.netcdf import load_part
 
         path = self._path(key, "nc")
@@ -72,7 +84,10 @@ class Store:
         return None
 
     def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
-        """Keep a dataset under a key; OutputError if the file cannot be written."""
+        """Keep a dataset under a key.
+
+        Raises OutputError if the file cannot be written.
+        """
         from coilarray.compute.netcdf import save_dataset
 
         path = self._path(key, "nc")
@@ -80,12 +95,15 @@ class Store:
         save_dataset(dataset, path)
 
     def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """Return the dataset kept of these parts, as `content_key` takes them, or compute and, with room, keep it."""
+        """Return the dataset kept for some parts, or compute it.
+
+        The parts are as in `content_key`. A computed dataset is kept if there is room.
+        """
         key = content_key(*parts)
         found = self.get_dataset(key)
         if found is None:
             found = compute()
-            with suppress(OutputError):  # no room, which is not a reason to lose it
+            with suppress(OutputError):  # a full disk is no reason to lose it
                 self.put_dataset(key, found)
         return found
 
@@ -108,9 +126,10 @@ class Store:
 
 
 def open_store(folder: str | Path | None = None) -> Store:
-    """Open a store, in a new folder if there is none; OutputError if that cannot be made.
+    """Open a store, in a new folder if it does not exist.
 
-    By default it is the folder that the environment variable ``COILARRAY_CACHE`` names, else the user's cache folder.
+    The default folder is named by the environment variable ``COILARRAY_CACHE``, otherwise it is the user's cache
+    folder. Raises OutputError if the folder cannot be made.
     """
     import platformdirs
 
@@ -122,12 +141,18 @@ def open_store(folder: str | Path | None = None) -> Store:
 
 
 def store_to_keep(keep: bool | str | Path) -> Store | None:
-    """Open the store that a study keeps its evaluations in: the default one, that of a folder, or none."""
+    """Open the store of a study's evaluations, if wanted.
+
+    It is the default store, or the store of a folder.
+    """
     return open_store(None if keep is True else keep) if keep else None
 
 
 def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Return a dataset as `Store.dataset` of the default store; where that cannot be made it is only computed."""
+    """Return a dataset from the default store, or compute it.
+
+    It is as in `Store.dataset`. If the store cannot be made, the dataset is only computed.
+    """
     try:
         store = open_store()
     except OutputError:
@@ -136,19 +161,21 @@ def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.
 
 
 def content_key(*parts: Any) -> str:
-    """Return the key of a result: SHA-256, hexadecimal, of the parts and of `code_version`.
+    """Return the key of a result, a SHA-256 in hexadecimal.
 
-    The parts are everything that decides the result besides the code, as `canonical` takes them.
+    It is the hash of the parts and of `code_version`. The parts are everything that decides the result besides the
+    code, as in `canonical`.
     """
     return hashlib.sha256(canonical(code_version(), *parts)).hexdigest()
 
 
 @contextmanager
 def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
-    """Open a SQLite file that no other process can use meanwhile; the lock ends with this process on every system.
+    """Open a SQLite file that no other process can use meanwhile.
 
-    It is made where it does not exist, empty as a plain lock, and in autocommit mode. OutputError for a file that
-    another process has locked, which `message` says, that cannot be written, or that is not a database.
+    The lock ends with this process on every system. The file is made if it does not exist, empty as a plain lock, and
+    is in autocommit mode. Raises OutputError if another process has locked the file, with `message` as the text, if it
+    cannot be written, or if it is not a database.
     """
     with writing(path, sqlite3.Error, ValueError):
         there = path.exists()
@@ -157,7 +184,7 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
             (journal,) = connection.execute("PRAGMA journal_mode").fetchone()
-            connection.execute("PRAGMA journal_mode = MEMORY")  # no file is left where the process is killed
+            connection.execute("PRAGMA journal_mode = MEMORY")  # no file remains if the process is killed
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("COMMIT")  # in this mode the lock stays
             connection.execute(f"PRAGMA journal_mode = {journal}")
@@ -170,11 +197,14 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
 
 
 def delete_database(path: Path) -> None:
-    """Delete a SQLite file and what SQLite keeps beside it; all connections must be closed."""
+    """Delete a SQLite file and its auxiliary files.
+
+    All connections must be closed.
+    """
     for end in ("", "-wal", "-shm", "-journal"):
         Path(f"{path}{end}").unlink(missing_ok=True)
 
 
 def _say_damaged(path: Path) -> None:
-    """Say that an entry is of no use."""
+    """Warn that an entry is damaged."""
     _LOG.warning("coilarray: %s is damaged; what it held is computed anew.", path)

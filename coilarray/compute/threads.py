@@ -1,8 +1,9 @@
 """Split work into blocks and run them on threads.
 
-Kernels release the interpreter's lock, so plain threads use every core; numba's own threading layers are left alone
+Kernels release the interpreter's lock, so plain threads use every core. Numba's own threading layers are not used,
 because they abort when two Python threads meet in one parallel kernel (workqueue) or when a process forks (OpenMP).
-Meanwhile the linear algebra libraries get one thread each: more of them on our small matrices only wait for each other.
+Meanwhile the linear algebra libraries get one thread each. With more threads, our small matrices would only wait for
+each other.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ Progress = Callable[[int, int], None]
 
 
 def cores() -> int:
-    """Return the number of processor cores this process may use, or what ``COILARRAY_THREADS`` says."""
+    """Return the number of processor cores this process may use.
+
+    ``COILARRAY_THREADS`` overrides it.
+    """
     said = os.environ.get("COILARRAY_THREADS", "")
     if said.isdecimal() and int(said) > 0:
         return int(said)
@@ -33,7 +37,10 @@ def cores() -> int:
 
 
 def part_of(progress: Progress | None, number: int, parts: int) -> Progress | None:
-    """Return what reports the progress of part `number`, from 0, of so many equal parts of the work."""
+    """Return the progress callback of one part of the work.
+
+    The part is `number`, from 0, of `parts` equal parts.
+    """
     if progress is None or parts < 2:
         return progress
     return lambda done, total: progress(number * total + done, parts * total)
@@ -53,9 +60,10 @@ def ranges(count: int, size: int) -> list[tuple[int, int]]:
 def run_blocks(
     work: Callable[[Item], Result], items: Iterable[Item], *, progress: Progress | None = None
 ) -> Sequence[Result]:
-    """Apply `work` to every item on as many threads as there are cores; results come in the order of the items.
+    """Apply `work` to every item, on one thread per core.
 
-    An exception in one block ends the whole run: blocks not yet begun are dropped and the exception is raised.
+    Results come in the order of the items. An exception in one block ends the whole run: blocks not yet begun are
+    dropped and the exception is raised.
     """
     todo = list(items)
     if not todo:
@@ -78,9 +86,10 @@ def run_blocks(
 
 @contextmanager
 def threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Open so many threads for the block; where it raises, what they have not begun is dropped.
+    """Open `count` threads for a ``with`` block.
 
-    It waits for what they have begun, but not after an interrupt, which would come late.
+    If the block raises an exception, work that has not begun is dropped. Begun work is waited for, except after an
+    interrupt, which would come late.
     """
     pool = ThreadPoolExecutor(max_workers=count)
     try:
@@ -92,7 +101,10 @@ def threads(count: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Progress | None) -> Sequence[Result]:
-    """Apply `work` in this thread: starting another one for each of many small blocks costs as much as they do."""
+    """Apply `work` in this thread.
+
+    Starting another thread for each of many small blocks costs as much as the blocks do.
+    """
     results = []
     with serial_algebra():
         for item in todo:
@@ -104,10 +116,11 @@ def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Pr
 
 @contextmanager
 def serial_algebra() -> Iterator[None]:
-    """Let the linear algebra use one thread while the block, or the function that this decorates, runs.
+    """Limit the linear algebra to one thread.
 
-    The last bits of its results depend on their number. In most builds the limit is of the whole process: where blocks
-    run in several threads at once, the first that ends may lift it for all.
+    The limit holds while the block, or the decorated function, runs. The last bits of results depend on the number of
+    threads. In most builds the limit belongs to the whole process. If blocks run in several threads at once, the first
+    that ends may lift it for all.
     """
     with _controller("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
         yield
@@ -115,5 +128,8 @@ def serial_algebra() -> Iterator[None]:
 
 @cache
 def _controller(with_scipy: bool) -> ThreadpoolController:
-    """Find the linear algebra libraries once, which takes milliseconds; SciPy brings its own when it is imported."""
+    """Find the linear algebra libraries once.
+
+    This takes milliseconds. SciPy brings its own library when it is imported.
+    """
     return ThreadpoolController()

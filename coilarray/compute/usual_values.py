@@ -1,7 +1,7 @@
-"""Usual ranges of lengths, capacitances, resistances and frequencies, and the likely slip of a unit outside of them.
+"""Usual ranges of lengths, capacitances, resistances and frequencies, and the likely wrong unit outside of them.
 
-A value is called unusual only where a thousandth or the thousandfold of it would be usual: millimetres for metres,
-micrometres for millimetres. The ranges reach from coils 0.1 mm wide to those of wireless chargers, 1 m wide.
+A value is called unusual only if a thousandth or the thousandfold of it would be usual, such as millimetres for metres
+or micrometres for millimetres. The ranges extend from coils 0.1 mm wide to the coils of wireless chargers, 1 m wide.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _UNITS = {
     "kPa": "kPa", "r": "", "permittivity": "",
 }  # fmt: skip
 LARGEST_COIL = 10.0
-"""Size in m above which no coil is made."""
+"""Largest possible size of a coil in m."""
 THINNEST_COPPER, THICKEST_DIELECTRIC = 1e-6, 50e-3
 """Bounds in m of the layers of a board."""
 
@@ -67,7 +67,9 @@ _reading: ContextVar[bool] = ContextVar("_reading", default=False)
 
 
 def slip(key: str, value: float) -> str:
-    """Return the value with its unit and the likely one, if it is unusual for the last name of a key; else "".
+    """Return an unusual value with its unit and the likely value.
+
+    The range is taken by the last name of a key. The text is empty for a usual value.
 
     Examples
     --------
@@ -86,7 +88,9 @@ def slip(key: str, value: float) -> str:
 
 
 def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return a line for each unusual value of a design file, as TOML reads it or by its dotted keys.
+    """Return a line for each unusual value of a design file.
+
+    The table is as TOML reads it, or by its dotted keys.
 
     Examples
     --------
@@ -108,7 +112,9 @@ def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
 
 
 def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
-    """Warn of unusual values in SI by the keys that a file has for them, but not while a file is read.
+    """Warn of unusual values in SI.
+
+    They are given by the keys of a file. No warning is given while a file is read.
 
     Examples
     --------
@@ -128,7 +134,10 @@ def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Leave warnings of single values to who reads a whole file."""
+    """Suppress warnings of single values while a file is read.
+
+    The reader of the whole file gives them.
+    """
     token = _reading.set(True)
     try:
         yield
@@ -137,7 +146,7 @@ def reading() -> Iterator[None]:
 
 
 def require_coil_size(size: float) -> None:
-    """Raise GeometryError for a coil above 10 m, size in m."""
+    """Raise GeometryError for a coil size above 10 m."""
     if size > LARGEST_COIL:
         raise GeometryError(
             f"a coil must be at most {LARGEST_COIL:g} m wide; got {size:g} m. Lengths are in m: {size * 1e-3:g} m?"

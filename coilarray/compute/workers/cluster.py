@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster; the only module that imports ``distributed``."""
+"""Tasks on a Dask cluster, in the only module that imports ``distributed``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for
 from coilarray.errors import ClusterError
 
 Client = Any
-"""A ``distributed.Client``; its package is optional, and has no types."""
+"""A ``distributed.Client``. Its package is optional, and has no types."""
 ANSWER_WITHIN = 10.0
 """Time in s within which a scheduler must answer and have a worker."""
 _ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a worker within a few seconds
@@ -26,29 +26,33 @@ _CHECK = 1.0  # s between counts of the workers
 
 @contextmanager
 def cluster_pool(address: str) -> Iterator[ClusterPool]:
-    """Open a pool of a Dask scheduler's workers for the length of a ``with`` block; raises as `connect`."""
-    _distributed()  # whose logs there are from now on
+    """Open a pool of a Dask scheduler's workers.
+
+    It is a context manager, and raises the errors of `connect`.
+    """
+    _distributed()  # its logs exist from now on
     with _quiet(), closing(ClusterPool(connect(address))) as pool:
         yield pool
 
 
 def connect(address: str) -> Client:
-    """Connect to a Dask scheduler with at least one worker, all with this version of coilarray.
+    """Connect to a Dask scheduler with at least one worker.
 
-    The address is ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration.
-    ClusterError for one of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another
-    version of coilarray, or none, on a worker; MissingDependencyError without the package ``distributed``.
+    The address is ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration. All
+    workers must have this version of coilarray. Raises ClusterError for an address of another form, no scheduler that
+    answers within `ANSWER_WITHIN`, no worker, or a worker without coilarray or with another version of it, and
+    MissingDependencyError without the package ``distributed``.
     """
     dask = _distributed()
     scheme, _, host = address.partition("://")
     name, _, port = host.rpartition(":")
     if scheme not in ("tcp", "tls") or not name or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ClusterError(f"the address of a cluster must be tcp://HOST:PORT; got {address!r}.")
-    # a Client alone waits without end for what accepts a connection and says nothing
+    # a Client alone waits forever for a server that accepts a connection and does not answer
     try:
         with ThreadPoolExecutor(1) as thread:  # a notebook's own thread runs an event loop already
             found = thread.submit(asyncio.run, _identity(address)).result()
-    except Exception as error:  # whatever a stranger's answer leads to
+    except Exception as error:  # any error from the answer of an unknown server
         reason = "" if isinstance(error, OSError) else f" ({type(error).__name__})"
         raise ClusterError(f"no Dask scheduler answers at {address} within {ANSWER_WITHIN:g} s{reason}.") from None
     if found != "Scheduler":
@@ -71,9 +75,10 @@ def connect(address: str) -> Client:
 
 
 class ClusterPool(Pool):
-    """The workers of a Dask scheduler; what a lost one was computing is computed again by others.
+    """Workers of a Dask scheduler.
 
-    `close` closes the `client`, which `connect` makes, and leaves the cluster as it is.
+    Tasks of a lost worker are computed again by others. `close` closes the `client`, which `connect` makes, and leaves
+    the cluster unchanged.
     """
 
     def __init__(self, client: Client) -> None:
@@ -85,20 +90,23 @@ class ClusterPool(Pool):
 
     @property
     def capacity(self) -> int:
-        """See `Pool.capacity`; it follows workers that come and go."""
+        """Number of tasks that may be in flight at once.
+
+        It follows workers that come and go.
+        """
         if time.monotonic() - self._checked > _CHECK:
             self._check()
         return IN_FLIGHT * self._threads
 
     def drop(self) -> None:
-        """See `Pool.drop`."""
+        """Forget all tasks in flight, as in `Pool.drop`."""
         super().drop()
         with suppress(Exception):  # a lost scheduler has forgotten the tasks
             self._executor.shutdown(wait=False)
         self._executor = self._client.get_executor(pure=False)
 
     def close(self) -> None:
-        """See `Pool.close`."""
+        """Close the connection, as in `Pool.close`."""
         self.drop()
         with suppress(Exception):  # of a lost scheduler
             self._client.close(timeout=2)
@@ -108,7 +116,10 @@ class ClusterPool(Pool):
         return future
 
     def _check(self) -> None:
-        """Count the workers' threads; a run goes on while there are none, but not for ever."""
+        """Count the workers' threads.
+
+        A run continues without any workers, but only for a limited time.
+        """
         try:
             if self._client.status != "running":
                 raise OSError(self._client.status)
@@ -130,6 +141,7 @@ class ClusterPool(Pool):
         return future
 
     def _result(self, future: Future[Any]) -> Any:
+        """Return the outcome of a task, or raise ClusterError."""
         try:
             return future.result()
         except _distributed().KilledWorker:
@@ -146,7 +158,10 @@ class ClusterPool(Pool):
 
 
 def compute(version: str, payload: bytes) -> Any:
-    """Compute one task on a worker, whose version of coilarray must be that of the caller."""
+    """Compute one task on a worker.
+
+    The worker must have the caller's version of coilarray.
+    """
     if version != code_version():
         raise ClusterError(_differs("a worker", code_version(), version))
     one_thread_for_good()
@@ -159,7 +174,10 @@ def _distributed() -> Any:
 
 
 async def _identity(address: str) -> str:
-    """Ask what answers at an address; TimeoutError if nothing does."""
+    """Ask for the identity of the server at an address.
+
+    Raises TimeoutError if there is no answer.
+    """
     dask = _distributed()
     security = dask.Security().get_connection_args("client")
     async with dask.rpc(address, timeout=ANSWER_WITHIN, connection_args=security) as server:
@@ -167,26 +185,38 @@ async def _identity(address: str) -> str:
 
 
 def _check_versions(client: Client) -> None:
-    """Refuse workers with another coilarray before the first task; `compute` checks those that join later."""
+    """Refuse workers with another coilarray before the first task.
+
+    `compute` checks workers that join later.
+    """
     for worker, version in client.run(_version, on_error="return").items():
         if version != code_version():
             raise ClusterError(_differs(f"the worker {worker}", version, code_version()))
 
 
 def _version() -> str:
-    """Return the version where this runs; a function of this module, so that every worker calls its own."""
+    """Return the version of coilarray on this machine.
+
+    It is a function of this module, so that every worker calls its own.
+    """
     return code_version()
 
 
 def _differs(where: str, found: object, wanted: str) -> str:
-    """Say which version of coilarray is where; `found` may be the error of a worker that has none."""
+    """Describe a different version of coilarray at a place.
+
+    `found` may be the error of a worker without coilarray.
+    """
     has = f"coilarray {found}" if isinstance(found, str) else f"no coilarray that can be loaded ({found})"
     return f"{where} has {has}; here it is {wanted}: install the same on all machines."
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's log off the terminal while the block runs; what matters is raised as ClusterError."""
+    """Keep Dask's log off the terminal while the block runs.
+
+    Important messages are raised as ClusterError.
+    """
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {name: logging.getLogger(name).level for name in names}
     for name in names:

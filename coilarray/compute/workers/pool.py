@@ -1,4 +1,4 @@
-"""The adapter of all pools of workers, on an executor of `concurrent.futures`, and the simplest pool: this process."""
+"""Base of all pools of workers, on an executor of `concurrent.futures`, and the simplest pool: this process."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ _LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its pr
 
 @dataclass(eq=False)
 class Task:
-    """A task in flight: the caller's tag, the function and its argument, its worker, and how often that was lost."""
+    """Task in flight with function, argument and worker.
+
+    It also has the caller's tag, and counts how often its worker was lost.
+    """
 
     tag: int
     function: Callable[[Any], Any]
@@ -40,10 +43,10 @@ class Task:
 
 
 class Pool(ABC):
-    """Something that runs tasks; `coilarray.compute.workers.workers` makes one.
+    """Pool of workers that runs tasks.
 
-    `run` is all that most callers need. `submit` and `collect` are for a caller that decides on the next task when it
-    knows earlier results.
+    It is made by `coilarray.compute.workers.workers`. Most callers need only `run`. `submit` and `collect` are for a
+    caller that decides on the next task from earlier results.
     """
 
     def __init__(self) -> None:
@@ -60,7 +63,10 @@ class Pool(ABC):
         """Give a task to an executor."""
 
     def _restarted(self, future: Future[Any]) -> bool:
-        """Start the task of a future again where its worker was lost; else return False."""
+        """Start a task again if its worker was lost.
+
+        Otherwise return False.
+        """
         return False
 
     def _result(self, future: Future[Any]) -> Any:
@@ -68,7 +74,10 @@ class Pool(ABC):
         return future.result()
 
     def _next(self) -> Future[Any] | None:
-        """Wait for a finished task, but not long: another thread may take an interrupt, which does not end the wait."""
+        """Wait for a finished task, but not long.
+
+        If another thread takes an interrupt, it does not end the wait.
+        """
         with suppress(Empty):
             return self._done.get(timeout=_LOOK)
         return None
@@ -84,27 +93,35 @@ class Pool(ABC):
 
     @property
     def full(self) -> bool:
-        """Whether a task must be collected before the next one is submitted."""
+        """Whether a task must be collected before the next."""
         return self.in_flight >= self.capacity
 
     def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
-        """Start a task; `tag` identifies it when it is collected."""
+        """Start a task, identified by `tag` when collected."""
         self._send(Task(tag, function, item))
 
     def collect(self) -> tuple[int, Any]:
-        """Wait for a task in flight, and return its tag and its outcome as `run` does."""
+        """Wait for a task, and return its tag and outcome.
+
+        The outcome is as in `run`.
+        """
         while self._tasks:
             future = self._next()
-            if future in self._tasks and not self._restarted(future):  # else nothing yet, or it was dropped
+            if future in self._tasks and not self._restarted(future):  # otherwise nothing yet, or it was dropped
                 return self._tasks.pop(future).tag, self._result(future)
         raise IndexError("no task is in flight.")
 
     def drop(self) -> None:
-        """Forget all tasks in flight. What is being computed goes on, and its outcome is discarded."""
+        """Forget all tasks in flight.
+
+        Running computations continue, and their outcomes are discarded.
+        """
         self._tasks.clear()
 
     def run(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[tuple[int, Result | str]]:
-        """Apply a function to every item; outcomes come as they are ready.
+        """Apply a function to every item.
+
+        Outcomes come as they are ready.
 
         Parameters
         ----------
@@ -119,12 +136,12 @@ class Pool(ABC):
         index : int
             Number of the item, from 0.
         outcome : object
-            What the function returned, or the one line of the CoilarrayError that it raised.
+            Result of the function, or the one line of the CoilarrayError that it raised.
 
         Raises
         ------
         ClusterError
-            A task whose worker was lost three times, a lost scheduler, or no worker left.
+            If a task's worker was lost three times, the scheduler was lost, or no worker is left.
         Exception
             Any other error of the function.
         """
@@ -149,11 +166,12 @@ class Pool(ABC):
 
 
 class InProcess(Pool):
-    """Computes a task in this process when it is submitted."""
+    """Pool that computes a task in this process when submitted."""
 
     capacity = 1
 
     def _start(self, task: Task) -> Future[Any]:
+        """Compute a task, and return its finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(outcome_of(task.function, task.item))
@@ -163,7 +181,10 @@ class InProcess(Pool):
 
 
 def outcome_of(function: Callable[[Any], Any], item: Any) -> Any:
-    """Return what a function returns, or the line of its CoilarrayError; a missing library is raised as an error."""
+    """Return the result of a function, or its error line.
+
+    The line is the message of a CoilarrayError. A missing library is raised as an error.
+    """
     try:
         return function(item)
     except (ClusterError, MissingDependencyError):
@@ -174,7 +195,10 @@ def outcome_of(function: Callable[[Any], Any], item: Any) -> Any:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Compute with one thread while the block runs: the linear algebra and the blocks of our own work."""
+    """Compute with one thread while the block runs.
+
+    This covers the linear algebra and the blocks of `coilarray.compute.threads`.
+    """
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     import scipy.linalg  # noqa: F401 - loads every library there is to limit
@@ -192,22 +216,22 @@ def one_thread() -> Iterator[None]:
 
 @cache
 def one_thread_for_good() -> None:
-    """Compute with one thread from now on, for a process that is a worker's."""
+    """Compute with one thread from now on, in a worker process."""
     _LIMITS.enter_context(one_thread())
 
 
 @contextmanager
 def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
-    """Open a pool of workers for a ``with`` block; the workers end with the block, however it is left.
+    """Open a pool of workers for a ``with`` block.
 
-    Every worker computes with one thread. Results do not depend on the kind or number of workers: they agree to the
-    last bit on machines of one kind, and to rounding elsewhere.
+    The workers end with the block, however it is left. Every worker computes with one thread. Results do not depend on
+    the kind or number of workers. They agree to the last bit on machines of one kind, and to rounding elsewhere.
 
     Parameters
     ----------
     count : int
-        Number of local processes; 1 computes in this process. They load the script that asks for them, which must do
-        so under ``if __name__ == "__main__":``.
+        Number of local processes. With 1 the tasks are computed in this process. Local processes load the calling
+        script, which must open the pool under ``if __name__ == "__main__":``.
     cluster : str, optional
         Address of a Dask scheduler, ``tcp://host:port``, whose workers are used instead.
 
@@ -218,10 +242,10 @@ def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
     Raises
     ------
     ClusterError
-        A count outside 1 to 1024, a wrong address, no scheduler or worker that answers within 10 s, or workers with
-        another version of coilarray.
+        If the count is outside 1 to 1024, the address is wrong, no scheduler or worker answers within 10 s, or workers
+        have another version of coilarray.
     MissingDependencyError
-        A cluster is asked for and the package ``distributed`` is not installed.
+        If a cluster is requested and the package ``distributed`` is not installed.
 
     Examples
     --------
@@ -250,5 +274,8 @@ def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
 
 
 def default_count() -> int:
-    """Return the default number of local processes: one for each core that this process may use."""
+    """Return the default number of local processes.
+
+    There is one for each core that this process may use.
+    """
     return min(cores(), MOST_WORKERS)

@@ -24,23 +24,29 @@ _TRIES = 3  # of a task whose process ends
 
 
 class _Worker:
-    """One process with an executor of its own, so that only its own tasks are lost with it."""
+    """Process with its own executor.
+
+    Only its own tasks are lost with it.
+    """
 
     def __init__(self) -> None:
         environment = dict(os.environ)
-        with starting():  # the tracker of what they share is a process too
+        with starting():  # the tracker of shared resources is a process too
             self._executor = ProcessPoolExecutor(1, mp_context=_context(), initializer=_begin, initargs=(environment,))
         self._process: Any = None
         self.pending: set[Future[Any]] = set()
 
     def submit(self, payload: bytes) -> Future[Any]:
-        """Start a task; BrokenProcessPool where the process has ended."""
+        """Start a task.
+
+        Raises BrokenProcessPool if the process has ended.
+        """
         if self._process is None:
             with starting():  # an interrupt is for this process, which then ends the others
                 future = self._executor.submit(_perform, payload)
                 inside: Any = self._executor
                 (self._process,) = inside._processes.values()
-                inside._result_queue._writer.close()  # else reading half a result of a lost process would never end
+                inside._result_queue._writer.close()  # otherwise half a result of a lost process is read forever
         else:
             future = self._executor.submit(_perform, payload)
         self.pending.add(future)
@@ -48,7 +54,7 @@ class _Worker:
         return future
 
     def end(self) -> int:
-        """End the process at once, whatever it does; return its exit code."""
+        """End the process at once, and return its exit code."""
         if self._process is None:
             return 0
         self._process.kill()
@@ -57,9 +63,9 @@ class _Worker:
 
 
 class LocalPool(Pool):
-    """Up to `count` processes of this machine, started when there is work.
+    """Pool of up to `count` processes of this machine.
 
-    One that ends is replaced, and its tasks are sent again.
+    They are started when there is work. A process that ends is replaced, and its tasks are sent again.
     """
 
     def __init__(self, count: int) -> None:
@@ -69,17 +75,18 @@ class LocalPool(Pool):
 
     @property
     def capacity(self) -> int:
-        """See `Pool.capacity`."""
+        """Number of tasks that may be in flight at once."""
         return IN_FLIGHT * self._count
 
     def close(self) -> None:
-        """See `Pool.close`."""
+        """End all processes at once."""
         self.drop()
         for worker in self._workers:
             worker.end()
         self._workers.clear()
 
     def _start(self, task: Task) -> Future[Any]:
+        """Send a task to the process with the fewest tasks."""
         payload = pickle.dumps((task.function, task.item))
         while True:
             if len(self._workers) < self._count and all(worker.pending for worker in self._workers):
@@ -100,13 +107,16 @@ class LocalPool(Pool):
         return lost
 
     def _replace(self, worker: _Worker) -> None:
-        """Remove a worker whose process has ended, and send its tasks again."""
+        """Replace a worker whose process has ended.
+
+        Its tasks are sent again.
+        """
         code = worker.end()
         self._workers.remove(worker)
         mine = [future for future, task in self._tasks.items() if task.worker is worker]
         lost = [self._tasks.pop(future) for future in mine if isinstance(future.exception(), BrokenProcessPool)]
         if lost:
-            lost[0].losses += 1  # which it computed; the other only waited
+            lost[0].losses += 1  # the task that it computed; the other only waited
             if lost[0].losses >= _TRIES:
                 self.drop()
                 script = 'a script must ask for workers under if __name__ == "__main__".'
@@ -119,9 +129,10 @@ class LocalPool(Pool):
 
 
 def _context() -> BaseContext:
-    """How processes are started: forked from one that has loaded what this one has of the package, and never computes.
+    """Context in which processes are started.
 
-    OpenMP kills the children of a process that has computed. Without such a server every process loads all by itself.
+    They are forked from a server process that has loaded the same modules of the package and never computes. OpenMP
+    kills the children of a process that has computed. Without such a server every process loads all modules by itself.
     """
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
@@ -132,10 +143,11 @@ def _context() -> BaseContext:
 
 @contextmanager
 def starting() -> Iterator[None]:
-    """Start processes in the block: none ever gets Ctrl-C, or takes a file of the working folder for a module.
+    """Start processes safely within a ``with`` block.
 
-    Python looks for the modules of multiprocessing itself there first, and only then takes over this process's path.
-    Its tracker clears the semaphores of a program that is interrupted while processes start, and says nothing of it.
+    The processes never get Ctrl-C, and never import a file of the working folder as a module. Python searches the
+    modules of multiprocessing itself in this folder first, and only then takes over this process's path. Its tracker
+    silently clears the semaphores of a program that is interrupted while processes start.
     """
     ignored = [os.environ["PYTHONWARNINGS"]] if os.environ.get("PYTHONWARNINGS") else []
     wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": ",".join([*ignored, "ignore:resource_tracker"])}
@@ -154,13 +166,16 @@ def starting() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Put off Ctrl-C while the block runs; a process that is started in it never gets one."""
+    """Delay Ctrl-C while the block runs.
+
+    A process that is started in the block never gets it.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # else it is started with the first process, and unblocks for that one
+    resource_tracker.ensure_running()  # otherwise it starts with the first process, and unblocks the signal for it
     came: list[int] = []
-    # another thread may take the signal in spite of the mask; what Python does about it only the main thread does
+    # another thread may take the signal in spite of the mask, but only the main thread runs Python's handler
     handler = signal.getsignal(signal.SIGINT)
     here = current_thread() is main_thread() and callable(handler)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -177,9 +192,10 @@ def _no_interrupt() -> Iterator[None]:
 
 
 def _begin(environment: dict[str, str]) -> None:
-    """Prepare a worker process: it computes with one thread, and ends with the process that started it.
+    """Prepare a worker process.
 
-    `environment` is that of this process; the one from which it was forked may have an older one.
+    It computes with one thread, and ends with the process that started it. `environment` is the environment of the
+    starting process. The process from which it was forked may have an older environment.
     """
     os.environ.clear()
     os.environ.update(environment)
@@ -196,7 +212,10 @@ def _end_with_parent() -> None:
 
 
 def _perform(payload: bytes) -> Any:
-    """Compute one task; its error can be sent to the other process."""
+    """Compute one task.
+
+    Its error can be sent to the other process.
+    """
     function, item = pickle.loads(payload)
     try:
         return outcome_of(function, item)

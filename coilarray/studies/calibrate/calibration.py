@@ -1,4 +1,4 @@
-"""Calibrate a design: fit its unknown entries to a measurement, and rank alternative designs."""
+"""Calibration of a design: fit its unknown entries to a measurement, and rank alternative designs."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ _GUESSED_STEPS = 6  # of a fit, for a progress bar
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibrated design.
+    """Calibrated design.
 
     Parameters
     ----------
     file : DesignFile
-        The design with the choices of the best combination and the values fitted to it, which are no longer assumed;
-        where it was read from a file, with its text.
+        The design with the choices of the best combination and the values fitted to it, which are no longer assumed. If
+        it was read from a file, the text of the file is kept.
     imperfections : Imperfections
         Fitted imperfections of the experiment.
     values : mapping of str to float
         Fitted values of the best combination, by the first entry of each unknown, in the units of the entries.
     dataset : xarray.Dataset
-        Everything of every combination, the most probable one first, see `calibrate`.
+        All results for every combination, the most probable combination first, see `calibrate`.
     """
 
     file: DesignFile
@@ -66,7 +66,10 @@ class Calibration:
 
     @property
     def _fitted(self) -> list[tuple[str, str, str, str]]:
-        """Name, value, standard deviation and unit of every unknown of the best combination, as text."""
+        """Fitted unknowns of the best combination, as text.
+
+        Each has a name, a value, a standard deviation and a unit.
+        """
         best = self.dataset.isel(combination=0)
         own = best.isel(unknown=np.flatnonzero(np.isfinite(best["value"].values)))
         columns = (own[name].values.tolist() for name in ("unknown", "value", "std", "unit"))
@@ -74,7 +77,7 @@ class Calibration:
 
     @property
     def _misfit(self) -> str:
-        """How well the best combination fits."""
+        """Quality of the fit of the best combination, as text."""
         best = self.dataset.isel(combination=0)
         return f"χ² {float(best.chi_square):.4g} of {float(best.degrees_of_freedom):.4g} degrees of freedom"
 
@@ -93,70 +96,75 @@ def calibrate(
     pool: Pool | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Fit entries of a design to measured data, with errors, correlations and what the data cannot determine.
+    """Fit entries of a design to measured data.
+
+    Errors, correlations and undetermined directions are computed too.
 
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation; what is not an unknown stays as it is.
+        Design with an indentation. Entries that are not unknowns stay unchanged.
     data : xarray.Dataset or EllipseModel, optional
-        A measured response, as `coilarray.hardware.record.recorded_response.recorded_response` returns it, with NaN
-        where it has gaps; or ellipses, by default those of Table A1 of Gast & Zimmermann (2020).
+        A measured response, as `coilarray.hardware.record.recorded_response.recorded_response` returns it, with NaN in
+        its gaps, or ellipses. By default the ellipses are Table A1 of Gast & Zimmermann (2020).
     unknowns : Plan or mapping of str to sequence
         A plan from `coilarray.studies.calibrate.plan.load_plan`, or (low, high) or (low, high, start) of each unknown
-        by its dotted key, in the unit of the key. Keys are those of `coilarray.vary`, and ``imperfections.`` with
+        by its dotted key, in the unit of the key. Keys are the keys of `coilarray.vary`, and ``imperfections.`` with
         ``depth_error_mm``, ``tilt_x_mrad``, ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm``, ``drift`` or
         ``column_drift``.
     keep : bool, str or Path
-        Whether evaluations are kept and found again: in the user's cache folder, or in a folder of your own.
+        Whether evaluations are kept for later runs: in the user's cache folder, or in the given folder.
     pool : Pool, optional
-        Workers from `coilarray.compute.workers.workers`; by default everything is computed here.
+        Workers from `coilarray.compute.workers.workers`. By default everything is computed in this process.
     progress : callable, optional
-        Called with (done, total); the total is a guess.
+        Called with (done, total). The total is an estimate.
 
     Returns
     -------
     Calibration
-        Its dataset has a row for each ``combination`` of choices, the most probable one first. For each ``unknown``
+        The calibration. Its dataset has a row for each ``combination`` of choices, the most probable combination first.
+        For each ``unknown``:
 
-        - ``value``: the most probable one; ``std``: its standard deviation, from the slopes there;
-        - ``low`` and ``high``: the 95 % interval between the bounds; ``at_bound``: whether it lies at a bound;
+        - ``value``: the most probable value, and ``std``: its standard deviation, from the slopes there.
+        - ``low`` and ``high``: the 95 % interval between the bounds, and ``at_bound``: whether the value lies at a
+          bound.
         - ``correlation`` with each ``other``, and ``posterior``: draws.
 
-        For each ``datum``
+        For each ``datum``:
 
-        - ``measured``: the number; ``noise``: its standard deviation;
-        - ``weight``: for how many independent numbers it counts, 0 if it is only predicted;
-        - ``before`` and ``model``: the number of the first guess and of the fit; ``model_std``: the band of the
-          posterior;
-        - ``residual``: fitted less measured, in standard deviations of the noise.
+        - ``measured``: the number, and ``noise``: its standard deviation.
+        - ``weight``: the number of independent numbers for which it counts, 0 if it is only predicted.
+        - ``before`` and ``model``: the number of the first guess and of the fit, and ``model_std``: the band of the
+          posterior.
+        - ``residual``: fitted minus measured, in standard deviations of the noise.
 
-        For each combination
+        For each combination:
 
-        - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``, that of a larger χ² by noise of the given
-          size;
-        - ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence``, and ``probability`` among the combinations;
-        - ``determined``: the number of directions that the data determine better than the priors; ``undetermined``: the
-          others in words, one a line;
-        - ``converged``, ``evaluations``, and ``problem``: why a combination has no fit.
+        - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``: the probability of a larger χ² by noise of the
+          given size.
+        - ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence``, and ``probability`` among the combinations.
+        - ``determined``: the number of directions that the data determine better than the priors, and ``undetermined``:
+          a description of the others, one per line.
+        - ``converged``, ``evaluations``, and ``problem``: the reason why a combination has no fit.
 
     Raises
     ------
     GoalError
-        A plan that does not fit the design or the data; no data for a board other than that of the paper; fewer numbers
-        than unknowns; or no combination that has a fit, with the reason of the first.
+        If the plan does not fit the design or the data, there are no data and the board is not the board of the paper,
+        there are fewer numbers than unknowns, or no combination has a fit. The last message has the reason of the first
+        combination.
     LocalizeError, ElastomerError
-        Data that are no response; a design without an indentation.
+        If the data are not a response, or the design has no indentation.
     ClusterError, OutputError
-        As `coilarray.sweep`.
+        As in `coilarray.sweep`.
 
     Notes
     -----
-    The posterior is the normal distribution of the linear model at the best point, cut off at the bounds; where the
-    scale of the noise is not given but measured or estimated, Student's. Evidences are Laplace's approximation of the
-    same box (D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28); flat priors enter them
-    with their ranges, so that wide bounds cost probability. A direction is determined if the data alone give it a
-    smaller standard deviation than the prior, which is the range/√12 if flat.
+    The posterior is the normal distribution of the linear model at the best point, cut off at the bounds. If the scale
+    of the noise is measured or estimated, it is Student's distribution. Evidences are Laplace's approximation for the
+    same box (D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28). Flat priors enter them
+    with their ranges, so wide bounds cost probability. A direction is determined if the data alone give it a smaller
+    standard deviation than the prior. For a flat prior it is the range/√12.
 
     Examples
     --------
@@ -204,6 +212,7 @@ def calibrate(
 
 
 def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case | Unsolved:
+    """Make the case of a combination of choices, or its problem."""
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
     document: dict[str, Any] = {key: plain(value) for key, value in file.document.items() if key not in _SAYS_NOTHING}
@@ -219,7 +228,10 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
 
 
 def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[str]) -> DesignFile:
-    """Return a file with a document of a case and what it left out: title, source, and what is still assumed."""
+    """Return a file with the document of a case.
+
+    Parts that the case left out are added: title, source, and the remaining assumptions.
+    """
     says = {key: file.document[key] for key in file.document if key in document or key in _SAYS_NOTHING}
     whole = no_longer_assumed({**says, **document}, found)
     values = build_design_file(document, file.design.name).values
@@ -228,7 +240,10 @@ def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[s
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:
-    """Return tables without an entry; DesignError if it is not there."""
+    """Return tables without an entry.
+
+    Raises DesignError if the entry does not exist.
+    """
     if isinstance(table, list) and parts[0].isdecimal() and int(parts[0]) < len(table) and len(parts) > 1:
         place = int(parts[0])
         return [*table[:place], _without(table[place], parts[1:], key), *table[place + 1 :]]
@@ -239,7 +254,10 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
 
 
 def _start(unknown: Unknown, given: object) -> float:
-    """First guess: as given, else the design's own value where it is between the bounds, else their middle."""
+    """First guess of an unknown.
+
+    It is the given guess, otherwise the design's own value if it is between the bounds, otherwise their middle.
+    """
     own = 0.0 if unknown.name.startswith(IMPERFECTION) else given
     if unknown.start is not None:
         return unknown.start
@@ -249,6 +267,7 @@ def _start(unknown: Unknown, given: object) -> float:
 
 
 def _problem(case: Case, measured: Measurement) -> Problem:
+    """Make the least-squares problem of a case."""
     rows = [
         (one.low, one.high, *((np.nan, np.inf) if one.prior_std is None else (one.prior_mean, one.prior_std)))
         for one in case.unknowns
@@ -267,7 +286,10 @@ def _fit_all(
     store: Store | None,
     progress: Progress | None,
 ) -> list[Fit]:
-    """Fit all combinations side by side on the workers; evaluations that the store keeps are not made again."""
+    """Fit all combinations side by side on the workers.
+
+    Evaluations in the store are not repeated.
+    """
     ellipses = measured.request["kind"] == "ellipses"
     how = {
         "request": measured.request,

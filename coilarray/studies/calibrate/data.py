@@ -1,4 +1,4 @@
-"""What was measured, as rows of numbers with their standard deviations, and what a model must compute to compare."""
+"""Measured data as rows of numbers with standard deviations, and the request for the same numbers of a model."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from coilarray.studies.calibrate.plan import DataTable
 
 _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %
-_SAME = 1e-3  # m: within it a coil of the design is that of the data
-_BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not tell the peak
+_SAME = 1e-3  # m: largest distance of a coil in the design from the same coil in the data
+_BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not determine the peak
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +37,16 @@ class Measurement:
     Parameters
     ----------
     values, std, weight : ndarray, shape (n,)
-        Numbers in SI, NaN where unknown; their standard deviations; and for how many independent numbers each stands: 0
-        where it is only predicted, not fitted.
+        Numbers in SI, NaN if unknown, their standard deviations, and the number of independent numbers for which each
+        stands. A weight of 0 marks a number that is predicted, not fitted.
     coords : mapping of str to sequence
-        ``quantity`` ("delta", "A", "B", "x0" or "peak") and ``state`` of each; for a response ``depth``, ``y`` and
+        ``quantity`` ("delta", "A", "B", "x0" or "peak") and ``state`` of each. For a response ``depth``, ``y`` and
         ``x`` in m, for ellipses ``level``.
     request : mapping of str to object
-        What `model_values` needs, as plain values.
+        Plain values that `model_values` needs.
     noise_freedom : float
-        Degrees of freedom with which the scale of the standard deviations is known: infinite where they are given, 0
-        where they are relative and their scale comes from the residuals.
+        Degrees of freedom with which the scale of the standard deviations is known. It is infinite if they are given,
+        and 0 if they are relative and their scale comes from the residuals.
     """
 
     values: FloatArray
@@ -58,10 +58,10 @@ class Measurement:
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
-    """Take what a plan asks for from a measured response or an ellipse model.
+    """Select the data of a plan from a response or ellipses.
 
-    GoalError for a state that the data or the design does not have, or for nothing that could be fitted; LocalizeError
-    for data that are no response.
+    Raises GoalError if the data or the design lack a state, or nothing could be fitted, and LocalizeError if the data
+    are not a response.
     """
     if not isinstance(data, EllipseModel):
         data = RESPONSE.checked(data, "the measured response")
@@ -85,10 +85,11 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
 
 
 def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray:
-    """Return of a computed response the numbers in the order of a `Measurement` with this request; NaN for none.
+    """Reduce a computed response to the measured numbers.
 
-    Semi-axes of a level above the peak are 0. Where too little of a level is in the window to determine its ellipse,
-    they are the length of the map, which is larger. LocalizeError for a map without any ellipse of a state.
+    They are in the order of a `Measurement` with this request, NaN if missing. Semi-axes of a level above the peak are
+    0. If too little of a level is in the window to determine its ellipse, they are the length of the map, which is
+    larger. Raises LocalizeError if a map has no ellipse of a state.
     """
     states = list(request["states"])
     if request["kind"] == "response":
@@ -106,7 +107,10 @@ def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray
 
 
 def _check_places(data: xr.Dataset, design: Design) -> None:
-    """Refuse a response that says that a coil of the design lies elsewhere; GoalError names the first."""
+    """Refuse a response with a coil of the design elsewhere.
+
+    The GoalError names the first such coil.
+    """
     if not {"coil", "coil_x", "coil_y"} <= set(data.coords):
         return
     centres = dict(zip(design.array.names, design.array.centres[:, :2] - map_origin(design.indentation), strict=True))
@@ -121,6 +125,7 @@ def _check_places(data: xr.Dataset, design: Design) -> None:
 
 
 def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
+    """Select the numbers of a response, with their noise."""
     _check_places(data, design)
     data = data.transpose(*_DIMS, ...).sel(state=list(states))
     noise = None if table.delta_std is not None else own_noise(data)
@@ -131,10 +136,10 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
             raise GoalError('the data do not state their noise; give data.delta_std or noise = "estimated".')
         level = np.full(len(states), 1.0 if table.delta_std is None else table.delta_std)
         freedom = 0.0 if table.delta_std is None else np.inf
-    else:  # of a state one number: those of single positions, from a few repeats, would be weights that mislead
+    else:  # of a state one number: the deviations of single positions, from a few repeats, would be misleading weights
         level = np.sqrt(np.mean(noise**2, axis=(0, 1, 2)))
         freedom = _noise_freedom(data, known)
-        if freedom < _FEW * len(states):  # nor do states differ by what so few numbers say
+        if freedom < _FEW * len(states):  # nor are differences between states significant with so few numbers
             level = np.full(len(states), np.sqrt(np.mean(level**2)))
     if table.noise is not None:
         freedom = 0.0 if table.noise == "estimated" else np.inf
@@ -151,10 +156,11 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
 
 
 def _noise_freedom(data: xr.Dataset, known: npt.NDArray[np.bool_]) -> float:
-    """Degrees of freedom with which the ``delta_std`` of a recording is known, all states together.
+    """Degrees of freedom of a recording's ``delta_std``.
 
-    That of repeats has one fewer than repeats at every position; that of differences of N successive baselines
-    2 (N − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other is taken as given.
+    All states are taken together. For repeats it is one less than the repeats at every position. For differences of N
+    successive baselines it is 2 (N − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other deviation
+    is taken as given.
     """
     positions = known.sum(axis=(0, 1, 2)).astype(np.float64)
     match data["delta_std"].attrs.get("found_from"):
@@ -166,9 +172,10 @@ def _noise_freedom(data: xr.Dataset, known: npt.NDArray[np.bool_]) -> float:
 
 
 def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    """Take A, B, x0 and the peak of every state; x0 is always predicted.
+    """Select A, B, x0 and the peak of every state.
 
-    The levels of a polynomial with five coefficients are together no more than five independent numbers.
+    x0 is always predicted. The levels of a polynomial with five coefficients are together no more than five independent
+    numbers.
     """
     setup, levels = indentation_of(design).in_ellipse_window(), np.array(sorted(table.levels))
     share = min(1.0, (DEGREE + 1) / len(levels))

@@ -23,11 +23,11 @@ CALIBRATION = Schema(
         "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
     },
 )  # fmt: skip
-"""What a dataset of `coilarray.studies.calibrate.calibrate` has of what is drawn from."""
+"""Variables of a dataset of `coilarray.studies.calibrate.calibrate` that are needed for draws."""
 
 
 def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
-    """Return the imperfections of the experiment of the best combination of a calibration."""
+    """Return the fitted imperfections of the best combination."""
     best = _best(calibration)
     values = dict(zip(best.unknown.values.tolist(), best["value"].values.tolist(), strict=True))
     return imperfections_of(separated(values)[1])
@@ -36,23 +36,25 @@ def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
 def posterior_draws(
     design: Design | DesignFile, calibration: xr.Dataset, count: int
 ) -> list[tuple[Design, Imperfections]]:
-    """Draw designs and imperfections of the experiment from the posterior of the best combination of a calibration.
+    """Draw designs and imperfections from a posterior.
+
+    It is the posterior of the best combination of a calibration.
 
     Parameters
     ----------
     design : Design or DesignFile
-        The calibrated design, or another one: its entries that were unknown take the drawn values.
+        The calibrated design, or another design. Its entries that were unknown take the drawn values.
     calibration : xarray.Dataset
         Dataset of `coilarray.studies.calibrate.calibrate`.
     count : int
-        Number of draws, at most as many as the dataset has.
+        Number of draws, at most the number in the dataset.
 
     Raises
     ------
     GoalError
-        A dataset that is not a calibration, or more draws than it has.
+        If the dataset is not a calibration, or has fewer draws.
     DesignError
-        A design without one of the entries.
+        If the design lacks an entry.
     """
     best = _best(calibration)
     if not 1 <= count <= best.sizes["draw"]:
@@ -70,7 +72,7 @@ def posterior_draws(
 
 
 def _best(calibration: xr.Dataset) -> xr.Dataset:
-    """Return the best combination with the unknowns that it has."""
+    """Return the best combination with its unknowns."""
     best = CALIBRATION.checked(calibration, "the dataset").isel(combination=0)
     own = np.flatnonzero(np.isfinite(best["value"].values))
     return best[list(CALIBRATION.variables)].isel(unknown=own)

@@ -1,9 +1,9 @@
 """Least squares between bounds for a model that takes seconds: few evaluations, as many as possible in parallel.
 
 Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at the start and at the
-end, where they make the covariance, and Broyden's updates of them in between (C. G. Broyden, Math. Comput. 19, 577,
-1965), which cost nothing; if those give no better point they are evaluated again. A fit asks for evaluations and does
-not make them, so that several fits can share the workers.
+end, where they make the covariance. In between they are Broyden's updates (C. G. Broyden, Math. Comput. 19, 577, 1965),
+which cost nothing. If the updates give no better point, the slopes are evaluated again. A fit requests evaluations and
+does not make them, so several fits can share the workers.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
 
 Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
-"""Yields points (unknowns,), gets the model's numbers at each or why there are none, and returns the fit."""
+"""Generator that yields points (unknowns,), gets the model's numbers or an error at each, and returns the fit."""
 
 _MOST_STEPS = 40
 _STEP = 0.02  # of an unknown's range, for the first slopes
 _STEPS = (1e-3, 0.1)  # the same for later ones: outside the noise of meshes and levels, and not far away
 _ENOUGH = 1e-2  # of a unit of χ²/2: a fit that could gain less stands within 0.14 of its standard deviations
 _DAMPING = 1e-3
-_SHARE = 0.1  # of the gain that the linear model promises: a step with less is not taken
-_ABSENT = 10.0  # standard deviations by which a number is off that the model does not have
+_SHARE = 0.1  # of the gain predicted by the linear model: a step with less is not taken
+_ABSENT = 10.0  # standard deviations assumed for a number that the model does not have
 _ROUNDING = 1e-9  # of the data
 _AT_BOUND = 1e-6  # of an unknown's range
 _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any case, or the information is singular
@@ -41,11 +41,11 @@ class Problem:
     Parameters
     ----------
     low, high, start, prior_mean, prior_std : ndarray, shape (unknowns,)
-        Bounds, first guesses and priors in any units; a flat prior has a mean of NaN and an infinite deviation.
+        Bounds, first guesses and priors in any units. A flat prior has a mean of NaN and an infinite deviation.
     measured, std, weight : ndarray, shape (n,)
         As in `coilarray.studies.calibrate.data.Measurement`.
     noise_freedom : float
-        Degrees of freedom with which the scale of `std` is known: infinite where it is given, 0 where nothing is known.
+        Degrees of freedom with which the scale of `std` is known: infinite if it is given, 0 if it is unknown.
     """
 
     low: FloatArray
@@ -67,17 +67,17 @@ class Problem:
 
     @cached_property
     def numbers(self) -> float:
-        """How many independent numbers the data are."""
+        """Number of independent numbers in the data."""
         return float(self.weight.sum())
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom: independent numbers less unknowns."""
+        """Degrees of freedom: independent numbers minus unknowns."""
         return self.numbers - len(self.low)
 
     @property
     def scale_freedom(self) -> float:
-        """Degrees of freedom with which the scale of the noise is known after the fit."""
+        """Degrees of freedom of the noise scale after the fit."""
         return self.freedom + self.noise_freedom
 
     @property
@@ -86,21 +86,33 @@ class Problem:
         return self.high - self.low
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """Weighted residuals of the model's numbers, in standard deviations, shape (n,)."""
+        """Weighted residuals in standard deviations, shape (n,).
+
+        `values` are the model's numbers.
+        """
         off = np.where(self.weight > 0, (values - self.measured) / self.std, 0.0)
         return np.sqrt(self.weight) * np.where(np.isfinite(off), off, _ABSENT)
 
     def prior_residuals(self, point: FloatArray) -> FloatArray:
-        """Distance of unknowns from the means of their priors in standard deviations; 0 for flat ones."""
+        """Distance of unknowns from their prior means.
+
+        It is in standard deviations, and 0 for a flat prior.
+        """
         return np.where(np.isfinite(self.prior_std), (point - np.nan_to_num(self.prior_mean)) / self.prior_std, 0.0)
 
     def weighted(self, slopes: FloatArray) -> FloatArray:
-        """Slopes of `residuals` from those of the model's numbers, (n, unknowns); 0 where the model lacks one."""
+        """Slopes of `residuals` from slopes of the model's numbers.
+
+        They have the shape (n, unknowns), and are 0 if the model lacks a number.
+        """
         rows = np.where(self.weight > 0, np.sqrt(self.weight) / self.std, 0.0)[:, None] * slopes
         return np.where(np.isfinite(rows), rows, 0.0)
 
     def scale_at(self, residuals: FloatArray) -> float:
-        """Scale of the noise: 1 where it is given, else by the residuals and by what is known of it."""
+        """Scale of the noise.
+
+        It is 1 if the noise is given. Otherwise it follows from the residuals and the prior knowledge of the scale.
+        """
         if np.isinf(self.noise_freedom):
             return 1.0
         square = float(residuals @ residuals + self.noise_freedom) / self.scale_freedom
@@ -108,7 +120,10 @@ class Problem:
 
     @cached_property
     def least_scale(self) -> float:
-        """Scale of a noise that is no more than the rounding of the data: less is never estimated."""
+        """Lower limit of the noise scale, from the data's rounding.
+
+        No smaller scale is ever estimated.
+        """
         known = self.weight > 0
         size = float(np.sqrt(np.mean((self.measured[known] / self.std[known]) ** 2)))
         return _ROUNDING * (size or 1.0)
@@ -118,10 +133,10 @@ class Problem:
 class Fit:
     """Result of a fit.
 
-    `point` (unknowns,), the model's numbers `values` (n,) there, at the first guess `before` (n,), and their `slopes`
-    (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations, 1 where the noise is given;
-    `converged` says whether no better point is near, `evaluations` how many were made. `problem` says why there is no
-    fit; then the arrays may be empty.
+    `point` (unknowns,) is the best point. `values` (n,) are the model's numbers there, `before` (n,) at the first
+    guess, and `slopes` (n, unknowns) their slopes by the unknowns. `scale` is the factor of all standard deviations, 1
+    if the noise is given. `converged` is True if no better point is near, and `evaluations` is their number. `problem`
+    is the reason why there is no fit, in which case the arrays may be empty.
     """
 
     point: FloatArray
@@ -135,14 +150,20 @@ class Fit:
 
 
 def information(problem: Problem, fit: Fit) -> FloatArray:
-    """Information of data and priors about the unknowns at a fit, (unknowns, unknowns), positive definite."""
+    """Information matrix of data and priors at a fit.
+
+    It has the shape (unknowns, unknowns) and is positive definite.
+    """
     rows = problem.weighted(fit.slopes) / fit.scale
     prior = 1 / problem.prior_std**2 + (_RIDGE / problem.span) ** 2
     return np.asarray(rows.T @ rows + np.diag(prior))
 
 
 def gradient(problem: Problem, fit: Fit) -> FloatArray:
-    """Slope of χ²/2 of data and priors by the unknowns at a fit, (unknowns,)."""
+    """Slope of χ²/2 of data and priors by the unknowns.
+
+    It is taken at a fit and has the shape (unknowns,).
+    """
     from_data = problem.weighted(fit.slopes).T @ problem.residuals(fit.values) / fit.scale**2
     return np.asarray(from_data + problem.prior_residuals(fit.point) / problem.prior_std)
 
@@ -153,7 +174,10 @@ def at_bound(problem: Problem, point: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def fit(problem: Problem) -> Asking:
-    """Fit the unknowns of a problem; see `Asking` for how it is driven."""
+    """Fit the unknowns of a problem.
+
+    The generator is driven as described in `Asking`.
+    """
     asked = 1
     point = np.clip(problem.start, problem.low, problem.high)
     (first,) = yield [point]
@@ -187,7 +211,7 @@ def fit(problem: Problem) -> Asking:
                     damping = max(damping / 5, _DAMPING / 100)
                     continue
             if fresh:
-                if expected < _ENOUGH:  # no short step gains either, where slopes are those of here
+                if expected < _ENOUGH:  # no short step gains either, if the slopes were taken here
                     converged = True
                     break
                 damping *= 10
@@ -201,7 +225,10 @@ def fit(problem: Problem) -> Asking:
 def _slopes(
     problem: Problem, point: FloatArray, values: FloatArray, steps: FloatArray
 ) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int, str]]:
-    """Slopes of the model's numbers by differences, the number of evaluations, and why one of them cannot be."""
+    """Slopes of the model's numbers by differences.
+
+    The number of evaluations and the reason for a failure are returned too.
+    """
     slopes, reason = np.zeros((len(values), len(point))), ""
     inwards = np.where(point + steps * problem.span <= problem.high, 1.0, -1.0)
     todo, made = list(range(len(point))), 0
@@ -222,13 +249,19 @@ def _slopes(
 
 
 def _difference_steps(problem: Problem, now: Fit) -> FloatArray:
-    """Half a standard deviation of every unknown in its range: the data then change by half of their noise."""
+    """Half a standard deviation of every unknown, within its range.
+
+    The data then change by half of their noise.
+    """
     deviation = np.sqrt(np.diag(np.linalg.inv(information(problem, now))))
     return np.clip(0.5 * deviation / problem.span, *_STEPS)
 
 
 def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
-    """Slopes in ranges of the unknowns and residuals of data and priors, all in standard deviations."""
+    """Slopes and residuals of data and priors.
+
+    Slopes are in ranges of the unknowns. Both are in standard deviations.
+    """
     data = problem.weighted(now.slopes) * problem.span / now.scale
     prior = np.diag(problem.span / problem.prior_std)
     offsets = problem.residuals(now.values) / now.scale, problem.prior_residuals(now.point)
@@ -236,7 +269,7 @@ def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
-    """Step to the least damped sum of squares of the linear model in the box."""
+    """Step of damped least squares of the linear model in the box."""
     slopes, offsets = _rows(problem, now)
     size = np.sqrt((slopes**2).sum(axis=0) + _RIDGE**2)
     matrix = np.vstack((slopes, np.sqrt(damping) * np.diag(size))) if damping else slopes
@@ -248,7 +281,7 @@ def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
 
 
 def _gain(problem: Problem, now: Fit, move: FloatArray) -> float:
-    """By how much the linear model says that a step lowers χ²/2."""
+    """Reduction of χ²/2 by a step, according to the linear model."""
     slopes, offsets = _rows(problem, now)
     after = offsets + slopes @ (move / problem.span)
     return float(offsets @ offsets - after @ after) / 2
@@ -261,7 +294,10 @@ def _cost(problem: Problem, point: FloatArray, values: FloatArray, scale: float)
 
 
 def together(fits: Sequence[Asking]) -> Generator[list[tuple[int, FloatArray]], list[FloatArray | str], list[Fit]]:
-    """Drive several fits side by side: yields their points together, each with the number of its fit."""
+    """Drive several fits side by side.
+
+    Their points are yielded together, each with the number of its fit.
+    """
     ended: dict[int, Fit] = {}
     asking = {k: next(one) for k, one in enumerate(fits)}
     while asking:

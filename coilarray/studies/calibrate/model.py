@@ -1,8 +1,9 @@
-"""One evaluation of a calibration: the response of a changed design, reduced to the measured numbers.
+"""Evaluation of a calibration: the response of a changed design, reduced to the measured numbers.
 
-What an evaluation costs depends on what was changed. Contacts are kept by sheets and indenter, inductances by coils and
-sheets, inductance changes by coils and dents in the store of results; losses and strays are those of the coils under
-the sheets of the design that the fit began with, for no sheet changes them by as much as δ could show.
+The cost of an evaluation depends on the changed entries. In the store of results, contacts are kept by sheets and
+indenter, inductances by coils and sheets, and inductance changes by coils and dents. Losses and strays are always
+computed for the coils under the sheets of the design with which the fit began, because the effect of a sheet on them is
+too small to show in δ.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from coilarray.studies.calibrate.data import model_values
 from coilarray.studies.calibrate.plan import IMPERFECTIONS
 
 COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
-"""Right to 1e-3 of δ, and twice as fast."""
+"""Mesh that is accurate to 1e-3 of δ, and twice as fast."""
 
 
 def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
-    """Evaluate one point of a fit; workers run this function.
+    """Evaluate one point of a fit, on a worker.
 
-    The item has the ``document`` of the changed design, ``start`` that of the design the fit began with, the values of
-    ``imperfections`` by name, the ``request`` of a measurement, ``circuit`` and ``mesh`` of the plan and, or empty, the
-    folder of ``parts``. Returns the numbers by their place.
+    The item has the ``document`` of the changed design, the ``start`` document of the design with which the fit began,
+    the values of ``imperfections`` by name, the ``request`` of a measurement, ``circuit`` and ``mesh`` of the plan, and
+    the folder of ``parts``, which may be empty. The numbers are returned by their place.
     """
     document, request = item["document"], item["request"]
     whole = build_design(document, document["name"])
@@ -54,7 +55,7 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
 
 
 def imperfections_of(values: Mapping[str, float]) -> Imperfections:
-    """Return the imperfections of values by the names and in the units of a plan."""
+    """Return imperfections from values with a plan's names and units."""
     si = {name: values.get(name, 0.0) * scale for name, scale in IMPERFECTIONS.items()}
     return Imperfections(
         tilt=(si["tilt_x_mrad"], si["tilt_y_mrad"]),
@@ -66,6 +67,9 @@ def imperfections_of(values: Mapping[str, float]) -> Imperfections:
 
 
 def _network(design: Design, start: Mapping[str, Any]) -> Network:
-    """Circuit of a design with all losses and strays, as under the sheets that the fit began with."""
+    """Circuit of a design with all losses and strays.
+
+    They are computed under the sheets with which the fit began.
+    """
     flat = replace(design, sheets=build_design(start, start["name"]).sheets, indentation=None)
     return design_circuit(flat)

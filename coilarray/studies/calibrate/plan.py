@@ -1,6 +1,6 @@
 """Calibration plans: the unknown entries of a design, its alternatives, and the data to fit.
 
-TOML; the bundled ``table_a1`` is a longer example::
+Plans are TOML files. The bundled ``table_a1`` is a longer example::
 
     schema = 1
 
@@ -40,19 +40,19 @@ from coilarray.design.units import Table
 from coilarray.errors import GoalError, listed, shown
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
-"""Files of calibration plans, and those that come with the package."""
+"""Files of calibration plans, and the plans that come with the package."""
 
 Parameter = Literal["A", "B", "x0", "peak"]
-"""What may be fitted of ellipses."""
+"""Parameters of ellipses that may be fitted."""
 
 MOST_COMBINATIONS = 200
 """Largest number of combinations of choices that are fitted."""
 
 FITTED: tuple[Parameter, ...] = ("A", "B", "peak")
-"""What is fitted of ellipses where a plan does not say."""
+"""Parameters of ellipses that are fitted by default."""
 
 LEVELS = tuple(k * 1e-4 for k in range(1, 11))
-"""δ of the ellipses that are fitted where a plan does not say."""
+"""δ of the ellipses that are fitted by default."""
 
 IMPERFECTIONS = {
     "depth_error_mm": 1e-3, "tilt_x_mrad": 1e-3, "tilt_y_mrad": 1e-3, "offset_x_mm": 1e-3, "offset_y_mm": 1e-3,
@@ -61,11 +61,14 @@ IMPERFECTIONS = {
 """Unknowns of the experiment, named ``imperfections.…``, and the SI value of their unit."""
 
 IMPERFECTION = "imperfections."
-"""Begins the names of unknowns of the experiment."""
+"""Prefix of unknowns of the experiment."""
 
 
 def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return values by their entries as those of the design and those of the experiment, these without the prefix."""
+    """Separate values of the design and of the experiment.
+
+    The names of the latter lose their prefix.
+    """
     entries = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
     return entries, {key.removeprefix(IMPERFECTION): value for key, value in values.items() if key not in entries}
 
@@ -73,7 +76,7 @@ def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, 
 class Unknown(Table):
     """``[[unknown]]``: an entry of the design, or several that share one value, between bounds.
 
-    The prior is flat between the bounds or, with `prior_mean` and `prior_std`, normal and cut off there.
+    The prior is flat between the bounds. With `prior_mean` and `prior_std` it is normal and cut off there.
     """
 
     entry: Annotated[
@@ -95,6 +98,7 @@ class Unknown(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Unknown:
+        """Require consistent bounds, start, prior and entries."""
         if not self.low < self.high:
             raise ValueError(f"needs low below high; got {self.low:g} and {self.high:g}")
         if self.start is not None and not self.low <= self.start <= self.high:
@@ -111,12 +115,12 @@ class Unknown(Table):
 
     @property
     def name(self) -> str:
-        """The first entry."""
+        """First entry of the unknown."""
         return self.entry[0]
 
 
 class Choice(Table):
-    """``[[alternative.choice]]``: entries that it sets and removes, and unknowns that only it has."""
+    """``[[alternative.choice]]``: entries that it sets and removes, and its own unknowns."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the answer."""
@@ -129,6 +133,7 @@ class Choice(Table):
     @field_validator("set")
     @classmethod
     def _finite(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Require finite numbers in all values."""
         for key, value in values.items():
             try:
                 json.dumps(value, allow_nan=False, default=str)
@@ -153,16 +158,16 @@ class Alternative(Table):
 
 
 class DataTable(Table):
-    """``[data]``: what of the measurement is fitted, and how far it is trusted.
+    """``[data]``: the fitted part of the measurement, and its noise.
 
-    ``states`` are all by default; those of ``tested`` are only predicted, to try what was fitted to the others.
-    ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are fitted by default;
-    ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations, and ``delta_std`` that of δ of a response that
-    has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale from the residuals, by
-    default for ellipses and for a response without standard deviations; ``noise = "given"`` trusts them. That of a
-    recording is by default known as well as its repeats or baselines determine it. ``circuit`` is "full" or "ideal"
-    (without losses and strays, which change δ by less than 1 %), the default for ellipses; so is ``mesh = "coarse"``,
-    right to 1e-3 of δ.
+    ``states`` are all by default. The states of ``tested`` are only predicted, as a test of the fit to the others.
+    ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are fitted by default.
+    ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations. ``delta_std`` is the standard deviation of δ of
+    a response that has none of its own. ``noise = "estimated"`` takes the deviations as relative and estimates their
+    scale from the residuals. It is the default for ellipses and for a response without standard deviations. ``noise =
+    "given"`` trusts them. The noise of a recording is by default known as well as its repeats or baselines determine
+    it. ``circuit`` is "full" or "ideal", which is without losses and strays, and changes δ by less than 1 %. The
+    default for ellipses is "ideal" and ``mesh = "coarse"``, which is accurate to 1e-3 of δ.
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
@@ -190,7 +195,7 @@ class DataTable(Table):
 
 
 class Plan(Table):
-    """A calibration plan; `load_plan` reads one."""
+    """Calibration plan, read by `load_plan`."""
 
     schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema", default=1)
     """Version of the file format."""
@@ -202,6 +207,7 @@ class Plan(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Plan:
+        """Require different names and entries in every combination."""
         names = [one.name for one in self.alternatives]
         if len(set(names)) != len(names):
             raise ValueError(f"needs every [[alternative]] to have a name of its own; got {', '.join(names)}")
@@ -225,7 +231,9 @@ class Plan(Table):
         return self
 
     def combinations(self) -> list[tuple[Choice, ...]]:
-        """Return every combination of one choice for each alternative; one empty combination without any.
+        """Return every combination of one choice per alternative.
+
+        Without alternatives there is one empty combination.
 
         Returns
         -------
@@ -235,25 +243,28 @@ class Plan(Table):
         return list(itertools.product(*(one.choices for one in self.alternatives)))
 
     def unknowns_of(self, choices: tuple[Choice, ...]) -> list[Unknown]:
-        """Return the unknowns of a combination: those of the plan, then those of its choices.
+        """Return the unknowns of a combination.
+
+        The unknowns of the plan come first, then the unknowns of its choices.
 
         Returns
         -------
         list of Unknown
-            What is fitted in this combination.
+            Unknowns that are fitted in this combination.
         """
         return [*self.unknowns, *(unknown for choice in choices for unknown in choice.unknowns)]
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Read a calibration plan: `name_or_path` is that of a TOML file, or the name of a bundled plan.
+    """Read a calibration plan.
 
-    GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
+    `name_or_path` is the path of a TOML file, or the name of a bundled plan. Raises GoalError for an unreadable file,
+    wrong TOML, an unknown key or a value that is not allowed, in one line.
 
     Returns
     -------
     Plan
-        What is fitted to which measurement.
+        The plan.
 
     Examples
     --------
@@ -264,12 +275,18 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
 
 def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
-    """Read a calibration plan from tables as TOML gives them. See `load_plan`."""
+    """Read a calibration plan from the tables of a TOML file.
+
+    See `load_plan`.
+    """
     return PLANS.check(Plan, document, origin)
 
 
 def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
-    """Return the plan of unknowns between bounds, (low, high) or (low, high, start) by their entries."""
+    """Return the plan of unknowns between bounds.
+
+    The bounds are (low, high) or (low, high, start), by entry.
+    """
     tables = []
     for entry, values in unknowns.items():
         numbers = [float(value) for value in values]

@@ -1,8 +1,8 @@
-"""A normal distribution between bounds: its probability, and draws from it.
+"""Normal distribution between bounds: its probability, and draws from it.
 
-By separation of variables (A. Genz, J. Comput. Graph. Stat. 1, 141, 1992): the variables one after the other, each
-normal given those before it and cut off at its bounds. The product of what the cuts leave is the weight of a draw, and
-its mean the probability of the box.
+The method is separation of variables (A. Genz, J. Comput. Graph. Stat. 1, 141, 1992). The variables are drawn one after
+another, each normal given the variables before it and cut off at its bounds. The product of the probabilities inside
+the bounds is the weight of a draw, and its mean is the probability of the box.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ _DRAWS = 4096  # of a scrambled Sobol sequence
 def bounded_normal(
     mean: FloatArray, covariance: FloatArray, low: FloatArray, high: FloatArray, count: int, freedom: float = np.inf
 ) -> tuple[FloatArray, float]:
-    """Draw from a normal distribution of n variables that is cut off at bounds (n,).
+    """Draw from a normal distribution of n variables with bounds.
 
-    Returns draws, shape (count, n), and the logarithm of the probability of the box before it was cut out. With a
-    finite `freedom` the distribution is Student's, whose scale is only estimated; the probability is that of the normal
-    one in any case.
+    The bounds have the shape (n,). Returns draws, shape (count, n), and the logarithm of the probability of the box
+    before it was cut out. With a finite `freedom` it is Student's distribution, whose scale is only estimated. The
+    probability always belongs to the normal distribution.
 
     Examples
     --------
@@ -48,7 +48,10 @@ def bounded_normal(
 def _separated(
     mean: FloatArray, lower: FloatArray, low: FloatArray, high: FloatArray, parts: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Draws, and the logarithm of the weight of each, for numbers `parts` between 0 and 1."""
+    """Draw points, with the logarithms of their weights.
+
+    `parts` are numbers between 0 and 1.
+    """
     normal, weight = np.zeros_like(parts), np.zeros(len(parts))
     for k in range(len(mean)):
         shift = mean[k] + scale * (normal @ lower[k])

@@ -1,4 +1,4 @@
-"""Results of the fits of several combinations of choices: posteriors, evidences, and what the data cannot determine."""
+"""Results of the fits of several combinations of choices: posteriors, evidences, and undetermined directions."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from coilarray.studies.calibrate.plan import Choice, Plan, Unknown, separated
 from coilarray.studies.calibrate.posterior import bounded_normal
 
 DRAWS = 1000
-"""Draws from the posterior of every combination of choices."""
+"""Number of draws from the posterior of every combination of choices."""
 
 _FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
-_WEAKEST = 0.15  # of the largest share in a direction: what counts less is not said,
-_FELT = 0.3  # unless it alone changes the data by so much of their noise
+_WEAKEST = 0.15  # of the largest share in a direction: smaller shares are not mentioned,
+_FELT = 0.3  # unless they alone change the data by this part of their noise
 _INTERVAL = (0.025, 0.975)
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One combination of choices: its document, its unknowns and where they start."""
+    """Combination of choices with document, unknowns and start."""
 
     name: str
     choices: tuple[Choice, ...]
@@ -47,7 +47,7 @@ class Case:
         return [unknown.name for unknown in self.unknowns]
 
     def changed(self, point: FloatArray) -> tuple[dict[str, Any], dict[str, float]]:
-        """Return the document and the imperfections with values of the unknowns."""
+        """Return document and imperfections for given unknowns."""
         values = {
             entry: value
             for unknown, value in zip(self.unknowns, point.tolist(), strict=True)
@@ -59,7 +59,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Unsolved:
-    """A combination of choices that has no fit, and why."""
+    """Combination of choices without a fit, and the reason."""
 
     name: str
     choices: tuple[Choice, ...]
@@ -69,7 +69,10 @@ class Unsolved:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A fitted combination: covariance of the unknowns, draws from their posterior, and its figures."""
+    """Fitted combination with its posterior and figures.
+
+    It has the covariance of the unknowns and draws from their posterior.
+    """
 
     case: Case
     problem: Problem
@@ -82,7 +85,7 @@ class Solution:
 
 
 def solution(case: Case, problem: Problem, found: Fit) -> Solution:
-    """Return posterior, likelihood and evidence of a fit that was found."""
+    """Return posterior, likelihood and evidence of a fit."""
     curvature = information(problem, found)
     covariance = np.linalg.inv(curvature)
     covariance = (covariance + covariance.T) / 2
@@ -100,10 +103,10 @@ def solution(case: Case, problem: Problem, found: Fit) -> Solution:
 
 
 def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
-    """Logarithms of the likelihood of the data, at the best scale of the noise and averaged over scales.
+    """Log-likelihoods of the data, best and averaged over scales.
 
-    Where the noise is given there is one likelihood. Else the square of the scale has the scaled inverse χ² prior with
-    `noise_freedom`, of which 1/s² is the limit where nothing is known.
+    The first is taken at the best scale of the noise. If the noise is given, both are equal. Otherwise the square of
+    the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s² if nothing is known.
     """
     r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
     square = float(r @ r)
@@ -119,7 +122,10 @@ def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
 
 
 def _fit_probability(problem: Problem, square: float) -> float:
-    """Probability of a larger χ² by noise alone; NaN where nothing but the data tell its size."""
+    """Probability of a larger χ² by noise alone.
+
+    NaN if the size of the noise follows only from the data.
+    """
     freedom, known = max(problem.freedom, 1e-9), problem.noise_freedom
     if np.isinf(known):
         return float(chi2.sf(square, freedom))
@@ -127,7 +133,7 @@ def _fit_probability(problem: Problem, square: float) -> float:
 
 
 def _log_prior(problem: Problem, point: FloatArray) -> float:
-    """Logarithm of the density of the priors, each cut off at its bounds."""
+    """Logarithm of the prior density, cut off at the bounds."""
     total = 0.0
     for low, high, mean, std, at in zip(
         problem.low, problem.high, problem.prior_mean, problem.prior_std, point, strict=True
@@ -142,7 +148,10 @@ def _log_prior(problem: Problem, point: FloatArray) -> float:
 
 
 def _undetermined(row: Solution) -> list[str]:
-    """Directions that the data determine less well than the priors, each in words."""
+    """Describe the directions that the data leave undetermined.
+
+    The data determine them less well than the priors.
+    """
     problem = row.problem
     prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.span * _FLAT_STD)
     rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
@@ -170,7 +179,10 @@ def _unit(entry: str) -> str:
 def result_dataset(
     design: Design, measured: Measurement, plan: Plan, rows: Sequence[Solution | Unsolved]
 ) -> xr.Dataset:
-    """Return everything of every combination, in the given order; see `coilarray.studies.calibrate.calibrate`."""
+    """Return all results of every combination, in the given order.
+
+    See `coilarray.studies.calibrate.calibrate`.
+    """
     combinations = [row if isinstance(row, Unsolved) else row.case for row in rows]
     names = list(dict.fromkeys(unknown.name for one in combinations for unknown in one.unknowns))
     n, m = len(names), len(measured.values)
