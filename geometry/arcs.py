@@ -46,15 +46,19 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
 
 
 def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
-    """Angle in rad of a chord with a given sagitta in m."""
+    """Angle in rad of a chord of given sagitta.
+
+    The sagitta `error` is in m.
+    """
     # the arc sine keeps it above 0 for the largest radius
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
 
 def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
-    """Points in m on an arc, for a given number of pieces.
+    """Points in m on an arc in equal pieces.
 
-    There are at least 3 straight pieces of equal angle. The points lie as in `arc_points`.
+    `count` is the number of pieces. There are at least 3 straight pieces of equal angle. The points lie as in
+    `arc_points`.
     """
     a, c = np.array(start), np.array(end)
     centre = arc_centre(start, middle, end)
@@ -85,7 +89,7 @@ def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
 
 
 def _inner_radius(pieces: int, angle: float) -> float:
-    """Radius of the inner points over the radius of the arc.
+    """Ratio of the inner points' radius to the arc's.
 
     It is the positive root of the equation in `arc_points`.
     """
@@ -111,7 +115,7 @@ def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class Arc:
-    """Run of pieces of a line that stand for one arc.
+    """Run of pieces that stand for one arc.
 
     Parameters
     ----------
@@ -137,7 +141,7 @@ class Arc:
         return replace(self, first=self.first + count, last=self.last + count)
 
     def points(self, line: FloatArray) -> tuple[Point, Point, Point]:
-        """Begin, middle and end in m of the arc on its line.
+        """Begin, middle and end in m of the arc.
 
         The vertices of the line have the shape (n, 2).
 
@@ -152,9 +156,9 @@ class Arc:
 
 
 def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
-    """Yield a line, shape (n, 2), as arcs and straight pieces.
+    """Yield a line as arcs and straight pieces.
 
-    The pieces come in order. A straight piece is an arc without a bulge.
+    The line has the shape (n, 2). The pieces come in order. A straight piece is an arc without a bulge.
     """
     done = 0
     for arc in (*arcs, Arc(len(line) - 1, len(line) - 1, 0.0)):

@@ -116,9 +116,9 @@ class Placement:
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
-        """Yield each line on the board with its widths and layer.
+        """Yield each line with its widths and layer.
 
-        A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
+        Lines are in the frame of the board. A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
 
         Yields
         ------
@@ -540,9 +540,9 @@ def lattice(
 
 
 def _rings(count: int) -> IntArray:
-    """Axial coordinates (i, j) of a point and its hexagonal rings.
+    """Axial coordinates (i, j) of a point and its rings.
 
-    There are `count` rings. Each starts at its corner at angle 0.
+    The rings are hexagonal. There are `count` rings. Each starts at its corner at angle 0.
     """
     points = [np.zeros((1, 2), dtype=np.int64)]
     corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])

@@ -28,7 +28,9 @@ _TOUCH = 1e-9  # of a gap: rounding
 
 @dataclass(frozen=True)
 class PlatedHole:
-    """A drilled and plated hole with a round pad on every layer it reaches.
+    """Drilled and plated hole with round pads.
+
+    It has a pad on every layer it reaches.
 
     Parameters
     ----------
@@ -64,7 +66,7 @@ class PlatedHole:
 
     @property
     def bar_width(self) -> float:
-        """Side in m of the equivalent square bar of the barrel.
+        """Side in m of the barrel's equivalent square bar.
 
         Bar and barrel have the same geometric mean distance (GMD).
 
@@ -117,7 +119,7 @@ class Wound:
 
 @dataclass(frozen=True, eq=False)
 class Coil:
-    """Centre lines of a coil in the direction of the current.
+    """Centre lines of a coil, in current direction.
 
     The lines are in the coil's own frame.
 
@@ -315,7 +317,10 @@ def _wound(of: Wound, name: str) -> Coil:
 
 
 class _NoRoomBesideLeadsError(GeometryError):
-    """A pad does not fit beside the leads; wider spacing may help."""
+    """A pad does not fit beside the leads.
+
+    Wider spacing may help.
+    """
 
 
 def _wind(of: Wound, name: str) -> Coil:
@@ -368,7 +373,7 @@ def _wind(of: Wound, name: str) -> Coil:
 
 
 def _remedy(of: Wound) -> str:
-    """Hint of the lead spacing that makes room for a pad.
+    """Hint of the lead spacing that a pad needs.
 
     The spacing is given to 0.1 mm. The hint is empty if no spacing helps.
     """
@@ -376,7 +381,10 @@ def _remedy(of: Wound) -> str:
         return ""
 
     def fits(tenths: int) -> bool:
-        """Whether the coil can be wound with a lead spacing in tenths of mm."""
+        """Whether the coil fits a lead spacing.
+
+        The spacing is in tenths of mm.
+        """
         assert of.leads is not None
         spacing = tenths * 1e-4
         wider = replace(of.leads, spacing=spacing, length=max(of.leads.length, spacing / 2))
@@ -454,7 +462,7 @@ def path_coil(
 
 
 def hull_outline(coil: Coil) -> FloatArray:
-    """Convex hull of a coil's lines, widened by half a trace.
+    """Convex hull of a coil, widened by half a trace.
 
     It is given by x and y in m, without repeating the first point.
     """
@@ -485,7 +493,10 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
-    """Find the first two segments that meet, and the place in m."""
+    """Find the first two segments that meet.
+
+    The place in m is returned too.
+    """
     segments = [shapely.LineString(pair) for pair in np.stack((line[:-1], line[1:]), axis=1)]
     tree = shapely.STRtree(segments)
     i, j = tree.query(segments, predicate="intersects")

@@ -177,7 +177,7 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 def check_nets(
     array: CoilArray, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
 ) -> NetCheck:
-    """Compare the copper of a file with the coils it should hold.
+    """Compare the copper of a file with its coils.
 
     Parameters
     ----------
@@ -259,14 +259,20 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
 
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
-    """Make a fault whose text ends with the place in mm."""
+    """Make a fault.
+
+    The place in mm is appended to the text.
+    """
     return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
 
 
 def _misnamed(
     what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
 ) -> Iterator[NetFault]:
-    """Compare the net at every place with the nearest coil's name."""
+    """Compare the net at every place with the coils.
+
+    The name of the nearest coil is expected.
+    """
     if not coils or not places:
         return
     nearest = shapely.STRtree([shape for _, shape in coils]).query_nearest([at for at, _ in places], all_matches=False)
@@ -294,7 +300,10 @@ class _Coil:
 
     @staticmethod
     def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
-        """Make the outlines of a placement with a tolerance in m."""
+        """Make the outlines of a placement.
+
+        `tolerance` is in m.
+        """
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
@@ -353,9 +362,9 @@ class _Coil:
         return NetFault("cut", (self.name,), last, float(end[0]), float(end[1]), f"{off}no copper on {last}")
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
-        """Whether the piece has copper at a point of a layer.
+        """Whether the piece reaches a point of a layer.
 
-        Copper around the hole that is drilled there counts too.
+        Copper of the piece counts. Copper around the hole that is drilled there counts too.
         """
         here = [d for d in self.drills if d.drilled and np.hypot(d.x - point[0], d.y - point[1]) < 1e-9]
         radius = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_MARGIN
@@ -364,7 +373,7 @@ class _Coil:
     def missing(
         self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel], tolerance: float
     ) -> Iterator[NetFault]:
-        """Holes and copper of the coil that are missing in the file."""
+        """Holes and copper of the coil missing in a file."""
         for drill in self.drills:
             if drill.drilled and not any(_same(hole, drill, tolerance) for hole in holes):
                 text = f"the plated hole of {self.name} at {place_in_mm(drill.x, drill.y)} is missing"
@@ -377,7 +386,7 @@ class _Coil:
 def _bridges(
     piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
 ) -> Iterator[NetFault]:
-    """Every pair of coils in one piece that touch, and where.
+    """Pairs of touching coils in a piece, and where.
 
     At least one pair is given.
     """
@@ -441,7 +450,10 @@ def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], t
 
 
 def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
-    """Whether a hole of a file is a drilled hole of the design."""
+    """Whether two holes are the same.
+
+    A hole of a file is compared with a drilled hole of the design.
+    """
     return (
         drill.drilled
         and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
@@ -451,7 +463,10 @@ def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
 
 
 def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
-    """Find a point in m inside every part above an area in m²."""
+    """Find a point in m inside every large part.
+
+    A part is large if its area is above `smallest` in m².
+    """
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]
 

@@ -116,7 +116,9 @@ def _routed(
 
 
 class NoWayError(GeometryError):
-    """No way was found from a coil to its connector pad.
+    """No way leads from a coil to its pad.
+
+    The pad belongs to a connector.
 
     Attributes
     ----------
@@ -133,7 +135,7 @@ class NoWayError(GeometryError):
 
 
 def _to_bottom(side: Side) -> int:
-    """Count the quarter turns that bring a side to the bottom."""
+    """Count the quarter turns from a side to the bottom."""
     return (SIDES.index("bottom") - SIDES.index(side)) % 4
 
 
@@ -147,7 +149,7 @@ def _turn(quarters: int) -> FloatArray:
 
 
 def _turned(array: CoilArray, side: Side) -> CoilArray:
-    """Turn an array to bring the connector's side to the bottom."""
+    """Turn the connector's side of an array to the bottom."""
     quarters = _to_bottom(side)
     if not quarters:
         return array
@@ -171,7 +173,7 @@ def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
 
 
 def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> FloatArray:
-    """Positions of the pads of every coil's two ends, in m.
+    """Positions in m of the pads of all coil ends.
 
     The array has the shape (coils, 2, 2).
     """
@@ -197,7 +199,10 @@ def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> Float
 
 
 class _Grid:
-    """Nodes and edges for leads on each layer, and their use."""
+    """Grid of nodes and edges for leads.
+
+    Each layer records its occupied edges.
+    """
 
     def __init__(self, array: CoilArray, connector: Connector, pads: FloatArray) -> None:
         self.array, self.connector, self.pads = array, connector, pads
@@ -302,9 +307,9 @@ class _Grid:
         return found
 
     def _foreign(self, coil: int, end: int) -> list[_Taken]:
-        """Copper on the layer of a lead that it must not meet.
+        """Copper that a lead must not meet.
 
-        The lead may meet its own pad, and its own trace near its end.
+        It lies on the layer of the lead. The lead may meet its own pad, and its own trace near its end.
         """
         place = self.array.placements[coil]
         line = (coil, len(place.coil.lines) - 1 if end else 0)
@@ -323,7 +328,10 @@ class _Grid:
         return pieces
 
     def _way(self, coil: int, end: int) -> FloatArray:
-        """Find the shortest way from a coil's end to its pad."""
+        """Find the shortest way from coil to pad.
+
+        The way belongs to one end of the coil.
+        """
         from scipy.sparse import coo_array  # loaded for boards with a connector only
         from scipy.sparse.csgraph import dijkstra
 
@@ -402,9 +410,9 @@ class _Grid:
         return _straightened(np.array(short))
 
     def _hops(self, place: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> IntArray:
-        """Nodes that a straight piece reaches from a place in m.
+        """Nodes reached from a place by a straight piece.
 
-        Nodes behind the place are left out.
+        The place is in m. Nodes behind the place are left out.
         """
         apart = self.nodes - place
         close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
@@ -412,9 +420,9 @@ class _Grid:
         return close[~shapely.intersects(others[:, None], hops).any(axis=0)]
 
     def _take(self, layers: Sequence[str], shape: BaseGeometry, owner: _Owner) -> None:
-        """Block the edges near a piece of copper for later leads.
+        """Block edges near a piece of copper.
 
-        The own leads of `owner` may touch it.
+        They are blocked for later leads. The own leads of `owner` may touch it.
         """
         near = shape.buffer(self.clearance).simplify(1e-3 * self.clearance)
         taken = _Taken(near, owner, self._meeting(near))
@@ -456,9 +464,9 @@ _Owner = tuple[int, int] | tuple[int, str, int] | None
 
 
 class _Taken(NamedTuple):
-    """Piece of copper, widened by a clearance, with owner and edges.
+    """Piece of copper with its clearance, owner and edges.
 
-    The edges are the edges of the grid that it meets.
+    The shape is widened by the clearance. The edges are the edges of the grid that it meets.
     """
 
     shape: BaseGeometry
@@ -480,9 +488,9 @@ def _straightened(way: FloatArray) -> FloatArray:
 
 
 def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
-    """Round the corners of a line with a radius in m.
+    """Round the corners of a line.
 
-    The radius is reduced if it needs more than nearly half of a piece.
+    `radius` is in m. The radius is reduced if it needs more than nearly half of a piece.
     """
     step = np.diff(corners, axis=0)
     length = np.hypot(*step.T)
@@ -494,9 +502,9 @@ def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc,
 
 
 def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
-    """Return a coil whose path begins and ends with the ways.
+    """Return a coil with ways at both ends.
 
-    The ways are in m on the board, from the coil's ends to their pads.
+    Its path begins and ends with the ways. The ways are in m on the board, from the coil's ends to their pads.
     """
     coil = place.coil
     c, s = math.cos(place.rotation), math.sin(place.rotation)

@@ -46,7 +46,7 @@ class CopperFeature:
 
 @dataclass(frozen=True)
 class Drill:
-    """Plated hole with its pads, or a pad without a hole.
+    """Plated hole with pads, or a bare pad.
 
     The latter is a terminal that reaches a single layer.
 
@@ -130,9 +130,9 @@ def drills(array: CoilArray) -> tuple[Drill, ...]:
 
 
 def drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
-    """Return the holes and pads of one coil, as in `drills`.
+    """Return the holes and pads of one coil.
 
-    `placement` need not belong to the array.
+    They are as in `drills`. `placement` need not belong to the array.
     """
     coil, stackup, name = placement.coil, array.stackup, placement.name
     holes = []
@@ -174,7 +174,10 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
 
 
 def _united(array: CoilArray, placement: Placement) -> dict[str, BaseGeometry]:
-    """Unite the copper of a coil on every layer that has copper."""
+    """Unite the copper of a coil on every layer.
+
+    Layers without copper are left out.
+    """
     shapes: dict[str, list[shapely.Polygon]] = {}
     for feature in (*_traces_of(placement), *_pads_of(array, placement)):
         shapes.setdefault(feature.layer, []).append(feature.shape)
@@ -248,7 +251,7 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
 
 
 def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
-    """Outline of a trace of one width, if it is simple.
+    """Outline of a simple trace of one width.
 
     None if corners or runs of the trace meet. `line` is the centre line, shape (n, 2), in m.
     """

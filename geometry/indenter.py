@@ -66,9 +66,9 @@ class _Round(_Body):
         return self.radius
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m, R − √(R² − r²).
+        """Height above the tip in m.
 
-        `r` are distances in m. The height is inf beyond R.
+        It is R − √(R² − r²). `r` are distances in m. The height is inf beyond R.
         """
         distance = np.asarray(r, dtype=float)
         inside = distance <= self.radius
@@ -77,7 +77,7 @@ class _Round(_Body):
         return np.where(inside, height, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m.
+        """Radius of the cut at a height, in m.
 
         For a plane body it is half the width. The height is above the tip. The radius is at most R.
         """
@@ -86,9 +86,9 @@ class _Round(_Body):
 
 @dataclass(frozen=True)
 class Hemisphere(_Round):
-    """Lower half of a ball, as on the tip of a rod.
+    """Lower half of a ball.
 
-    The rod has the same radius.
+    It is like the tip of a rod. The rod has the same radius.
 
     Parameters
     ----------
@@ -107,9 +107,10 @@ class Hemisphere(_Round):
 
 @dataclass(frozen=True)
 class Paraboloid(_Body):
-    """Paraboloid of revolution, the shape of a ball near its tip.
+    """Paraboloid of revolution, like a ball's tip.
 
-    `radius` is the radius of curvature at the tip in m, positive and finite. Otherwise GeometryError is raised.
+    It is the shape of a ball near its tip. `radius` is the radius of curvature at the tip in m, positive and finite.
+    Otherwise GeometryError is raised.
 
     Examples
     --------
@@ -125,7 +126,7 @@ class Paraboloid(_Body):
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r`, r²/(2R).
+        """Height above the tip in m, r²/(2R).
 
         `r` is in m.
 
@@ -137,7 +138,9 @@ class Paraboloid(_Body):
         return np.asarray(r, dtype=float) ** 2 / (2 * self.radius)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m above the tip.
+        """Radius of the cut at a height, in m.
+
+        The height is above the tip.
 
         Returns
         -------
@@ -212,7 +215,9 @@ class FlatPunch(_Edged, _Body):
         return np.where(np.asarray(r, dtype=float) <= self.radius, 0.0, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at any height above the tip.
+        """Radius of the cut at a height, in m.
+
+        It is the same at any height above the tip.
 
         Returns
         -------
@@ -269,7 +274,7 @@ class Cone(_Edged):
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m.
+        """Radius of the cut at a height, in m.
 
         The height is above the tip. The radius is at most `radius`.
 

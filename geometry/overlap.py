@@ -32,11 +32,11 @@ _ALIKE = 1e-9  # of a size: equal but for rounding
 
 @dataclass(frozen=True, eq=False)
 class _Trace:
-    """Consecutive flat bars of a path, by centre line and widths.
+    """Consecutive flat bars of a path.
 
-    The centre line has the shape (n + 1, 2), the widths have the shape (n,), both in m. `path` is the number of the
-    path. z and thickness are in m. Traces of one `shape` are equal but for the place. `closed` is True if the trace is
-    the whole path and its end meets its beginning.
+    They are given by centre line and widths. The centre line has the shape (n + 1, 2), the widths have the shape (n,),
+    both in m. `path` is the number of the path. z and thickness are in m. Traces of one `shape` are equal but for the
+    place. `closed` is True if the trace is the whole path and its end meets its beginning.
     """
 
     path: int
@@ -88,7 +88,10 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
 
 
 def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
-    """Yield the flat runs of a path, and record their shapes."""
+    """Yield the flat runs of a path.
+
+    Their shapes are recorded.
+    """
     vertices, z = conductor.vertices, conductor.vertices[:, 2]
     flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
     ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
@@ -103,17 +106,17 @@ def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iter
 
 
 def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
-    """Write vectors in m as steps small against a line's size.
+    """Express vectors in small fractions of a line's size.
 
-    Adding 0.0 avoids −0.
+    The vectors are in m. Adding 0.0 avoids −0.
     """
     return np.asarray(np.round(way / (_ALIKE * np.abs(line - line[0]).max())) + 0.0)
 
 
 def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
-    """Yield the nearest places that face each other in one path.
+    """Yield nearest places that face each other.
 
-    They are within one trace or between two traces.
+    Both places belong to one path. They are within one trace or between two traces.
     """
     for trace in {trace.shape: trace for trace in traces}.values():
         # the cheaper of two that agree
@@ -131,9 +134,9 @@ def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
 
 
 def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield a closed trace without its end, then without its beginning.
+    """Yield a closed trace without either end.
 
-    End and beginning are joined to each other.
+    The first lacks its end, the second its beginning. End and beginning are joined to each other.
     """
     for line, widths in ((trace.line, trace.widths), (trace.line[::-1], trace.widths[::-1])):
         step = np.diff(line, axis=0)

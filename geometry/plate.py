@@ -197,7 +197,9 @@ Outline: TypeAlias = Disc | Rectangle | Ring | Polygon
 
 @dataclass(frozen=True)
 class FinitePlate:
-    """Flat plate with an outline, parallel to the board or tilted.
+    """Flat plate with an outline, possibly tilted.
+
+    Without a tilt it is parallel to the board.
 
     Parameters
     ----------

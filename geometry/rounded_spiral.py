@@ -210,7 +210,10 @@ class RoundedSpiral(Winding):
         return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
 
     def _rounded(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
-        """Centre line of one layer, shape (n, 2) in m, and its arcs."""
+        """Centre line of one layer, and its arcs.
+
+        The line has the shape (n, 2), in m.
+        """
         k = np.arange(self.steps + 1)
         inset = self._insets(k if layer % 2 == 0 else self.steps - k)
         sides = layer * self.steps + k

@@ -112,9 +112,9 @@ class FabRules:
 
 @dataclass(frozen=True)
 class Margin:
-    """Margin by which one rule is kept at the worst place.
+    """Margin of one rule at its worst place.
 
-    It belongs to one layer and to one net or pair of nets, or to the board.
+    It is positive if the rule is kept. It belongs to one layer and to one net or pair of nets, or to the board.
 
     Parameters
     ----------
@@ -161,7 +161,10 @@ class Margin:
 
     @property
     def at_most(self) -> bool:
-        """Whether the limit is a largest value, not a smallest value."""
+        """Whether the limit is a largest value.
+
+        Otherwise it is a smallest value.
+        """
         return self.rule in ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
 
 
@@ -281,7 +284,9 @@ def require_kept(margins: Iterable[Margin]) -> None:
 
 
 def broken_rules(margins: Iterable[Margin]) -> list[str]:
-    """Return a sentence for each broken rule, about its worst place.
+    """Return a sentence for each broken rule.
+
+    It describes the worst place.
 
     Examples
     --------
@@ -353,7 +358,10 @@ def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) ->
 
 
 def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
-    """Margin of the narrowest trace of each coil on each layer."""
+    """Margins of the narrowest traces.
+
+    There is one for each coil and layer.
+    """
     for placement in array.placements:
         coil = placement.coil
         for layer in dict.fromkeys(placement.layers):
@@ -398,7 +406,7 @@ def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Itera
 
 
 def _edge_clearance(array: CoilArray, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
-    """Margin of each net's distance to the edge of the board."""
+    """Margins of the nets from the board's edge."""
     x_min, y_min, x_max, y_max = array.bounds
     for net, shape in copper.items():
         xy = shapely.get_coordinates(shape)
@@ -486,7 +494,10 @@ def trace_to_trace(
 
 
 def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Smallest gap of a trace to itself up to `within` (m)."""
+    """Smallest gap of a trace to itself.
+
+    Gaps up to `within` (m) are searched.
+    """
     near = min(float(4 * half.max()), within)
     while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
         near = min(4 * near, within)  # a wide search costs the square of the number of segments
@@ -494,7 +505,10 @@ def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: fl
 
 
 def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Smallest gap of a trace to itself up to `within` (m), in one search."""
+    """Search the smallest gap of a trace to itself.
+
+    Gaps up to `within` (m) are found in one search.
+    """
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
     r = 2 * half.max() + within
@@ -566,7 +580,10 @@ def _nearest_beyond(
 
 
 def _end_at(line: FloatArray, hole: Drill) -> str | None:
-    """End of the line at a pad: "first", "last" or None."""
+    """End of a line at a pad.
+
+    It is "first", "last" or None.
+    """
     for end, point in (("first", line[:1]), ("last", line[-1:])):
         if len(point) and np.hypot(point[0, 0] - hole.x, point[0, 1] - hole.y) < 1e-9:
             return end
@@ -574,7 +591,10 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
 
 
 def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps between pads and traces that do not lead into them."""
+    """Gaps between pads and other traces.
+
+    Traces that lead into a pad have no gap to it.
+    """
     for hole in holes:
         end = _end_at(line, hole)
         points, radius = (line[::-1], half[::-1]) if end == "last" else (line, half)

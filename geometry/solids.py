@@ -116,7 +116,7 @@ def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
 
 
 class _Alone:
-    """Board of one coil, equal to others with the same copper."""
+    """Board of one coil, compared by its copper."""
 
     def __init__(self, array: CoilArray) -> None:
         self.array = array
@@ -192,7 +192,10 @@ def board_prisms(array: CoilArray) -> dict[str, Prism]:
 
 
 def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
-    """Yield layer, net and prism of all copper without its holes."""
+    """Yield layer, net and prism of all copper.
+
+    The holes are not cut out.
+    """
     holes = _holes(array)
     for layer, nets in copper_by_layer(array).items():
         through = [hole for hole in holes if layer in hole.layers]
@@ -201,7 +204,7 @@ def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
 
 
 def _barrels(array: CoilArray) -> Iterator[tuple[str, int, Prism]]:
-    """Yield net, number and prism of the barrel in every hole."""
+    """Yield net, number and prism of all barrels."""
     stackup, holes = array.stackup, _holes(array)
     for net in array.names:
         for n, hole in enumerate(hole for hole in holes if hole.net == net):
@@ -219,9 +222,10 @@ def _laminate(array: CoilArray) -> Prism | None:
 
 
 def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
-    """Stack sheets as large as the board upwards from z = 0.
+    """Stack sheets upwards from z = 0.
 
-    The keys are ``sheet/<name>``. Raises GeometryError if two sheets have the same name.
+    They are as large as the board. The keys are ``sheet/<name>``. Raises GeometryError if two sheets have the same
+    name.
     """
     names = [sheet.name for sheet in sheets]
     if len(set(names)) != len(names):
@@ -249,7 +253,10 @@ def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
 
 
 def _near(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
-    """Return the holes that may meet the outline of a prism."""
+    """Return the holes near a prism.
+
+    They may meet its outline.
+    """
     at = np.asarray(shapely.points(np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)))
     radius = max((hole.diameter / 2 for hole in holes), default=0.0)
     return [holes[k] for k in np.flatnonzero(shapely.dwithin(prism.shape, at, radius)).tolist()]

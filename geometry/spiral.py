@@ -241,7 +241,10 @@ class Winding(ABC):
             sides, inset = sides[kept], inset[kept]
 
     def _turned(self, steps: npt.ArrayLike) -> FloatArray:
-        """Angle in rad after a number of steps, with sign of the winding."""
+        """Angle in rad after a number of steps.
+
+        It has the sign of the winding.
+        """
         # the whole number of steps keeps corners of different turns and layers on the same rays
         angle = 2 * math.pi * (np.asarray(steps) % self.sides) / self.sides
         return np.asarray(angle if self.winding == "ccw" else -angle)
@@ -332,7 +335,10 @@ class Spiral(Winding):
 
     @property
     def inner_apothem(self) -> float:
-        """Apothem in m of the centre line at its inner end."""
+        """Apothem in m of the line's inner end.
+
+        The line is the centre line.
+        """
         return self.outer_apothem - self.trace_width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
@@ -404,7 +410,10 @@ class Spiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), np.full(len(sides), self.outer_apothem)
 
     def _on_rays(self, steps: IntArray, apothem: FloatArray) -> FloatArray:
-        """Points at given steps on polygons of given apothems in m."""
+        """Points on polygons of given apothems.
+
+        The points are at given steps. Apothems are in m.
+        """
         radius = apothem / math.cos(math.pi / self.sides)
         angle = self.first_corner + self._turned(steps)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))

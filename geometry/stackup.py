@@ -157,7 +157,9 @@ class Stackup:
         return z_top - self.copper_thickness[i], z_top
 
     def centre(self, name: str) -> float:
-        """Height in m of the middle plane of the copper layer `name`.
+        """Height in m of a layer's middle plane.
+
+        `name` is the name of the copper layer.
 
         Returns
         -------

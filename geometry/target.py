@@ -82,17 +82,20 @@ class Target:
 
     @property
     def extent(self) -> float:
-        """Distance in m from the body's lowest to its highest point."""
+        """Height of the body in m.
+
+        It is measured from the lowest to the highest point.
+        """
         if isinstance(self.body, Plate | FinitePlate):
             low, high = self.body.heights
             return high - low
         return 2 * self.body.radius
 
     def height(self, face: float, distance: float) -> float:
-        """Height in m of the body's centre at a given distance.
+        """Height in m of the body's centre.
 
-        For an infinite plate it is the height of the lower face. `distance` is measured from `face` to the body's
-        nearest point. Both are in m.
+        The body is at a given distance. For an infinite plate it is the height of the lower face. `distance` is
+        measured from `face` to the body's nearest point. Both are in m.
 
         Returns
         -------

@@ -14,6 +14,6 @@ SIDES: tuple[Side, ...] = get_args(Side)
 
 
 def place_in_mm(x: float, y: float) -> str:
-    """Write a place in m for a message, as "(1.5, 2) mm"."""
+    """Write a place in m as "(1.5, 2) mm"."""
     numbers = (round(float(value) * 1e3, 3) + 0.0 for value in (x, y))  # + 0.0: no −0
     return true_minus("({:.4g}, {:.4g}) mm".format(*numbers))

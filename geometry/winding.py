@@ -47,7 +47,9 @@ class FlatPath:
 
     @classmethod
     def of_lines(cls, lines: Sequence[FloatArray], widths: Sequence[FloatArray]) -> FlatPath:
-        """Join lines, each beginning at the end of the line before.
+        """Join lines to a path.
+
+        Each line begins at the end of the line before.
 
         Parameters
         ----------
@@ -76,7 +78,10 @@ class FlatPath:
 
     @property
     def along(self) -> FloatArray:
-        """Length in m of the path up to every point, shape (n + 1,)."""
+        """Length in m up to every point.
+
+        It is measured along the path, shape (n + 1,).
+        """
         return np.append(0.0, np.cumsum(np.hypot(*self.steps.T)))
 
     def between(self, begin: float, end: float) -> FloatArray:
@@ -89,7 +94,10 @@ class FlatPath:
         return np.vstack((self.at(np.array([begin])), self.points[inside], self.at(np.array([end]))))
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Points (n, 2) in m at places (n,) in m along the path."""
+        """Points in m at places along the path.
+
+        The points have the shape (n, 2), the places `s` in m (n,).
+        """
         along = self.along
         return np.column_stack([np.interp(s, along, axis) for axis in self.points.T])
 
@@ -123,9 +131,9 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Winding part of a path, its mean pitch and its poles.
+    """Winding part of a path.
 
-    It runs from `begin` to `end` along the path in m. `pitch` is in m.
+    It has a mean pitch and poles. It runs from `begin` to `end` along the path in m. `pitch` is in m.
     """
 
     path: FlatPath
@@ -150,7 +158,7 @@ class Turns:
         return [cut for pole in self.poles for cut in self.about(pole, rays) if len(cut.piece)]
 
     def enough_cuts(self, least: int, most: int, crossings: float) -> list[Cut]:
-        """Cut the turns by enough rays for a number of crossings.
+        """Cut the turns by enough rays.
 
         The number of rays per pole is `least` to `most`. It is chosen so that all rays together cross about `crossings`
         turns. See `cuts`.
@@ -159,10 +167,10 @@ class Turns:
         return self.cuts(min(max(math.ceil(crossings / wound), least), most))
 
     def own_turns(self, pole: Pole) -> float:
-        """Count the turns about a pole, without the way to others.
+        """Count the turns about a pole.
 
-        They run from the first place that winds about the pole to the last. The first and the last turn end at one of
-        `_RAYS` rays.
+        The way to other poles does not count. They run from the first place that winds about the pole to the last. The
+        first and the last turn end at one of `_RAYS` rays.
         """
         sense = math.copysign(1.0, pole.turns)
         along = np.concatenate([cut.along[cut.sign == sense] for cut in self.about(pole, _RAYS)])
@@ -209,10 +217,11 @@ class Turns:
 
 
 def find_turns(path: FlatPath) -> Turns | None:
-    """Find the part of a path that winds, without its leads.
+    """Find the winding part of a path.
 
-    From either end, a path is a lead up to the first place beside which another part of it runs in the same direction
-    about a pitch away, or above it on another layer. The turns are the same however far the leads go.
+    It does not include the leads. From either end, a path is a lead up to the first place beside which another part of
+    it runs in the same direction about a pitch away, or above it on another layer. The turns are the same however far
+    the leads go.
 
     Parameters
     ----------
@@ -246,11 +255,12 @@ def find_turns(path: FlatPath) -> Turns | None:
 def _crossings(
     path: FlatPath, origins: FloatArray, directions: FloatArray
 ) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
-    """Intersections of lines through points with the pieces of a path.
+    """Intersections of lines with a path.
 
-    All arrays have the shape (lines, pieces). They are: whether the piece is crossed; the place on the line in m from
-    its point; the place on the piece, 0 to 1; and the cosine of the angle between the piece and the normal of the line,
-    positive if the piece goes to the left of the line.
+    The lines go through points, and the path consists of pieces. All arrays have the shape (lines, pieces). They are:
+    whether the piece is crossed; the place on the line in m from its point; the place on the piece, 0 to 1; and the
+    cosine of the angle between the piece and the normal of the line, positive if the piece goes to the left of the
+    line.
     """
     x, y = path.points.T
     dx, dy = directions[:, :1], directions[:, 1:]
@@ -265,10 +275,11 @@ def _crossings(
 
 
 def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Distances in m to parallel parts beside places of a path.
+    """Distances in m to parallel parts of a path.
 
-    The parts run in the direction of the path, on the same line or on other lines. Both arrays have the shape (m,).
-    `places` (m, 2) in m lie on pieces given by their numbers (m,). A distance is infinite if there is no such part.
+    They are measured from places of the path. The parts run in the direction of the path, on the same line or on other
+    lines. Both arrays have the shape (m,). `places` (m, 2) in m lie on pieces given by their numbers (m,). A distance
+    is infinite if there is no such part.
     """
     length = np.hypot(*path.steps.T)
     tangent = path.steps[piece] / length[piece][:, None]
@@ -281,7 +292,7 @@ def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatA
 
 
 def _lead(path: FlatPath, pitch: float) -> float | None:
-    """Length in m of the lead at the beginning of a path.
+    """Length in m of a path's first lead.
 
     None if the whole path is a lead.
     """

@@ -59,7 +59,10 @@ def copper_words(coil: Coil) -> str:
 
 
 def array_facts(array: CoilArray) -> list[tuple[str, str]]:
-    """Return the facts about a board as rows of name and value."""
+    """Return facts about a board as rows.
+
+    A row has a name and a value.
+    """
     names, layers = array.names, array.stackup.names
     shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
     x_min, y_min, x_max, y_max = array.bounds
@@ -71,9 +74,9 @@ def array_facts(array: CoilArray) -> list[tuple[str, str]]:
 
 
 def array_picture(array: CoilArray, title: str = "") -> str:
-    """Return a drawing of the board as an HTML image, to scale.
+    """Return a drawing as an HTML image.
 
-    For a board that takes too long to draw it is a sentence.
+    The board is drawn to scale. For a board that takes too long to draw it is a sentence.
     """
     points = sum(len(line) for place in array.placements for line, _, _ in place.traces())
     if points > _MOST_POINTS:
@@ -85,9 +88,9 @@ def array_picture(array: CoilArray, title: str = "") -> str:
 
 
 def _shape(coil: Coil) -> str:
-    """Return the word for a coil's shape, followed by a blank.
+    """Return the word for a coil's shape.
 
-    It is empty for a path.
+    A blank follows the word. It is empty for a path.
     """
     if coil.wound is None:
         return ""

@@ -37,10 +37,11 @@ _AT_ONCE = 1 << 20  # bytes
 
 
 def canonical(*parts: Any) -> bytes:
-    """Return the bytes of values for a checksum or a key.
+    """Return the canonical bytes of values.
 
-    Equal values have equal bytes on every machine. The parts are tables, lists, texts, numbers, arrays and dataclasses
-    of these. The order of a table's entries does not matter. 1 and 1.0 are different.
+    They are used for checksums and keys. Equal values have equal bytes on every machine. The parts are tables, lists,
+    texts, numbers, arrays and dataclasses of these. The order of a table's entries does not matter. 1 and 1.0 are
+    different.
     """
     return _ENCODER.encode(parts).encode()
 
@@ -64,7 +65,9 @@ def checksum_of_bytes(data: bytes) -> str:
 
 
 class TableSeal:
-    r"""Checksums of the lines of a CSV, in the order in which they are written.
+    r"""Checksums of the lines of a CSV.
+
+    They are made in the order in which the lines are written.
 
     Examples
     --------
@@ -141,7 +144,10 @@ def checked_rows(table: str, name: object, *, cut: bool = False) -> tuple[list[l
 
 
 def sealed(data: bytes) -> bytes:
-    """Return the content of a file with its seal behind it."""
+    """Return a file's content with its seal.
+
+    The seal is at the end.
+    """
     return data + _seal(hashlib.blake2b(data, digest_size=_FILE_BYTES))
 
 
@@ -159,9 +165,9 @@ def unsealed(data: bytes, name: object) -> bytes:
 
 
 def seal_file(path: Path) -> None:
-    """Append the seal to a file, which is read in blocks.
+    """Append the seal to a file.
 
-    Raises OSError on failure.
+    The file is read in blocks. Raises OSError on failure.
     """
     with path.open("r+b") as file:
         file.write(_seal(_digest(file, path.stat().st_size)))

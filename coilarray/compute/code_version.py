@@ -15,12 +15,12 @@ _SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without i
 
 @functools.cache
 def code_version() -> str:
-    """Return the version of coilarray with a hash of its code.
+    """Return the version with a hash of the code.
 
-    The hash covers its source and the versions of numpy, scipy and numba. Two machines compute the same numbers only if
-    it is equal, and a number kept on disk is valid only as long as it stays. The package's version alone does not
-    change when a working copy is edited or numpy is updated. The processor and its mathematical library are not
-    included. They change last digits.
+    It is the version of coilarray. The hash covers its source and the versions of numpy, scipy and numba. Two machines
+    compute the same numbers only if it is equal, and a number kept on disk is valid only as long as it stays. The
+    package's version alone does not change when a working copy is edited or numpy is updated. The processor and its
+    mathematical library are not included. They change last digits.
     """
     digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
     for path in _sources():

@@ -66,9 +66,9 @@ class DisplayUnit:
         return np.asarray(values, dtype=np.float64) * self.factor
 
     def text(self, value: Any, digits: str = "") -> str:
-        """Return a value in SI as a plain number with its unit.
+        """Return a value as a number with unit.
 
-        `digits` is a precision as in ``".3"``.
+        The value is in SI. `digits` is a precision as in ``".3"``.
         """
         between = "·" if self.symbol.startswith("10") else " "
         return true_minus(f"{float(value) * self.factor + 0.0:{digits}g}{between}{self.symbol}".rstrip())
@@ -83,9 +83,9 @@ def number_text(number: float, digits: int, sign: str = "-") -> str:
 
 
 def value_text(value: object) -> str:
-    """Return an entry of a design or a quantity as text.
+    """Return a value as text.
 
-    Numbers have up to six digits. A missing value is a dash.
+    It is an entry of a design or a quantity. Numbers have up to six digits. A missing value is a dash.
 
     Examples
     --------
@@ -111,13 +111,16 @@ def power_of_ten(exponent: int) -> str:
 
 
 def _with_power(text: str) -> str:
-    """Write the exponent of a number's text as a power of ten."""
+    """Write a number's exponent as a power of ten."""
     mantissa, _, exponent = text.partition("e")
     return f"{mantissa}·{power_of_ten(int(exponent))}" if exponent else text
 
 
 def true_minus(text: str) -> str:
-    """Replace hyphens by minus signs, which are as wide as a plus."""
+    """Replace hyphens by minus signs.
+
+    They are as wide as a plus.
+    """
     return text.replace("-", "−")
 
 

@@ -94,7 +94,10 @@ def announce_to(tell: Callable[[Path, Path], None]) -> None:
 
 
 def announce(temporary: Path, path: Path) -> None:
-    """Announce that a temporary file is about to get its name."""
+    """Announce the renaming of a temporary file.
+
+    The file is about to get its name.
+    """
     for tell in _TOLD:
         tell(temporary, path)
 
@@ -144,9 +147,9 @@ def require_suffix(path: Path, *suffixes: str) -> None:
 
 
 def read_text(path: Path, error: type[CoilarrayError]) -> str:
-    """Read a UTF-8 text file, with or without a byte order mark.
+    """Read a UTF-8 text file.
 
-    Raises `error`, with one line, on failure.
+    It may have a byte order mark. Raises `error`, with one line, on failure.
     """
     try:
         return text_of_file(path)
@@ -165,10 +168,10 @@ def text_of_file(path: Path, most: int = MOST_BYTES) -> str:
 
 
 def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file or a pipe, up to a number of bytes.
+    """Read a file or a pipe.
 
-    Raises OSError on failure, for a device, and for more than `most` bytes. A pipe into which no program writes is
-    empty.
+    Its size is limited. Raises OSError on failure, for a device, and for more than `most` bytes. A pipe into which no
+    program writes is empty.
     """
     with open(path, "rb", opener=_open_at_once) as file:
         found = os.fstat(file.fileno())
@@ -183,12 +186,15 @@ def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def _open_at_once(name: str, flags: int) -> int:
-    """Open a file without waiting at the other end of a pipe."""
+    """Open a file without waiting.
+
+    A pipe may have no program at its other end.
+    """
     return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its parents if they do not exist.
+    """Make a folder and its missing parents.
 
     Raises OutputError on failure.
     """

@@ -98,9 +98,9 @@ def _free_on_machine() -> float:
 
 
 def _left_in_groups() -> float:
-    """Memory in bytes left in the control groups, of both versions.
+    """Memory in bytes left in the control groups.
 
-    Pages of files that can be given up count as free.
+    Both versions of control groups are read. Pages of files that can be given up count as free.
     """
     left = float("inf")
     for line in _text(_PROC / "self" / "cgroup").splitlines():
@@ -142,7 +142,10 @@ def own_limit() -> float:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """Numbers of a file with a name and a number per line."""
+    """Numbers of a file by name.
+
+    Each line has a name and a number.
+    """
     words = [line.replace(":", " ").split() for line in _text(path).splitlines()]
     return {line[0]: int(line[1]) for line in words if len(line) > 1 and line[1].isdecimal()}
 

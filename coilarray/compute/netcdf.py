@@ -113,9 +113,9 @@ class Schema:
         return [name for name, entry in self.variables.items() if entry.needed]
 
     def checked(self, dataset: xr.Dataset, who: str) -> xr.Dataset:
-        """Return a dataset with its numbers in float64 and its dimensions in order.
+        """Return a checked dataset.
 
-        An `error` names the first wrong field of `who`.
+        Its numbers are in float64, and its dimensions in order. An `error` names the first wrong field of `who`.
 
         Examples
         --------

@@ -126,7 +126,7 @@ class Store:
 
 
 def open_store(folder: str | Path | None = None) -> Store:
-    """Open a store, in a new folder if it does not exist.
+    """Open a store, in a new folder if needed.
 
     The default folder is named by the environment variable ``COILARRAY_CACHE``, otherwise it is the user's cache
     folder. Raises OutputError if the folder cannot be made.
@@ -171,11 +171,11 @@ def content_key(*parts: Any) -> str:
 
 @contextmanager
 def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
-    """Open a SQLite file that no other process can use meanwhile.
+    """Open a SQLite file exclusively.
 
-    The lock ends with this process on every system. The file is made if it does not exist, empty as a plain lock, and
-    is in autocommit mode. Raises OutputError if another process has locked the file, with `message` as the text, if it
-    cannot be written, or if it is not a database.
+    No other process can use it meanwhile. The lock ends with this process on every system. The file is made if it does
+    not exist, empty as a plain lock, and is in autocommit mode. Raises OutputError if another process has locked the
+    file, with `message` as the text, if it cannot be written, or if it is not a database.
     """
     with writing(path, sqlite3.Error, ValueError):
         there = path.exists()

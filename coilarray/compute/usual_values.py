@@ -67,9 +67,10 @@ _reading: ContextVar[bool] = ContextVar("_reading", default=False)
 
 
 def slip(key: str, value: float) -> str:
-    """Return an unusual value with its unit and the likely value.
+    """Return an unusual value and its likely unit.
 
-    The range is taken by the last name of a key. The text is empty for a usual value.
+    The text has the value with its unit and the likely value. The range is taken by the last name of a key. The text is
+    empty for a usual value.
 
     Examples
     --------
@@ -88,9 +89,9 @@ def slip(key: str, value: float) -> str:
 
 
 def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return a line for each unusual value of a design file.
+    """Return a line for each unusual value.
 
-    The table is as TOML reads it, or by its dotted keys.
+    The values belong to a design file. The table is as TOML reads it, or by its dotted keys.
 
     Examples
     --------

@@ -74,7 +74,10 @@ def _kept(entry: object) -> Outcome | None:
 
 
 def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
-    """Make a point as plain data, or the reason why it is impossible."""
+    """Make a point as plain data.
+
+    For an impossible point it is the reason.
+    """
     try:
         return {"document": vary_document(document, change), **how}
     except DesignError as error:
@@ -90,13 +93,13 @@ def run_cached(
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
-    """Apply a function of plain data to items, with a cache.
+    """Apply a function to items, with a cache.
 
-    Equal items are computed once, and items with a kept outcome are not computed again. The function, defined in a
-    module, returns numbers by name. Its name and the item, made of plain tables, lists, texts and numbers, are the key
-    in the store. A text in place of an item is its outcome. Items are read as the pool has room. `total` is their
-    number for `progress`, by default the number read so far. The number and the outcome of each item are yielded as it
-    is done. The outcome is the result of the function, or the line of its CoilarrayError.
+    The items are plain data. Equal items are computed once, and items with a kept outcome are not computed again. The
+    function, defined in a module, returns numbers by name. Its name and the item, made of plain tables, lists, texts
+    and numbers, are the key in the store. A text in place of an item is its outcome. Items are read as the pool has
+    room. `total` is their number for `progress`, by default the number read so far. The number and the outcome of each
+    item are yielded as it is done. The outcome is the result of the function, or the line of its CoilarrayError.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     keys: dict[int, str] = {}  # of the tasks in flight, by index
@@ -110,7 +113,10 @@ def run_cached(
             progress(done, total or read)
 
     def collect() -> Iterator[tuple[int, Outcome]]:
-        """Wait for one outcome, keep it, and give it to all equal items."""
+        """Wait for one outcome and keep it.
+
+        It is given to all equal items.
+        """
         first, outcome = pool.collect()
         key = keys.pop(first)
         if cache is not None:

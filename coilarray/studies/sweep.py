@@ -97,9 +97,9 @@ class Axis:
         return [low + part * (high - low) for part in parts]
 
     def stepped(self, *, whole: bool) -> Axis:
-        """Return an interval as values from end to end, for a grid.
+        """Return an interval as values for a grid.
 
-        Raises GoalError as `sample` does.
+        They extend from end to end. Raises GoalError as `sample` does.
         """
         if not self.interval:
             return self
@@ -187,7 +187,9 @@ def sweep(
     pool: Pool | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Evaluate quantities of a design over a grid of its entries.
+    """Evaluate quantities of a design over a grid.
+
+    The grid consists of entries of the design.
 
     Parameters
     ----------
@@ -406,7 +408,7 @@ def _check_number(points: int) -> None:
 
 
 def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
-    """Build designs until one is possible and has all named coils.
+    """Build designs until one is possible.
 
     Each coil must be in one of the designs.
     """

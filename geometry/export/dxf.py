@@ -128,7 +128,10 @@ def _drill_layer(array: CoilArray, hole: Drill) -> str:
 
 
 def _add_paths(space: Modelspace, array: CoilArray) -> None:
-    """Add the centre lines of all traces, with widths and arcs."""
+    """Add the centre lines of all traces.
+
+    They have widths and arcs.
+    """
     for placement in array.placements:
         for k, (line, widths, layer) in enumerate(placement.traces()):
             pieces = list(pieces_of(line, placement.coil.arcs_of(k)))

@@ -36,7 +36,7 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 def write_gerbers(
     array: CoilArray, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
 ) -> None:
-    """Write the fabrication data for a board house as one zip.
+    """Write the fabrication data as one zip.
 
     Parameters
     ----------
@@ -162,9 +162,9 @@ class _Layer:
     def stroke(
         self, start: FloatArray, end: FloatArray, width: float, function: str = "", middle: FloatArray | None = None
     ) -> None:
-        """Draw a straight stroke, or an arc through `middle`, in mm.
+        """Draw a straight stroke or an arc.
 
-        Consecutive strokes share the point between them.
+        An arc passes through `middle`. All points are in mm. Consecutive strokes share the point between them.
         """
         self._select(width, function)
         if self._at != _coordinates(start):
@@ -178,7 +178,10 @@ class _Layer:
         self._body.append("G01*")
 
     def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
-        """Flash a disc at a place in m, with diameter in mm."""
+        """Flash a disc.
+
+        The place is in m, the diameter in mm.
+        """
         self._select(diameter, function)
         self._operation(_mm((x, y)), "D03")
 
@@ -226,7 +229,7 @@ def _copper_files(array: CoilArray, project: _Project) -> Iterator[_File]:
 
 
 def _copper(array: CoilArray, name: str) -> _Layer:
-    """Make the layer of copper of one name: traces and pads."""
+    """Make a copper layer of traces and pads."""
     layer = _Layer()
     holes = drills(array)
     for placement in array.placements:
@@ -361,7 +364,7 @@ def _field(text: str) -> str:
 
 
 def _mm(lengths: npt.ArrayLike) -> FloatArray:
-    """Convert lengths to mm, to the last digit of the file.
+    """Convert lengths to mm, rounded for the file.
 
     Negative zeros are avoided.
     """

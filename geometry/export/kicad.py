@@ -303,7 +303,7 @@ def _library_table_text(name: str) -> str:
 
 
 def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:
-    """Write files into a new folder and move them into place.
+    """Write files and move them into a folder.
 
     The folder is made beside `path` and renamed, or its files are moved into an existing folder. If OutputError is
     raised, a new folder does not remain, and an existing folder is unchanged.

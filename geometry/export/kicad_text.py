@@ -104,14 +104,17 @@ def mm(nm: int) -> str:
 
 
 def length(metres: float) -> str:
-    """Write a length in m in mm, rounded to 1 nm."""
+    """Write a length in mm, rounded to 1 nm.
+
+    `metres` is the length in m.
+    """
     return mm(int(nanometres(metres)))
 
 
 def at(name: str, point: npt.ArrayLike) -> str:
-    """Write the position ``(name x y)`` of a point in nm.
+    """Write the position ``(name x y)`` of a point.
 
-    The point is on the sheet.
+    The point is in nm. The point is on the sheet.
     """
     x, y = np.asarray(point).tolist()
     return node(name, mm(x), mm(y))
@@ -138,9 +141,9 @@ class Drawing:
         return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
 
     def point(self, x: float, y: float) -> IntArray:
-        """Transform a point of the design in m to the sheet.
+        """Transform a point of the design to the sheet.
 
-        The result has the shape (2,), in nm.
+        The point is in m. The result has the shape (2,), in nm.
         """
         return self.points((x, y))
 
@@ -149,13 +152,16 @@ class Drawing:
         return replace(self, root=f"{self.root}/{part}")
 
     def layer(self, name: str) -> str:
-        """Write the ``(layer …)`` of a copper layer of the stack-up."""
+        """Write the ``(layer …)`` of a copper layer.
+
+        The layer belongs to the stack-up.
+        """
         return on_layer(self.layers[name])
 
     def identifier(self, *parts: object) -> str:
-        """Write the ``(tstamp …)`` of the piece named by the parts.
+        """Write the ``(tstamp …)`` of a piece.
 
-        It is the same for the same design.
+        The piece is named by the parts. It is the same for the same design.
         """
         return node("tstamp", str(uuid.uuid5(_NAMESPACE, "/".join(map(str, (self.root, *parts))))))
 
@@ -194,9 +200,10 @@ _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM)
 
 
 def library_footprints(array: CoilArray) -> dict[str, str]:
-    """Write a footprint for every coil shape and set of layers.
+    """Write footprints of all coil shapes.
 
-    It is named after the first coil with this shape and these layers.
+    There is a footprint for every shape and set of layers. It is named after the first coil with this shape and these
+    layers.
 
     Pads 1 and 2 are the terminals. A footprint has no vias. They are pads V1, V2, … without a net. The winding is drawn
     as lines on the copper layers. The footprint is a net tie, KiCad's word for a part that joins nets on purpose.
@@ -278,9 +285,9 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
 def holes_of(
     array: CoilArray, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
 ) -> list[tuple[Drill, IntArray]]:
-    """Holes of one coil, with their places on the sheet in nm.
+    """Holes of one coil with places in nm.
 
-    They are in the order of the path.
+    The places are on the sheet. They are in the order of the path.
     """
     own = drills(array.with_placements((placement,)))
     return [(hole, drawing.point(hole.x, hole.y)) for hole in own if hole.kind == kind]
@@ -291,7 +298,10 @@ def _attributes(placement: Placement, *more: str) -> str:
 
 
 def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
-    """Write the coil's name, on the silk screen if it fits."""
+    """Write the coil's name as reference.
+
+    It is on the silk screen if it fits.
+    """
     if label is None:
         return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
     place = drawing.point(label.x, label.y) - drawing.point(placement.x, placement.y)
@@ -320,7 +330,10 @@ def _outline(placement: Placement, drawing: Drawing) -> str:
 
 
 def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Iterator[str]:
-    """Yield the pads V1, V2, … for vias, under the solder mask."""
+    """Yield the pads V1, V2, … for vias.
+
+    They are under the solder mask.
+    """
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         layers = node("layers", _through(array))
         drill = node("drill", length(hole.diameter))
@@ -328,7 +341,7 @@ def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Itera
 
 
 def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
-    """Yield the pads 1 and 2 at the ends of the path.
+    """Yield pads 1 and 2 at the path's ends.
 
     A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the solder mask, that
     adds no copper. For KiCad's check it marks the intended end of the track.

@@ -37,9 +37,10 @@ class Label:
 
 
 def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
-    """Place the name of every coil as near to its centre as possible.
+    """Place the names of the coils.
 
-    A name keeps clear of all pads, other names and the edge. It is None if it does not fit within the coil's winding.
+    Each name is as near to the coil's centre as possible. A name keeps clear of all pads, other names and the edge. It
+    is None if it does not fit within the coil's winding.
     """
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")
@@ -55,9 +56,9 @@ def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
 
 
 def _fit(placement: Placement, free: BaseGeometry, taken: FloatArray) -> tuple[Label | None, FloatArray]:
-    """Find the first free place for a coil's name, and its box.
+    """Find the first free place for a name.
 
-    The box (x_min, y_min, x_max, y_max) is in m, shape (0 or 1, 4).
+    The box of the name is returned too. The box (x_min, y_min, x_max, y_max) is in m, shape (0 or 1, 4).
     """
     places = _places(placement)
     for size in _SIZES:

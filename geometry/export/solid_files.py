@@ -28,7 +28,9 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
-    """Write solids to one file, in the format of its suffix.
+    """Write solids to one file.
+
+    The suffix determines the format.
 
     Parameters
     ----------
@@ -61,7 +63,10 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
 
 
 def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
-    """Make a scene of named and coloured solids, with y up."""
+    """Make a scene of coloured solids.
+
+    The solids are named, and y is up.
+    """
     import trimesh
 
     scene: Any = trimesh.Scene()

@@ -35,9 +35,9 @@ _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
 def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
-    """Write a board and its sheets as a STEP file in mm.
+    """Write a board and its sheets as STEP.
 
-    The format is AP214.
+    Lengths are in mm. The format is AP214.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def faceted_prisms(array: CoilArray) -> dict[str, Prism]:
 
 
 def _circles(array: CoilArray) -> FloatArray:
-    """Centre and radius in m of every circle of the board.
+    """Centres and radii in m of all circles.
 
     The circles are pads, holes and the inside of barrels. The array has the shape (n, 3).
     """

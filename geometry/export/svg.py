@@ -27,7 +27,9 @@ _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 
 
 def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
-    """Write the board as an SVG drawing in its real size.
+    """Write the board as an SVG drawing.
+
+    It has the size of the board.
 
     Parameters
     ----------

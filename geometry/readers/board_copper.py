@@ -202,9 +202,9 @@ def united(parts: Sequence[Slab]) -> Slab:
 
 
 def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, str]) -> tuple[float, ...]:
-    """Fill in the usual thickness of copper where it is missing.
+    """Fill in missing thicknesses of copper.
 
-    Assumed values are recorded in `assumed`. `files` is "the files do".
+    They have the usual thickness. Assumed values are recorded in `assumed`. `files` is "the files do".
     """
     if None in given:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"

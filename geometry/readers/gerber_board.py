@@ -235,7 +235,10 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
 
 
 def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
-    """Make the hole of a bore, with its pads and its kind."""
+    """Make the hole of a bore.
+
+    It has pads and a kind.
+    """
     pads = bore.pads
     flashes = [flash for on_layer in pads.values() for flash in on_layer]
     net = next((flash.net for flash in flashes if flash.net is not None), None)
@@ -248,7 +251,10 @@ def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
 
 
 def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -> Literal["via", "pad"]:
-    """Kind of a plated hole, from attributes or the solder mask."""
+    """Kind of a plated hole.
+
+    It follows from attributes or the solder mask.
+    """
     functions = {hole.function, *(pad.function for pad in pads)}
     if functions & {"ComponentDrill", "ComponentPad"}:
         return "pad"

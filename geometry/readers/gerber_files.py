@@ -81,7 +81,10 @@ def gerbonara(module: str) -> ModuleType:
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield label and bytes of every file, in order of names."""
+    """Yield label and bytes of every file.
+
+    The files are in the order of their names.
+    """
     try:
         if path.is_dir():
             for file in sorted(_files_in(path)):
@@ -188,11 +191,11 @@ _MM = 1e-3
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Read the stack-up from a job file, if there is one.
+    """Read the stack-up from a job file.
 
-    Assumed values are returned as in `BoardCopper`. Layers are named as in the job file, otherwise L1, L2, …. `source`
-    is the zip or folder, for messages. Raises BoardError if the file is not JSON, the number of layers differs, or
-    thicknesses are impossible.
+    The file may be missing. Assumed values are returned as in `BoardCopper`. Layers are named as in the job file,
+    otherwise L1, L2, …. `source` is the zip or folder, for messages. Raises BoardError if the file is not JSON, the
+    number of layers differs, or thicknesses are impossible.
     """
     document = {} if job is None else _document(job)
     where = source if job is None else job.label

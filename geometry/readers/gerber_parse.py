@@ -100,10 +100,10 @@ class Clear:
 
 @dataclass(frozen=True)
 class DrilledHole:
-    """Hole of a drill file, for a slot its middle, in m.
+    """Hole of a drill file, in m.
 
-    `function` is the last field of the tool's attribute .AperFunction, such as "ViaDrill". It is empty if missing.
-    `plated` is None if the file does not specify it.
+    For a slot it is the middle. `function` is the last field of the tool's attribute .AperFunction, such as "ViaDrill".
+    It is empty if missing. `plated` is None if the file does not specify it.
     """
 
     x: float
@@ -213,7 +213,10 @@ def _parted(label: str, text: str) -> tuple[str, str, str]:
 
 
 def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
-    """Convert an object of gerbonara to a stroke, flash or region."""
+    """Convert an object of gerbonara.
+
+    The result is a stroke, flash or region.
+    """
     objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
     net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
     named = None if net in _NO_NET else net
@@ -239,7 +242,10 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> St
 
 
 def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: str) -> Flash:
-    """Make a flash of an aperture at a place in m."""
+    """Make a flash of an aperture.
+
+    The place is in m.
+    """
     function = dict(aperture.attrs or ()).get(".AperFunction", ("",))[0]
     if isinstance(aperture, gerbonara("apertures").CircleAperture):
         size = _diameter(aperture, where)
@@ -257,7 +263,7 @@ def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: 
 
 
 def _way(item: Any) -> Iterator[Point]:
-    """Yield the points in m along a line or an arc."""
+    """Yield points in m along a line or arc."""
     unit = _in_metre(item.unit)
     start, end = (item.x1 / unit, item.y1 / unit), (item.x2 / unit, item.y2 / unit)
     if isinstance(item, gerbonara("graphic_objects").Arc):

@@ -112,7 +112,10 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 
 def _version_note(root: Node) -> Iterator[str]:
-    """Yield a note on a newer format, and refuse older formats."""
+    """Yield a note on a newer format.
+
+    Older formats are refused.
+    """
     version = root.need("version")
     number = version.number()
     if number < OLDEST_VERSION:
@@ -158,9 +161,9 @@ class _Board:
         return to_board
 
     def net(self, node: Node) -> str | None:
-        """Return the net of a node, by its name or number.
+        """Return the net of a node.
 
-        Numbers refer to the board's table.
+        It is given by its name or number. Numbers refer to the board's table.
         """
         net = node.child("net")
         if net is None:
@@ -203,9 +206,9 @@ class _Board:
         return Hole(x, y, drill, size, layers, self.net(node), "via", node.where, shapes=shapes)
 
     def pad(self, node: Node, to_board: ToBoard) -> tuple[list[Hole], list[SurfacePad]]:
-        """Return a footprint's pad as a hole or as surface pads.
+        """Return a pad as hole or surface pads.
 
-        There is a surface pad for each of its copper layers.
+        The pad belongs to a footprint. There is a surface pad for each of its copper layers.
         """
         number, kind = node.text(0), node.text(1)
         if kind == "np_thru_hole":

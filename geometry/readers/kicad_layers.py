@@ -29,9 +29,9 @@ class KicadLayers:
     assumed: dict[str, str]
 
     def one(self, node: Node) -> str | None:
-        """Return the copper layer in a node's (layer …) or (layers …).
+        """Return a node's copper layer.
 
-        Mask layers are ignored. None if there is no copper layer.
+        It stands in (layer …) or (layers …). Mask layers are ignored. None if there is no copper layer.
         """
         if node.child("layers") is None:
             node.need("layer")

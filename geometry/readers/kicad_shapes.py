@@ -36,9 +36,9 @@ _PER_M = 1e3  # numbers in the file are in mm
 
 
 def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[tuple[str, BaseGeometry, str]]:
-    """Yield layer, shape in m and kind of a drawn shape.
+    """Yield layers, shape and kind of a drawn shape.
 
-    There is an item for every copper layer on which it lies.
+    The shape is in m. There is an item for every copper layer on which it lies.
     """
     names = layers.all(node)
     if not names:
@@ -49,7 +49,10 @@ def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator
 
 
 def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return the area of a drawn shape, in m, on any layer."""
+    """Return the area of a drawn shape.
+
+    It is in m, and the shape may lie on any layer.
+    """
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
     # a line of no width is not copper, unless its inside is filled
@@ -93,9 +96,9 @@ def pair(node: Node) -> Point:
 
 
 def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[tuple[str, BaseGeometry, str]]:
-    """Yield layer, shape in m and kind of every filled area.
+    """Yield layer, shape and kind of filled areas.
 
-    A zone without fill gives its outline.
+    Shapes are in m. A zone without fill gives its outline.
     """
     fills = list(zone.children("filled_polygon"))
     for fill in fills:
@@ -115,7 +118,10 @@ def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def _points(node: Node, to_board: ToBoard) -> Iterator[Point]:
-    """Yield the points in m of a node's (pts …), arcs divided."""
+    """Yield the points of a node's (pts …).
+
+    They are in m, with arcs divided.
+    """
     points = node.need("pts")
     for item in points.children("xy", "arc"):
         if item.name == "xy":
@@ -151,9 +157,10 @@ def _filled(node: Node, kind: str) -> bool:
 
 
 def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return the area of a pad, in m, on the board.
+    """Return the area of a pad.
 
-    A pad of unknown shape gives its rectangle. `to_board` transforms points from the footprint's frame.
+    It is in m, in the frame of the board. A pad of unknown shape gives its rectangle. `to_board` transforms points from
+    the footprint's frame.
     """
     place = pad.need("at")
     x0, y0 = to_board(*pair(place))
@@ -200,10 +207,10 @@ _LINE = 1.7  # distance of lines over the size
 
 
 def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Yield the rectangle in m around other objects, and their kind.
+    """Yield rectangles around other objects.
 
-    The objects are texts, text boxes, dimensions and unknown nodes, unless they are hidden. `to_board` transforms
-    points from the frame of the node.
+    They are in m, with the kind of the object. The objects are texts, text boxes, dimensions and unknown nodes, unless
+    they are hidden. `to_board` transforms points from the frame of the node.
     """
     if node.name in _NO_COPPER or _is_hidden(node):
         return

@@ -42,7 +42,10 @@ class Node:
         return tuple(item for item in self.items if isinstance(item, str))
 
     def children(self, *names: str) -> Iterator[Node]:
-        """Yield the lists of these names inside this list, in order."""
+        """Yield the inner lists of some names.
+
+        They are in order.
+        """
         return (item for item in self.items if isinstance(item, Node) and item.name in names)
 
     def child(self, *names: str) -> Node | None:

@@ -108,7 +108,7 @@ def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> S
 
 
 def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
-    """Return a placement of a known shape for a traced coil.
+    """Return a placement of a known shape.
 
     None if the traced coil has another shape.
     """
@@ -126,7 +126,10 @@ def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
 
 
 def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
-    """Return a placement with a new coil for a traced coil."""
+    """Return a placement with a new coil.
+
+    The coil is made from a traced coil.
+    """
     origin = _on_grid(np.array(traced.centre))
     measured = turn_gap(traced.lines, traced.layers, traced.widths)
     gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
@@ -219,11 +222,12 @@ def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], 
 
 
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
-    """Median gap in m of traces that run side by side.
+    """Median gap in m of parallel traces.
 
-    The gap is measured edge to edge and weighted by length. The current of both traces has the same direction. `lines`
-    are centre lines, each of shape (n, 2), and `widths` are the widths of their segments, each of shape (n − 1,), in m.
-    None if no two traces of a layer run so. Leads, opposite sides of a loop and the legs of a hairpin do not count.
+    The traces run side by side. The gap is measured edge to edge and weighted by length. The current of both traces has
+    the same direction. `lines` are centre lines, each of shape (n, 2), and `widths` are the widths of their segments,
+    each of shape (n − 1,), in m. None if no two traces of a layer run so. Leads, opposite sides of a loop and the legs
+    of a hairpin do not count.
 
     Examples
     --------

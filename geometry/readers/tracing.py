@@ -121,7 +121,10 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
 
 @dataclass(frozen=True, eq=False)
 class _NetCopper:
-    """Copper of one net, each kind in the order of the file."""
+    """Copper of one net, in file order.
+
+    Each kind is listed apart.
+    """
 
     tracks: list[Track] = field(default_factory=list)
     holes: list[Hole] = field(default_factory=list)
@@ -262,7 +265,10 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Reason why a path is not a coil, empty if it winds."""
+    """Reason why a path is not a coil.
+
+    It is empty if the path winds.
+    """
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
 
@@ -273,7 +279,10 @@ _OVERLAP = 1e-6  # m: copper that meets by less only touches
 
 
 def copper_of(item: Copper) -> dict[str, BaseGeometry]:
-    """Return the copper of an item, in m, on its layers."""
+    """Return the copper of an item.
+
+    It is in m, for each of the item's layers.
+    """
     if isinstance(item, Track):
         return {item.layer: shapely.LineString((item.start, item.end)).buffer(item.width / 2)}
     if isinstance(item, Hole):
@@ -310,11 +319,11 @@ class Obstacles:
 
 
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise BoardError if pads or holes join stretches of a path.
+    """Raise BoardError if pads or holes join stretches.
 
-    They are pads or holes of the coil's own net, each with all that overlap it. Along the path the stretches within a
-    pad's copper must follow each other. Outside the copper the path may run no longer than its width there, which is a
-    bend beside the pad. `what` is the coil in messages.
+    The stretches belong to a path. They are pads or holes of the coil's own net, each with all that overlap it. Along
+    the path the stretches within a pad's copper must follow each other. Outside the copper the path may run no longer
+    than its width there, which is a bend beside the pad. `what` is the coil in messages.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
@@ -343,7 +352,10 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """Straight piece of a path that begins `begin` m along it."""
+    """Straight piece of a path.
+
+    It begins `begin` m along the path.
+    """
 
     layer: str
     line: shapely.LineString
@@ -360,9 +372,9 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
 
 
 def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
-    """Begin and end of the part of a segment on a shape.
+    """Begin and end of a segment's overlap.
 
-    They are measured along the path. On this part the segment's copper meets the shape.
+    The overlap is with a shape. They are measured along the path. On this part the segment's copper meets the shape.
     """
     part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))

@@ -85,7 +85,7 @@ class TrackGraph:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Part of a track between two of the places on it.
+    """Part of a track between two places.
 
     `track` is the index of the whole track.
     """
@@ -136,9 +136,9 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
 
 
 def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Cut tracks at ends, holes and pads that lie on them.
+    """Cut tracks at ends, holes and pads.
 
-    Tracks without a length are dropped.
+    Only ends, holes and pads on the tracks count. Tracks without a length are dropped.
     """
     long = [k for k, track in enumerate(tracks) if math.dist(track.start, track.end) > JOINED]
     marks = [(tracks[k].layer, at) for k in long for at in (tracks[k].start, tracks[k].end)]
@@ -178,7 +178,10 @@ def require_followable(tracks: Sequence[Track]) -> None:
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Copper from loose ends to the pad or loose end they overlap."""
+    """Copper from loose ends to overlapping copper.
+
+    The loose ends overlap a pad or another loose end.
+    """
     ends = [(piece, at) for piece in pieces for at in (piece.start, piece.end)]
     places = [*((piece.layer, at) for piece, at in ends), *((stand.layer, stand.at) for stand in stands)]
     company = [0] * len(places)
@@ -218,9 +221,9 @@ def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]
 
 
 def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[tuple[int, int]]:
-    """Pairs i < j of places at most `distance` in m apart.
+    """Pairs of close places.
 
-    Both places are on one layer.
+    Pairs i < j are at most `distance` in m apart. Both places are on one layer.
     """
     points = _points(places)
     pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
@@ -230,7 +233,7 @@ def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[t
 def found_in_parts(
     tree: shapely.STRtree, shapes: Sequence[BaseGeometry], within: Sequence[float]
 ) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of a shape and a tree entry that are close.
+    """Yield close pairs of shapes and tree entries.
 
     `within` is the distance in m for each shape. Few shapes are searched at a time, so a caller who stops at the first
     pair needs no memory for all.
@@ -246,7 +249,10 @@ def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
 
 
 def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
-    """Make the graph of pieces that meet at stands and ends."""
+    """Make the graph of pieces.
+
+    The pieces meet at stands and ends.
+    """
     places = [
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
@@ -497,7 +503,10 @@ def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks:
 
 
 def _walk(graph: TrackGraph, start: int) -> Iterator[tuple[TrackEdge, int]]:
-    """Yield the edges from an end on, each with its next node."""
+    """Yield the edges of a path in order.
+
+    The path begins at an end, and each edge comes with its next node.
+    """
     came, here = -1, start
     while True:
         onward = [index for index in graph.nodes[here].edges if index != came]

@@ -216,7 +216,10 @@ def one_thread() -> Iterator[None]:
 
 @cache
 def one_thread_for_good() -> None:
-    """Compute with one thread from now on, in a worker process."""
+    """Compute with one thread from now on.
+
+    It is for a worker process.
+    """
     _LIMITS.enter_context(one_thread())
 
 

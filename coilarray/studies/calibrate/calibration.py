@@ -212,7 +212,10 @@ def calibrate(
 
 
 def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case | Unsolved:
-    """Make the case of a combination of choices, or its problem."""
+    """Make the case of a combination.
+
+    It is a problem if the combination is impossible.
+    """
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
     document: dict[str, Any] = {key: plain(value) for key, value in file.document.items() if key not in _SAYS_NOTHING}

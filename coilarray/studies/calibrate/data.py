@@ -32,7 +32,9 @@ _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond doe
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured numbers, and the request for the same of a model.
+    """Measured numbers and their model request.
+
+    The request is for the same numbers of a model.
 
     Parameters
     ----------
@@ -58,10 +60,10 @@ class Measurement:
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
-    """Select the data of a plan from a response or ellipses.
+    """Select the measured data of a plan.
 
-    Raises GoalError if the data or the design lack a state, or nothing could be fitted, and LocalizeError if the data
-    are not a response.
+    They come from a response or ellipses. Raises GoalError if the data or the design lack a state, or nothing could be
+    fitted, and LocalizeError if the data are not a response.
     """
     if not isinstance(data, EllipseModel):
         data = RESPONSE.checked(data, "the measured response")

@@ -36,7 +36,9 @@ _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any ca
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Measured numbers, unknowns with their bounds and priors, and the noise.
+    """Least-squares problem of a fit.
+
+    It has measured numbers, unknowns with bounds and priors, and the noise.
 
     Parameters
     ----------
@@ -269,7 +271,10 @@ def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
-    """Step of damped least squares of the linear model in the box."""
+    """Damped least-squares step in the box.
+
+    The model is linear.
+    """
     slopes, offsets = _rows(problem, now)
     size = np.sqrt((slopes**2).sum(axis=0) + _RIDGE**2)
     matrix = np.vstack((slopes, np.sqrt(damping) * np.diag(size))) if damping else slopes
@@ -281,7 +286,10 @@ def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
 
 
 def _gain(problem: Problem, now: Fit, move: FloatArray) -> float:
-    """Reduction of χ²/2 by a step, according to the linear model."""
+    """Reduction of χ²/2 by a step.
+
+    It is predicted by the linear model.
+    """
     slopes, offsets = _rows(problem, now)
     after = offsets + slopes @ (move / problem.span)
     return float(offsets @ offsets - after @ after) / 2

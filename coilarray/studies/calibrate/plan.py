@@ -74,9 +74,10 @@ def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, 
 
 
 class Unknown(Table):
-    """``[[unknown]]``: an entry of the design, or several that share one value, between bounds.
+    """``[[unknown]]``: an entry of the design, between bounds.
 
-    The prior is flat between the bounds. With `prior_mean` and `prior_std` it is normal and cut off there.
+    Several entries may share one value. The prior is flat between the bounds. With `prior_mean` and `prior_std` it is
+    normal and cut off there.
     """
 
     entry: Annotated[
@@ -120,7 +121,10 @@ class Unknown(Table):
 
 
 class Choice(Table):
-    """``[[alternative.choice]]``: entries that it sets and removes, and its own unknowns."""
+    """``[[alternative.choice]]``: entries that it sets and removes.
+
+    It may have its own unknowns.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the answer."""
@@ -143,7 +147,10 @@ class Choice(Table):
 
 
 class Alternative(Table):
-    """``[[alternative]]``: a question with a few possible answers, each of which is fitted."""
+    """``[[alternative]]``: a question with a few possible answers.
+
+    Each answer is fitted.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the question."""
@@ -275,7 +282,7 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
 
 def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
-    """Read a calibration plan from the tables of a TOML file.
+    """Read a calibration plan from TOML tables.
 
     See `load_plan`.
     """

@@ -78,9 +78,10 @@ def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
 
 
 def read_size(text: str) -> float | tuple[float, float]:
-    """Read a coil's width, or width and height, and return it in m.
+    """Read a coil's size and return it in m.
 
-    The text is in mm, with width and height as 20x12. Raises DesignError for any other text.
+    It is a width, or width and height. The text is in mm, with width and height as 20x12. Raises DesignError for any
+    other text.
     """
     try:
         sides = [float(side) * 1e-3 for side in text.lower().replace("×", "x").split("x")]

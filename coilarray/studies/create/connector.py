@@ -18,7 +18,7 @@ _LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie fu
 
 
 def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
-    """Find room for the leads of all coils to a connector.
+    """Find room for all leads to a connector.
 
     The distance of the connector, the length of the leads and, if `movable`, the pitch of the coils are increased.
     Raises DesignError with the problem of the roomiest board if a lead finds no way or a rule is broken. The search

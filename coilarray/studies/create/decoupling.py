@@ -24,11 +24,11 @@ _SLOPE, _CORRECTIONS = 0.01, 2
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
-    """Find the pitch at which the mean coupling of neighbours is zero.
+    """Find the pitch of zero neighbour coupling.
 
-    The fields inside and around a coil have opposite signs. Neighbours that overlap more than at this pitch couple
-    positively, and others negatively. Neighbours on different pairs of layers differ slightly, so their mean is brought
-    to zero.
+    The coupling is the mean of all neighbours. The fields inside and around a coil have opposite signs. Neighbours that
+    overlap more than at this pitch couple positively, and others negatively. Neighbours on different pairs of layers
+    differ slightly, so their mean is brought to zero.
 
     Parameters
     ----------

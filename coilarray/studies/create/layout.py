@@ -132,7 +132,10 @@ def _problem(wound: Plan) -> DesignError | None:
 
 
 def _side_by_side(plan: Plan) -> float:
-    """Return a pitch in m with room for terminals between coils."""
+    """Return a pitch with room for terminals.
+
+    It is in m, and the terminals lie between the coils.
+    """
     return plan.width + plan.lead + _BESIDE
 
 
@@ -167,7 +170,10 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
 
 
 def _house_for(layers: int) -> str:
-    """Return the first usual board house for a number of layers."""
+    """Return a board house for a number of layers.
+
+    It is the first of the usual houses that makes such boards.
+    """
     return next(name for name in _FABS if load_profile(name).rules.max_layers in (None, layers))
 
 
@@ -242,9 +248,9 @@ def _rooms(plan: Plan) -> tuple[Room, Room]:
 
 
 def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Wind with wider gaps if wide traces need them at corners.
+    """Wind with wider gaps where needed.
 
-    Otherwise the winding is as in the room.
+    Wide traces may need them at corners. Otherwise the winding is as in the room.
     """
     first = found = _wind(plan, choices, room)
     for _ in range(_PASSES):
@@ -292,13 +298,16 @@ def _alone(plan: Plan, winding: Winding) -> Plan:
 
 
 def _rough(plan: Plan, winding: Winding) -> Plan:
-    """Return a quick model of a single coil with a winding."""
+    """Return a quick model of one coil.
+
+    The coil has the given winding.
+    """
     return replace(_alone(plan, winding), elastomer=False, rough=True)
 
 
 @lru_cache(_KEPT)  # passes, and boards with other holes, ask for the same windings
 def _left_out(alone: Plan) -> float:
-    """Ratio of a coil's inductance to that in its quick model."""
+    """Ratio of a coil's inductance to its quick model's."""
     inductance = float(design_inductance(alone.design, accuracy="screen")[0][0, 0])
     return inductance / _rough_inductance(_rough(alone, alone.winding))
 

@@ -22,7 +22,10 @@ _DIGITS = 3  # of an inductance that is reached
 
 
 class _Named(Table):
-    """Check of the name as in a design file, before any work."""
+    """Check of a design's name.
+
+    The name is checked as in a design file, before any work.
+    """
 
     name: Name
 

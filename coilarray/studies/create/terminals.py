@@ -109,7 +109,10 @@ def _meets(place: Placement, other: Placement) -> bool:
 
 
 def _windings(place: Placement) -> npt.NDArray[np.object_]:
-    """Pieces of a coil's centre lines on the board, without leads."""
+    """Pieces of a coil's lines without leads.
+
+    The centre lines are in the frame of the board.
+    """
     outline = shapely.Polygon(place.coil.outline).buffer(place.coil.trace_width)
     pieces = shapely.get_parts(shapely.intersection([shapely.LineString(line) for line in place.coil.lines], outline))
     return np.array([shapely.LineString(place.to_board(shapely.get_coordinates(piece))) for piece in pieces])

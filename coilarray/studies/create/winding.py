@@ -54,9 +54,9 @@ class Room:
     widest_trace: float = math.inf
 
     def widest(self, turns: int) -> float:
-        """Return the widest trace in m with which the turns fit.
+        """Return the widest trace for the turns.
 
-        It is below zero if not even their gaps fit.
+        It is in m. It is below zero if not even their gaps fit.
         """
         return min((self.radius - self.hole - turns * self.gap) / (turns + 1), self.widest_trace)
 
@@ -138,14 +138,18 @@ def wind(
 
 
 def _drawn(width: float, widest: float) -> float:
-    """Return the nearest width in m that can be drawn and fits."""
+    """Return the nearest width that fits.
+
+    It is in m and can be drawn.
+    """
     return min(round(width / _TRACE_STEP), math.floor(widest / _TRACE_STEP * (1 + 1e-9))) * _TRACE_STEP
 
 
 def _first(holds: Callable[[int], bool], most: int) -> int:
-    """Return the least whole number from 1 that fulfils a condition.
+    """Return the least number that fulfils a condition.
 
-    A condition that holds for a number must hold for all larger numbers. `most` + 1 if it does not hold.
+    Numbers are whole and begin with 1. A condition that holds for a number must hold for all larger numbers. `most` + 1
+    if it does not hold.
     """
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 

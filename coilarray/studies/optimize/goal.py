@@ -42,7 +42,10 @@ QuantityKey = Annotated[str, BeforeValidator(_key)]
 
 
 class Variable(Table):
-    """``[[variable]]``: an entry of the design that may change, between bounds or among choices."""
+    """``[[variable]]``: an entry of the design that may change.
+
+    It lies between bounds or among choices.
+    """
 
     entry: Annotated[str, Field(min_length=1)]
     """Dotted key of the design, such as array.pitch_mm."""
@@ -93,14 +96,17 @@ class Variable(Table):
 
 
 def _plain(choice: Any) -> Any:
-    """Return a choice with whole numbers in one form: 12.0 is 12."""
+    """Return a choice with numbers in one form.
+
+    Whole numbers are unified: 12.0 is 12.
+    """
     if isinstance(choice, list):
         return [_plain(part) for part in choice]
     return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
 
 
 class Objective(Table):
-    """``[[objective]]``: a quantity to minimise, to maximise, or to bring to a value."""
+    """``[[objective]]``: a quantity to minimize, maximize or bring to a value."""
 
     quantity: QuantityKey
     """Quantity of the design; `coilarray optimize --list-quantities` shows them."""
@@ -227,7 +233,10 @@ class Goal(Table):
 
     @property
     def sampler(self) -> Sampler:
-        """Sampler, by default tpe for one objective and nsga2 for several."""
+        """Sampler of the search.
+
+        By default it is tpe for one objective and nsga2 for several.
+        """
         return self.search.sampler or ("tpe" if len(self.objectives) == 1 else "nsga2")
 
     @property

@@ -30,9 +30,9 @@ _MOST_EVALUATIONS = 1_000_000
 
 
 def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
-    """Return the reason why polishing is impossible, or an empty text.
+    """Return the reason why polishing is impossible.
 
-    The reason is one line.
+    It is empty if polishing is possible. The reason is one line.
     """
     if len(goal.objectives) > 1:
         return "a goal with several objectives has no single best point to polish."

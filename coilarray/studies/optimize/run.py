@@ -200,9 +200,9 @@ def require_coils(design: Design, goal: Goal) -> None:
 
 
 def _with_known(goal: Goal, store: StudyFile) -> Goal:
-    """Return the goal with at least as many trials as the study.
+    """Return the goal with enough trials.
 
-    No known point is then left out.
+    It has at least as many trials as the study. No known point is then left out.
     """
     points = [trial.user_attrs["point"] for trial in store.trials()]
     known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
@@ -253,7 +253,10 @@ def _require_quantities(design: Design, goal: Goal) -> None:
 
 
 class _Count:
-    """Count of the points for a progress bar, with the best point."""
+    """Counter of points for a progress bar.
+
+    It keeps the best point.
+    """
 
     def __init__(self, goal: Goal, progress: SearchProgress | None) -> None:
         self._goal, self._progress = goal, progress

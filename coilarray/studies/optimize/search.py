@@ -42,11 +42,12 @@ def search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Evaluate the points of a goal, in the order of their places.
+    """Evaluate the points of a goal.
 
-    Points in the study are not evaluated again. The first point is the design itself, if it lies within the bounds.
-    `start` is its outcome. `report` is called with each trial once it is known. Raises OutputError if the study cannot
-    be written, and MissingDependencyError if the sampler is cmaes and its package is not installed.
+    They are evaluated in the order of their places. Points in the study are not evaluated again. The first point is the
+    design itself, if it lies within the bounds. `start` is its outcome. `report` is called with each trial once it is
+    known. Raises OutputError if the study cannot be written, and MissingDependencyError if the sampler is cmaes and its
+    package is not installed.
     """
     if goal.sampler == "cmaes":
         import_extra("cmaes", "searches by cmaes", package="cmaes", extra="optimize")
@@ -93,7 +94,7 @@ def frozen_trial(
     on_trial: Mapping[str, Any] | None = None,
     on_study: Mapping[str, Any] | None = None,
 ) -> FrozenTrial:
-    """Return a finished trial in the form kept by the study.
+    """Return a finished trial for the study.
 
     An impossible point is marked as pruned. `on_trial` and `on_study` are the attributes that a sampler has set on the
     trial and on the study when it chose the point.

@@ -33,7 +33,7 @@ _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 @dataclass(frozen=True)
 class Axis:
-    """Variable of a goal, together with its value in the design.
+    """Variable of a goal with its design value.
 
     `choices` are the allowed values as JSON texts, empty for a number. `low`, `high` and `step` are in the unit of the
     entry, and a step of None allows any value. `log` searches over the logarithm. `whole` marks an entry that takes
@@ -51,7 +51,7 @@ class Axis:
 
     @property
     def continuous(self) -> bool:
-        """Whether it is a number with any value between its bounds."""
+        """Whether any value between the bounds is allowed."""
         return not self.choices and not self.whole and self.step is None
 
     @property
@@ -188,9 +188,9 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
-    """Return the value of an entry, or None if it is missing.
+    """Return the value of an entry.
 
-    The entry may be one place of a list.
+    It is None if it is missing. The entry may be one place of a list.
     """
     if entry in file.values:
         return file.values[entry]
@@ -202,7 +202,10 @@ def value_of(file: DesignFile, entry: str) -> Any:
 
 
 def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
-    """Refuse a value that a design file cannot have at this entry."""
+    """Refuse a value that is not allowed.
+
+    A design file cannot have it at this entry.
+    """
     try:
         document = vary_document(file.document, {entry: value})
         Document.model_validate(document)
@@ -221,5 +224,5 @@ def _allowed(file: DesignFile, entry: str, value: Any) -> bool:
 
 
 def _fraction(low: float, high: float) -> float:
-    """Return a number between two whole numbers that is not whole."""
+    """Return a fraction between two whole numbers."""
     return low + 0.5 * min(1.0, high - low)

@@ -78,12 +78,12 @@ class StudyFile:
 
 @contextmanager
 def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
-    """Open or make the study of a design and a goal.
+    """Open or make the study of a goal.
 
-    It is a context manager on a folder. The folder may hold studies of other designs and goals too. A study is
-    identified by the code and by the whole goal except its trials, polish and watch. Raises OutputError if the file
-    cannot be written or holds something else, or if another search is running in the folder, and MissingDependencyError
-    if Optuna is not installed.
+    It also belongs to a design. It is a context manager on a folder. The folder may hold studies of other designs and
+    goals too. A study is identified by the code and by the whole goal except its trials, polish and watch. Raises
+    OutputError if the file cannot be written or holds something else, or if another search is running in the folder,
+    and MissingDependencyError if Optuna is not installed.
     """
     optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
     from sqlalchemy import event
@@ -173,7 +173,7 @@ def study_name(design: Design, goal: Goal) -> str:
 
 
 def _checksum(trial: FrozenTrial) -> str:
-    """Return the checksum of a trial as kept in a study.
+    """Return the checksum of a stored trial.
 
     Its number and the times are left out.
     """

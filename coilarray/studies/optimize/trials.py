@@ -91,9 +91,10 @@ def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front, in the order of the first objective.
+    """Return the Pareto front of the trials.
 
-    It consists of feasible trials that no other trial beats. Of equal trials it has only one.
+    It is in the order of the first objective. It consists of feasible trials that no other trial beats. Of equal trials
+    it has only one.
     """
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     scores = {k: trial.scores for k, trial in enumerate(trials) if trial.feasible}

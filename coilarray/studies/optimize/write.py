@@ -76,7 +76,10 @@ def _written_before(folder: Path) -> set[str]:
 
 
 def design_names(result: Optimization) -> tuple[str, ...]:
-    """Names of the design files, in the order of the front."""
+    """Names of the design files.
+
+    They are in the order of the front.
+    """
     if len(result.goal.objectives) == 1:
         return ("best.toml",) * len(result.front)
     return tuple(f"pareto_{k + 1:02d}.toml" for k in range(len(result.front)))

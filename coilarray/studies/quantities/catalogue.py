@@ -118,7 +118,10 @@ def evaluate(
 
 
 def _quantity(name: object) -> Quantity:
-    """Return the quantity of a name, or raise GoalError with a hint."""
+    """Return the quantity of a name.
+
+    Raises GoalError with a hint for an unknown name.
+    """
     if isinstance(name, str) and name in QUANTITIES:
         return QUANTITIES[name]
     if not name:

@@ -148,9 +148,10 @@ class Evaluation:
         return self.target.distances[0] if given_mm is None else given_mm / 1e3
 
     def target_map(self, distances: Sequence[float], x: float, y: float) -> xr.Dataset:
-        """Return the effect of the target at distances and a place.
+        """Return the effect of the target.
 
-        They are in m, with the place relative to its origin. Equal requests are computed once.
+        It is computed at distances and a place. They are in m, with the place relative to its origin. Equal requests
+        are computed once.
         """
         key = (tuple(distances), (x,), (y,), ("target",))
         if key not in self._maps:
@@ -171,9 +172,9 @@ class Evaluation:
         return names.index(name)
 
     def state_of(self, coil: str) -> int:
-        """Return the index of the first state with this coil alone.
+        """Return the first state of a coil alone.
 
-        Raises GoalError if no state of the scan measures it alone.
+        It is given by its index. Raises GoalError if no state of the scan measures it alone.
         """
         self.coil(coil)
         if coil not in self.own_states:

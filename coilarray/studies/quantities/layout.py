@@ -54,7 +54,10 @@ def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     ),
 )  # fmt: skip
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Smallest margin in mm of all length rules, or of one rule."""
+    """Smallest margin of the length rules.
+
+    It is in mm, of all rules or of one rule.
+    """
     wanted = options.get("rule")
     margins = [m.margin * 1e3 for m in evaluation.margins if m.unit == "m" and wanted in (None, m.rule)]
     rules = evaluation.design.rules

@@ -55,7 +55,9 @@ class Option:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Number of a design that can be optimized, limited or tabulated.
+    """Number of a design.
+
+    It can be optimized, limited or tabulated.
 
     Parameters
     ----------

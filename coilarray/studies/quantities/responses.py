@@ -29,7 +29,10 @@ DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; t
     Option("coil", COIL.must_be, read_name, "which coil; the array by default", bare=True), DEPTH,
 )  # fmt: skip
 def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Largest δ of a coil, or of all states at the middle."""
+    """Compute δ at a coil's centre.
+
+    Without a coil it is the largest δ at the middle of the coils.
+    """
     depth = evaluation.depth(options.get("depth_mm"))
     if "coil" in options:
         state, (x, y) = evaluation.state_of(options["coil"]), evaluation.centre(options["coil"])
@@ -45,7 +48,10 @@ def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     COIL, DEPTH,
 )  # fmt: skip
 def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Width in mm at half the peak of a coil's response."""
+    """Width in mm of a coil's response.
+
+    It is measured at half the peak.
+    """
     name = options["coil"]
     state, (x, y) = evaluation.state_of(name), evaluation.centre(name)
     line = _line(evaluation, y, evaluation.depth(options.get("depth_mm")), x)
@@ -66,7 +72,10 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
     Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
 )  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Root mean square of the shift x0 of the ellipses, in mm."""
+    """Root mean square of x0 in mm.
+
+    It is the shift of the ellipses from the coil's centre, for the worst coil.
+    """
     setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
@@ -101,7 +110,10 @@ def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> Cub
 
 
 def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
-    """Coils on the map's x axis with their largest δ inside it."""
+    """Coils on the map's x axis with peaks inside.
+
+    A peak is the largest δ of the coil.
+    """
     near = np.diff(response.y.values).min(initial=np.inf) / 2
     inside = []
     for name, state in evaluation.own_states.items():

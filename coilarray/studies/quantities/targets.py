@@ -84,9 +84,9 @@ def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:
-    """Map of one coil's state at all distances of the design.
+    """Map of one coil at all distances.
 
-    A wanted distance is added.
+    The distances belong to the design. A wanted distance is added.
     """
     distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
     if len(distances) < 2:

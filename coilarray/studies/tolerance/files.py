@@ -69,7 +69,10 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
 
 
 def typical_text() -> str:
-    """Return the text of the bundled tolerance file, as a template."""
+    """Return the text of the bundled tolerance file.
+
+    It serves as a template.
+    """
     return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
 
 

@@ -41,9 +41,9 @@ def default_quantities(design: Design) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Outputs of a board: quantities by name, and δ at positions.
+    """Outputs of a board.
 
-    The names are canonical.
+    They are quantities by name, and δ at positions. The names are canonical.
     """
 
     quantities: tuple[str, ...]

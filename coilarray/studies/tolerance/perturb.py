@@ -178,9 +178,10 @@ def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
 def _plate(
     plate: Plate | FinitePlate, design: Design, errors: Mapping[str, float], rise: float, sink: float
 ) -> Plate | FinitePlate:
-    """Return a plate displaced by the errors of sheets and board.
+    """Return a plate displaced by fabrication errors.
 
-    It keeps its gap to the sheets, which rise, or to the board's underside, which sinks, both in m.
+    The errors belong to the sheets and the board. It keeps its gap to the sheets, which rise, or to the board's
+    underside, which sinks, both in m.
     """
     thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
     changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
@@ -259,9 +260,9 @@ def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> 
 def _moved(
     place: Placement, line: FloatArray, layer: str, errors: Mapping[str, float], middle: FloatArray
 ) -> FloatArray:
-    """Shift and turn a line with its layer, except for its ends.
+    """Shift and turn a line with its layer.
 
-    The ends are at holes.
+    Its ends do not move. The ends are at holes.
     """
     shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
     angle = errors.get(f"rotation.{layer}", 0.0)

@@ -123,7 +123,7 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
-    """Leave out the least known unknowns until the rest is known.
+    """Leave out the least known unknowns.
 
     The others must be known well enough.
     """

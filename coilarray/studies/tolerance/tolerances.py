@@ -117,9 +117,9 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Contributor:
-    """Independent error that moves one or more errors of the board.
+    """Independent error of a board.
 
-    It is a part of one kind of error and moves all of them equally.
+    It moves one or more errors of the board. It is a part of one kind of error and moves all of them equally.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Named:
-    """Goal with a name: its condition, its changes, and the rest."""
+    """Named goal with its condition and changes."""
 
     title: str
     needs: Callable[[Design], object]  # GoalError for a design that lacks the goal's subject
@@ -52,9 +52,9 @@ class _Named:
 
 @dataclass(frozen=True)
 class DerivedGoal:
-    """Goal with a line about the origin of each of its tables.
+    """Goal with comments on its tables.
 
-    The tables are named by places such as "variable.0".
+    Each comment is a line about the origin of a table. The tables are named by places such as "variable.0".
     """
 
     goal: Goal
@@ -124,7 +124,10 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
 
 
 def is_named(name_or_path: str | Path) -> bool:
-    """Whether this is the name of a goal, and not a file."""
+    """Whether this is the name of a goal.
+
+    A file is not.
+    """
     return str(name_or_path) in NAMES and not Path(name_or_path).is_file()
 
 
@@ -204,9 +207,9 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
-    """Return the goals of `NAMES` that do not fit, with reasons.
+    """Return the goals that do not fit.
 
-    Each reason is one line.
+    They are names of `NAMES` with reasons. Each reason is one line.
 
     Examples
     --------

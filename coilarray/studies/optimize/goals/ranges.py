@@ -115,9 +115,9 @@ def size_ranges(file: DesignFile) -> list[Range]:
 
 
 def turns_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of the turns per layer of all spirals.
+    """Return the ranges of all turns per layer.
 
-    They are in whole steps from the present numbers.
+    They belong to all spirals. They are in whole steps from the present numbers.
     """
     ranges = []
     for key, turns in _of_coils(file, "turns_per_layer"):
@@ -130,9 +130,9 @@ def turns_ranges(file: DesignFile) -> list[Range]:
 
 
 def trace_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of trace widths and gaps of all spirals.
+    """Return the ranges of trace widths and gaps.
 
-    They extend from the limits of [fab] to the present values.
+    They belong to all spirals. They extend from the limits of [fab] to the present values.
     """
     rules = file.design.rules
     limits = (("trace_width_mm", rules.min_trace * 1e3), ("gap_mm", rules.min_gap * 1e3))
@@ -180,7 +180,9 @@ def termination_choices(file: DesignFile) -> list[Range]:
 
 
 def rounded(value: float, digits: int, *, up: bool) -> float:
-    """Round a number up or down to a number of digits.
+    """Round a number to a number of digits.
+
+    It is rounded up or down.
 
     >>> rounded(13.28, 3, up=True), rounded(-0.0123, 1, up=False)
     (13.3, -0.02)

@@ -36,7 +36,10 @@ def _entries(table: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """Return a plain value as TOML, with one inner list per line."""
+    """Return a plain value as TOML.
+
+    Inner lists have one line each.
+    """
     if isinstance(value, list) and any(isinstance(part, list) for part in value):
         return "[\n" + "".join(f"    {json.dumps(part, ensure_ascii=False)},\n" for part in value) + "]"
     return json.dumps(value, ensure_ascii=False)

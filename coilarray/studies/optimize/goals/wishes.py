@@ -67,7 +67,7 @@ def variable_of(axis: Axis) -> dict[str, Any]:
 
 
 def axis_of(variable: Variable) -> Axis:
-    """Return a variable of a goal as an axis of a sweep."""
+    """Return a variable as an axis of a sweep."""
     if variable.choices is not None:
         return Axis(variable.entry, tuple(variable.choices))
     assert variable.low is not None  # checked by the table
