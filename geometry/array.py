@@ -20,7 +20,7 @@ from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, Side, place_in_mm
 
-_NEAREST = 1.01  # of the least distance: what counts as a neighbour
+_NEAREST = 1.01  # of the least distance: limit for neighbours
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
 
@@ -162,7 +162,7 @@ class Lattice:
             Steps in `layers` from row to row, so that neighbours differ. By default it is −1 on a hexagonal lattice, 2
             for four sets on a square lattice, and 1 otherwise.
     names : tuple of str or None
-        Names of the coils row by row; coil1, coil2, … by default.
+        Names of the coils row by row. By default coil1, coil2, …
     rings : int
             Rings about the middle: 1 ring makes seven coils, 2 rings make nineteen.
     """
@@ -503,7 +503,7 @@ def lattice(
     Raises
     ------
     GeometryError
-        A pitch that is not positive and finite, a count below 1, rows, columns or rings that the kind does not have.
+        If the pitch is not positive and finite, a count is below 1, or the kind does not have rows, columns or rings.
     """
     if pitch is None and (columns > 1 or rows > 1 or rings > 0):
         raise GeometryError("a lattice of more than one coil must have a pitch; got none.")

@@ -70,7 +70,7 @@ class PlatedHole:
 
         Bar and barrel have the same geometric mean distance (GMD).
 
-        A thin tube of radius r has GMD r; a square of side a has GMD 0.447049 a (Grover 1946, ch. 3).
+        A thin tube of radius r has GMD r. A square of side a has GMD 0.447049 a (Grover 1946, ch. 3).
         """
         return (self.drill / 2) / 0.4470491559
 
@@ -84,7 +84,7 @@ class Leads:
     Parameters
     ----------
     length : float
-        Radial distance in m from the winding's end to the terminals; at least half of `spacing`.
+        Radial distance in m from the winding's end to the terminals, at least half of `spacing`.
     spacing : float
         Distance in m between the two terminals.
     terminal : PlatedHole
@@ -142,7 +142,7 @@ class Coil:
     outline : ndarray, shape (m, 2)
         Closed outline of the winding without leads, x and y in m. The first point is not repeated.
     name : str
-        Name of the shape in a design file; may be empty.
+        Name of the shape in a design file. It may be empty.
     arcs : tuple of tuple of Arc
         Runs of pieces in every line that stand for arcs. They are manufactured as arcs, and the field is computed with
         larger pieces. Empty if all lines are straight.

@@ -29,7 +29,7 @@ from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, Side
 
 _ACROSS = 4.0  # weight of a way across a winding, over the same way beside it
-_MOST_NODES = 90_000  # of the grid: a larger board gets a coarser one
+_MOST_NODES = 90_000  # of the grid: a larger board gets a coarser grid
 _SHARE = 0.49  # of a piece between two corners, which may both be rounded: the arcs must not meet
 _TRIES = 4  # orders of the coils, each beginning with the coil that found no way
 _FIRST_LOOK = 1.5  # of the straight line from a coil to its pad: ways up to that length are looked for first

@@ -45,7 +45,7 @@ class RoundedSpiral(Winding):
     trace_width, gap : float
             Width of the trace and of the gap between turns in m.
     corner_radius : float
-        Radius in m of the outer copper edge at the corners, up to half of the smaller size; 0 for sharp corners.
+        Radius in m of the outer copper edge at the corners, up to half of the smaller size. 0 for sharp corners.
     sides : int
         Sides of the enclosing polygon, at least 3.
     direction : float
@@ -128,7 +128,7 @@ class RoundedSpiral(Winding):
         Returns
         -------
         ndarray, shape (n, 2)
-            Vertices in m, from the outer end to the inner one.
+            Vertices in m, from the outer end to the inner end.
         """
         return self._sharp_line(layer) if self._starts_at_corner else self._rounded(layer)[0]
 

@@ -304,7 +304,7 @@ class Spiral(Winding):
     trace_width, gap : float
             Width of the trace and of the gap between turns in m.
     first_corner : float
-        Angle in rad of the corner where the outermost turn starts; 0 is the +x axis.
+        Angle in rad of the corner where the outermost turn starts. 0 is the +x axis.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}

@@ -68,8 +68,8 @@ class Entry:
     gaps : bool
         Whether a number may be NaN.
     rising : bool
-        Whether the numbers must rise, by a nanometre or more. If `low` is 0, the first number counts from 0. Names
-        along a dimension of their own must differ in any case.
+        Whether the numbers must rise, by a nanometre or more. If `low` is 0, the first number is 0 or at least a
+        nanometre. Names along a dimension of their own must differ in any case.
     fewer_dims : bool
         Whether it may be without some of the dimensions.
     longest : int

@@ -1,4 +1,4 @@
-"""Evaluate many designs on a pool of workers, each design once; earlier outcomes come from the store."""
+"""Evaluate many designs on a pool of workers, each design once, with earlier outcomes from the store."""
 
 from __future__ import annotations
 

@@ -47,8 +47,8 @@ _WIDEST = 10.0  # m, of an aperture or a hole
 class Stroke:
     """Round aperture drawn along straight pieces.
 
-    An arc has two points or more. Points and width are in m. `net` is the net by the attribute .N, and `where` is
-    "file:line", here and in the other objects.
+    It has two points, or more on an arc. Points and width are in m. `net` is the net by the attribute .N, and `where`
+    is "file:line", here and in the other objects.
     """
 
     points: tuple[Point, ...]

@@ -91,9 +91,9 @@ class Unknown(Table):
     high: float
     """Largest value."""
     start: float | None = None
-    """Value to start from; the design's own by default."""
+    """Value to start from. By default the design's own."""
     prior_mean: float | None = None
-    """Mean of a normal prior; flat between the bounds by default."""
+    """Mean of a normal prior. By default the prior is flat between the bounds."""
     prior_std: Annotated[float, Field(gt=0)] | None = None
     """Its standard deviation."""
 
@@ -178,7 +178,7 @@ class DataTable(Table):
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
-    """States whose readings are fitted; all by default."""
+    """States whose readings are fitted. By default all."""
     tested: list[str] = Field(default_factory=list)
     """States that are only predicted, to test the fit to the others."""
     parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))

@@ -34,7 +34,7 @@ _HOLES = (0.45, 0.6, 0.75, 0.3)  # the same for coils that overlap, in which the
 _WINDING_LAYERS = (2, 4)
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
 _KEPT = 512  # results of single coils
-_PASSES, _CLOSE = 3, 1e-3  # corrections of what is left out of the search for a winding, and when they end
+_PASSES, _CLOSE = 3, 1e-3  # corrections of the search for a winding, and the change at which they end
 
 
 def lay_out(plan: Plan, choices: Choices) -> Plan:

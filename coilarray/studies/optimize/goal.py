@@ -54,7 +54,7 @@ class Variable(Table):
     high: float | None = None
     """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
-    """Step between the values that are tried; any value by default."""
+    """Step between the values that are tried. By default any value."""
     log: bool = False
     """Whether values are spread evenly on a logarithmic scale."""
     choices: Annotated[list[Any], Field(min_length=2)] | None = None
@@ -106,10 +106,10 @@ def _plain(choice: Any) -> Any:
 
 
 class Objective(Table):
-    """``[[objective]]``: a quantity to minimize, maximize or bring to a value."""
+    """``[[objective]]``: a quantity with a direction or a target."""
 
     quantity: QuantityKey
-    """Quantity of the design; `coilarray optimize --list-quantities` shows them."""
+    """Quantity of the design. `coilarray optimize --list-quantities` lists them."""
     direction: Literal["minimize", "maximize"] | None = None
     """Whether it is minimised or maximised."""
     target: float | None = None
@@ -188,7 +188,7 @@ class Search(Table):
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     """Number of designs to try."""
     sampler: Sampler | None = None
-    """Method that chooses them; tpe for one objective and nsga2 for several by default."""
+    """Method that chooses them. By default tpe for one objective and nsga2 for several."""
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
     """Seed of the random numbers: the same seed tries the same designs."""
     batch: Annotated[int, Field(ge=1, le=10_000)] = 8
@@ -196,9 +196,9 @@ class Search(Table):
     population: Annotated[int, Field(ge=2, le=10_000)] = 24
     """Number of designs in a generation of nsga2 and cmaes."""
     polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
-    """Evaluations of the local solver, which refines the best design; none for several objectives."""
+    """Evaluations of the local solver, which refines the best design. None for several objectives."""
     accuracy: Accuracy = "full"
-    """Accuracy of the inductances in the search; the chosen designs are always computed in full."""
+    """Accuracy of the inductances in the search. The chosen designs are always computed in full."""
 
 
 class Goal(Table):

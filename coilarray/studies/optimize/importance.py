@@ -21,11 +21,11 @@ LEAST_POINTS = 30
 
 
 def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
-    """Importance of each variable for each objective.
+    """Compute the importance of each variable.
 
-    It is the share of the variable in reaching the best tenth of the points. There is a dictionary for each objective,
-    with the largest share first. Only feasible points of the search count. The points of the local solver lie too close
-    together. Empty if there are fewer than `LEAST_POINTS` such points, or if all are equal.
+    For each objective it is the share of the variable in reaching the best tenth of the points. There is a dictionary
+    for each objective, with the largest share first. Only feasible points of the search count. The points of the local
+    solver lie too close together. Empty if there are fewer than `LEAST_POINTS` such points, or if all are equal.
     """
     from optuna import create_study
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances

@@ -138,7 +138,7 @@ class _BoardMilliradians(_Errors):
 
 
 class _PositionsTable(Table):
-    """``[positions]``: where the indenter presses."""
+    """``[positions]``: positions of the indenter."""
 
     x_mm: list[Position] = Field(min_length=1, max_length=100)
     """x of the positions, rising."""
@@ -181,7 +181,7 @@ class _File(Table):
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
     """Version of the file format."""
     others: Literal["typical", "none"] = "typical"
-    """Errors of kinds without a table: the typical ones, or none."""
+    """Errors of kinds without a table: typical errors, or none."""
     quantities: list[str] = Field(default_factory=list)
     """Quantities of the design to spread besides L, f and k."""
     etch: _LayerMicrometres | None = None

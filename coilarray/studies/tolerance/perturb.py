@@ -9,14 +9,14 @@ kind                part                unit   effect of a positive error
 etch                copper layer        m      widens every trace, equally on both sides: the centre line stays
 registration_x, _y  copper layer        m      shifts the copper against the drilled holes
 rotation            copper layer        rad    turns the copper about the middle of the board, counterclockwise
-dielectric          upper-lower layer   1      thickens the dielectric; all layers below sink
-copper              copper layer        1      thickens the copper; all layers below sink
+dielectric          upper-lower layer   1      thickens the dielectric, all layers below sink
+copper              copper layer        1      thickens the copper, all layers below sink
 placement_x, _y     none                m      true less believed position of the elastomer and its indenter
 permeability        none                1      raises μr of all magnetic sheets
 elastomer           sheet               m      thickens the sheet
 capacitance         none                1      raises the capacitance of the tank
 plate_distance      plate               m      moves the plate away from the coils, or nearer until it touches
-plate_thickness     plate               1      thickens the plate; its face near the coils stays
+plate_thickness     plate               1      thickens the plate, its face near the coils stays
 conductivity        none                1      raises the conductivity of all plates and of the target
 target_tilt_x, _y   none                rad    tilts a target with an outline, which rises towards x or y
 ==================  ==================  =====  ================================================================

@@ -22,7 +22,7 @@ from coilarray.studies.sweep import UNREAD, Axis
 
 _UNKNOWNS = 3  # of a position: x, y and the depth
 _WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
-_KEPT = -0.001  # mm: what the check of the fabrication rules takes as kept
+_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
 _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 

@@ -17,7 +17,7 @@ from coilarray.design.model import Design, DesignFile
 from coilarray.errors import GoalError
 
 _MOST_CHOICES = 12  # of copper layers; more would need more points than a search has
-_WIDER, _SMALLER = 1.25, 0.6  # of a pitch or a size, from what it is
+_WIDER, _SMALLER = 1.25, 0.6  # relative to the present pitch or size
 _OVERLAP = 0.5  # of the distance at which coils touch: nearer coils are nearly one coil
 _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
 
