@@ -257,9 +257,10 @@ def _crossings(
 ) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
     """Intersections of lines with a path.
 
-    The lines go through points, and the path consists of pieces. All arrays have the shape (lines, pieces). The first is True for crossed pieces. The second is the place on the line
-    in m from its point, and the third the place on the piece, 0 to 1. The last is the cosine of the angle between the
-    piece and the normal of the line, positive if the piece goes to the left of the line.
+    The lines go through points, and the path consists of pieces. All arrays have the shape (lines, pieces). The first
+    is True for crossed pieces. The second is the place on the line in m from its point, and the third the place on the
+    piece, 0 to 1. The last is the cosine of the angle between the piece and the normal of the line, positive if the
+    piece goes to the left of the line.
     """
     x, y = path.points.T
     dx, dy = directions[:, :1], directions[:, 1:]

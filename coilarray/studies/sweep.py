@@ -35,7 +35,7 @@ MOST_POINTS = 100_000
 RULES = "fab_broken"
 """Quantity that every sweep has: the number of broken fabrication rules. An overlap has values, but no board."""
 UNREAD = "converter_unread"
-"""Number of values that the converter cannot read, in every sweep with values that a converter reads."""
+"""Quantity of a sweep with values that a converter reads: the number of unreadable values."""
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid
