@@ -1,4 +1,4 @@
-"""How the interfaces of a stack answer a pressure on its top: one factorisation, any number of pressures."""
+"""Response of the interfaces of a stack to pressure on its top, by one factorisation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from coilarray.geometry import Indenter
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Answer of a stack to each hat of pressure, in the units of the stack.
+    """Response of a stack to each hat of pressure.
+
+    All values are in the units of the stack.
 
     Parameters
     ----------
@@ -23,7 +25,7 @@ class Compliance:
     profile : ndarray, shape (m,)
         ∫ψ_j profile w dr / ∫ψ_j w dr: mean height of the indenter over a hat.
     matrix : ndarray, shape (m, m)
-        Mean sinking of the top over hat i under a unit load on hat j; symmetric.
+            Mean sinking of the top over hat i under a unit load on hat j. The matrix is symmetric.
     surfaces : ndarray, shape (2, interfaces, n, m)
         u_r and u_z of every interface under a unit load on each hat.
     """
@@ -35,7 +37,10 @@ class Compliance:
 
 
 def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Compliance:
-    """Answer of a meshed stack to the pressures under an indenter (in SI units), on all hats of the grid."""
+    """Response of a meshed stack to pressures under an indenter.
+
+    The indenter is in SI units. The pressures are on all hats of the grid.
+    """
     symmetry, used = grid.symmetry, grid.used
     pressing = BilinearForm(lambda psi, v, w: -psi * v[1] * weight(symmetry, w.x[0]))
     weighing = LinearForm(lambda psi, w: psi * w.height * weight(symmetry, w.x[0]))

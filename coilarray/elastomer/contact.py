@@ -1,14 +1,14 @@
-"""Contact of a rigid indenter with elastomer sheets on a board: dent of every interface, force, contact radius.
+"""Contact of a rigid indenter with elastomer sheets: indentation, force, contact radius.
 
 With f_j the force on hat j of the pressure and C the compliance of the top (`coilarray.elastomer.compliance`), the mean
 gap between the indenter and hat i is
 
     G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0:
 
-a linear complementarity problem with a symmetric positive definite matrix, so it has one solution, the least of
-½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once; each depth is one such small problem.
-That is the linear answer; `coilarray.elastomer.finite_strain`, the default, follows large deformations. In both the
-contact has neither friction nor adhesion.
+This is a linear complementarity problem with a symmetric positive definite matrix. Its only solution is the minimum of
+½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once. Each depth is one such small problem. This is the
+linear answer. The default, `coilarray.elastomer.finite_strain`, follows large deformations. In both cases the contact
+has neither friction nor adhesion.
 
 K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, section 5.9.
 """
@@ -37,22 +37,22 @@ from coilarray.geometry import Cone, Indenter, Seat, Sheet
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()
-"""Force and contact radius to about 0.1 % and 0.3 %: the convergence study is in tests/elastomer/test_contact.py."""
+"""Force to about 0.1 % and contact radius to about 0.3 %, by a convergence study."""
 
-_SEARCH = 4.0  # contact is looked for up to profile = 4 depths; over an incompressible film it ends at 3 or less
+_SEARCH = 4.0  # contact is searched up to profile = 4 depths, over an incompressible film it ends at 3 or less
 _COARSE = ContactMesh(elements=8, growth=1.5)  # for the first guess of the contact radius
 _GUESSES = 4
-_NOMINAL = 0.01  # depth in thicknesses that the mesh is made for where no depth is above zero
+_NOMINAL = 0.01  # depth in thicknesses for which the mesh is made if no depth is above zero
 _TAIL = 4  # the last quarter of the elements of a contact determines its radius
-_BEYOND_EDGE = 1.2  # radii of a sharp indenter within which material is looked for that comes under it
+_BEYOND_EDGE = 1.2  # material within this many radii of a sharp indenter may come under it
 _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 
 
 def _hat_forces(system: Compliance, depth: float) -> FloatArray:
-    """Solve the complementarity problem of one depth in thicknesses of the stack, above zero.
+    """Solve the complementarity problem at one depth.
 
-    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane strain).
-    Raises ElastomerError where the problem does not converge.
+    The depth is in thicknesses of the stack and above zero. Returns the force on each hat in the stack's units, never
+    negative, over 2π (axial) or 2 (plane strain). Raises ElastomerError if the problem does not converge.
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
@@ -62,7 +62,7 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
         scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
         lower = cholesky(scale[:, None] * matrix * scale, lower=True)
         force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
-    except LinAlgError as error:  # what moves the sheets as a whole drowns what dents them
+    except LinAlgError as error:  # the motion of the sheets as a whole hides their deformation
         raise ElastomerError(
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: the seat or the lowest sheets are "
             "too soft to hold the others."
@@ -82,12 +82,14 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
 
 
 def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
-    """Radius at which the pressure of a smooth indenter ends, finer than the mesh, from the last `tail` elements.
+    """Radius at which the pressure of a smooth indenter ends.
 
-    Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are safer
-    than values of p, which waver next to the edge. With c₀ and c₁ eliminated they leave 8 F₀L² − 56 F₁L + 63 F₂ = 0 for
-    L = a − r₀; its lesser root is the edge. `hats` are the radii of the hats and `pressure` that at the hats, both of
-    shape (m,); the last one is zero.
+    It is finer than the mesh and follows from the last `tail` elements. `hats` are the radii of the hats and `pressure`
+    is the pressure at the hats, both of shape (m,). The last pressure is zero.
+
+    Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are more
+    reliable than values of p, which oscillate next to the edge. Elimination of c₀ and c₁ leaves 8 F₀L² − 56 F₁L + 63 F₂
+    = 0 for L = a − r₀. The smaller root is the edge.
     """
     last = int(np.flatnonzero(pressure)[-1])
     first = max(0, last - tail)
@@ -103,7 +105,10 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
 
 @dataclass(frozen=True)
 class _Case:
-    """What is pressed how; the radius of the sample in thicknesses of the stack."""
+    """Stack, indenter and support of a contact.
+
+    The radius of the sample is in thicknesses of the stack.
+    """
 
     stack: Stack
     indenter: Indenter
@@ -115,14 +120,20 @@ class _Case:
         return contact_grid(self.stack, self.indenter.symmetry, zone, self.base, self.radius, mesh)
 
     def cut(self, height: float) -> float:
-        """Radius of the indenter at a height above its tip, at most that of the sample; all in thicknesses."""
+        """Radius of the indenter at a height above its tip.
+
+        It is at most the radius of the sample. All lengths are in thicknesses.
+        """
         radius = self.indenter.radius_at(height * self.stack.length) / self.stack.length
         return radius if self.radius is None else min(radius, self.radius)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Contacts at all depths, in the stack's units: force on every hat, contact radius, u_r and u_z of every face."""
+    """Contacts at all depths, in the stack's units.
+
+    Force on every hat, contact radius, and u_r and u_z of every face.
+    """
 
     grid: ContactGrid
     force: FloatArray
@@ -131,7 +142,10 @@ class _Solution:
 
 
 def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
-    """Force on every hat at a depth, and the radius where contact ends; the end of the search if it goes so far."""
+    """Force on every hat and contact radius at a depth.
+
+    The radius is the end of the search if the contact extends that far.
+    """
     force, grid = _hat_forces(system, depth), system.grid
     if force[-1] > 0:
         return force, zone.search
@@ -139,7 +153,10 @@ def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactM
 
 
 def _expected_zone(case: _Case, least: float, greatest: float) -> ContactZone:
-    """Where contact ends at the least and the greatest depth, from coarse meshes, each made for the one before."""
+    """Contact radii at the least and greatest depth.
+
+    They come from coarse meshes, each made for the zone found with the previous mesh.
+    """
     zone = ContactZone(case.cut(least) / 2, case.cut(greatest), case.cut(_SEARCH * greatest))
     for _ in range(_GUESSES):
         system = compliance(case.stack, case.indenter, case.grid(zone, _COARSE))
@@ -161,8 +178,11 @@ def _small_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Cont
 
 
 def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: ContactMesh) -> _Solution:
-    """Contacts under large strain: from depth to depth, each once and in rising order."""
-    if zone.sharp:  # what lies beyond the edge may come under it
+    """Contacts under large strain, from depth to depth.
+
+    Each depth is computed once, in rising order.
+    """
+    if zone.sharp:  # material beyond the edge may come under it
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
         mesh = replace(mesh, elements=min(mesh.elements, EDGE_ELEMENTS))
@@ -172,7 +192,7 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
     body = SoftBody(grid, Outline(case.indenter, case.stack.length, zone.tip))
     states = {0.0: body.at_rest()}
     rising = np.unique(depths[depths > 0])
-    with serial_algebra():  # on these narrow bands threads cost more than they bring
+    with serial_algebra():  # threads cost more than they gain on these narrow bands
         states.update(zip(rising.tolist(), body.press(rising), strict=True))
     ordered = [states[depth] for depth in depths.tolist()]
     moved = np.array([grid.moved(state.u) for state in ordered])
@@ -189,7 +209,7 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
 
 
 def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
-    """Depths in m, or one line about what is wrong with them."""
+    """Check depths in m and return them as an array."""
     values = np.atleast_1d(np.asarray(depths, dtype=float))
     if values.ndim != 1 or not values.size:
         raise ElastomerError(f"depths must be one row of numbers, at least one; got shape {values.shape}.")
@@ -203,7 +223,10 @@ def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
 
 
 def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, strain: str) -> None:
-    """Refuse names that clash, an unknown base or strain, and a sample without extent."""
+    """Check the arguments of `indent`.
+
+    Refuses names that clash, an unknown base or strain, and a sample without extent.
+    """
     names = ["board", *(sheet.name for sheet in sheets)]
     if len(set(names)) < len(names):
         raise ElastomerError(f"names of the sheets must differ from each other and from 'board'; got {names[1:]}.")
@@ -216,7 +239,10 @@ def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, 
 
 
 def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: FloatArray) -> None:
-    """Refuse a contact that ends neither by itself nor with the indenter: the sample is too small."""
+    """Refuse a contact that reaches the edge of the sample.
+
+    Such a contact ends neither by itself nor with the indenter, and the sample is too small.
+    """
     unit = case.stack.length
     beyond = (solution.force[:, -1] > 0) & (depths > 0)
     if beyond.any() and zone.search < case.indenter.largest_radius / unit:
@@ -227,11 +253,14 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
 
 
 def _check_unfolded(solution: _Solution, heights: FloatArray, depths: FloatArray, names: Sequence[str]) -> None:
-    """Refuse a deformation in which an interface folds over itself or through the one below it."""
+    """Refuse a deformation in which an interface folds over.
+
+    The interface folds over itself or passes through the interface below it.
+    """
     for depth, displacement in zip(depths, solution.moved, strict=True):
         r, z = solution.grid.r + displacement[0], heights[:, None] + displacement[1]
         for k, name in enumerate(names):
-            rising = (np.diff(r[k]) > 0).all()  # not so where NaN
+            rising = (np.diff(r[k]) > 0).all()  # False if NaN
             if not rising or (k and not (z[k] > np.interp(r[k], r[k - 1], z[k - 1])).all()):
                 raise ElastomerError(
                     f"depth of an indentation must leave every interface unfolded; at {depth * 1e3:.4g} mm that of "
@@ -258,39 +287,43 @@ def indent(
     indenter : Indenter
         Its symmetry decides between a body of revolution and plane strain.
     depths : array_like, shape (d,) or scalar
-        Distances of the tip below the flat top in m; 0 is a touch.
+            Distances of the tip below the flat top in m. At 0 the tip just touches.
     base : {"bonded", "frictionless"} or Seat
-        Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat.
-    radius : float, optional
-        Radius in m of a sample with a free edge, the indenter at its centre; half its width in plane strain. Without it
-        the sample is wide.
-    strain : {"finite", "linear"}
-        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an eighth
-        of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4 % too low.
+            Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat
+            (Winkler foundation).
+        radius : float, optional
+            Radius in m of a sample with a free edge and the indenter at its centre. In plane strain it is half the
+            width. Without a radius the sample is laterally infinite.
+        strain : {"finite", "linear"}
+            Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an
+            eighth of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4
+            % too low.
     mesh : ContactMesh
         Fineness of the mesh.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed radius).
-        displacement_r and displacement_z (depth, interface, r) in m, upwards positive; force (depth) in N, in plane
-        strain N/m; contact_radius (depth) in m, where the pressure ends on the deformed top; pressure (depth, r) in Pa
-        on the top; height (interface) in m, flat.
+            Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed
+            radius). displacement_r and displacement_z (depth, interface, r) are in m, positive upwards. force (depth)
+            is in N, in plane strain in N/m. contact_radius (depth) in m is the radius at which the pressure ends on the
+            deformed surface. pressure (depth, r) is in Pa on the top. height (interface) is in m, in the flat state.
 
     Raises
     ------
     ElastomerError
-        A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds the radius of a
-        ball or cylinder, a contact that goes beyond the sample or does not converge, an unknown base.
+            A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds the radius of a
+            ball or cylinder, a contact that extends beyond the sample or does not converge, an unknown base.
 
     Notes
     -----
-    The edge of a wide sample is far away and carries the traction of what lies beyond it: u_r = B/r (in plane strain
-    a constant), the field of a layer that slides as a whole; that of a bonded layer has died out.
+    The edge of the mesh of a wide sample is far away. It carries the traction of the material beyond it: u_r = B/r (in
+    plane strain a constant), the field of a layer that slides as a whole. The field of a bonded layer has decayed
+    there.
 
-    Under large deformations the edge of a punch is rounded: with its `edge_radius`, or with 10 % of its radius, which
-    takes some 5 % of the force. A sharp edge would cut the sheet, and a sharper one stops at a smaller depth.
+    Under large deformations the edge of a punch is rounded with its `edge_radius`, or with 10 % of its radius, which
+    reduces the force by some 5 %. A sharp edge would cut the sheet. With a smaller edge radius the computation stops at
+    a smaller depth.
 
     Examples
     --------
@@ -323,9 +356,12 @@ def indent(
 def _dataset(
     case: _Case, solution: _Solution, names: list[str], depth: FloatArray, heights: FloatArray, strain: Strain
 ) -> xr.Dataset:
-    """Results in SI units, with their names and units; `depth` is in m, the rest in the stack's units."""
+    """Results in SI units, with their names and units.
+
+    `depth` is in m and the rest is in the stack's units.
+    """
     length, stress, axial = case.stack.length, case.stack.stress, case.indenter.symmetry == "axial"
-    whole = 2 * math.pi * length**2 if axial else 2 * length  # hats weigh r dr, or dx of one half
+    whole = 2 * math.pi * length**2 if axial else 2 * length  # hats weigh r dr, or dr of one half
     grid, force, moved = solution.grid, solution.force, solution.moved
     pressure = np.array([np.interp(grid.r, grid.radii, row / grid.mass, right=0.0) for row in force])
     where = ("depth", "interface", "r")

@@ -1,8 +1,9 @@
-"""The mesh of a contact: a stack of sheets in units of its own, what holds it, and the hats that press on its top.
+"""Mesh of a contact: a stack of sheets, its support, and the hats on its top.
 
-The pressure is a sum of hat functions ψ_j on the vertices of the top. Not point forces on the nodes of the biquadratic
-elements: under a uniform pressure the node on the axis carries none, so their sign would say nothing about contact.
-Lengths are in thicknesses of the stack and stresses in the largest Young's modulus, which keeps the numbers near 1.
+The pressure is a sum of hat functions ψ_j on the vertices of the top. Point forces on the nodes of the biquadratic
+elements would not do: under a uniform pressure the node on the axis carries none, so their sign would not indicate
+contact. Lengths are in thicknesses of the stack and stresses in the largest Young's modulus, which keeps the numbers
+near 1.
 """
 
 from __future__ import annotations
@@ -26,36 +27,45 @@ from coilarray.geometry.sheet import Base
 
 IndexArray = npt.NDArray[np.intp]
 
-_BENT = 6.0  # beyond so many lengths (D/k)^¼ a plate on a seat sinks by 1 % of what it does at the force
+_BENT = 6.0  # lengths (D/k)^¼ beyond which a plate on a seat sinks by 1 % of its value at the force
 _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 
 
 def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
-    """Measure of the half plane over dr dz: r about an axis, 1 in plane strain."""
+    """Measure of the half plane over dr dz.
+
+    It is r about an axis and 1 in plane strain."""
     return r if symmetry == "axial" else np.ones_like(r)
 
 
 def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
-    """u_r/r about an axis, 0 in plane strain."""
+    """Return u_r/r about an axis, 0 in plane strain."""
     return np.asarray(u[0] / r if symmetry == "axial" else np.zeros_like(r))
 
 
 def quadrature_weights(basis: Any, symmetry: Symmetry) -> FloatArray:
-    """Weights of ∫ … w dr dz at the quadrature points of a basis, shape (elements, points); w is `weight`."""
+    """Weights of ∫ … w at the quadrature points.
+
+    They have the shape (elements, points) and serve for integrals ∫ … w dr dz, where w is `weight`.
+    """
     return np.asarray(basis.dx * weight(symmetry, basis.global_coordinates()[0]))
 
 
 def linear_pressures(basis: Any) -> FloatArray:
-    """Pressure functions 1, ξ and η of every element at its quadrature points, shape (3, points)."""
+    """Pressure functions 1, ξ and η at the quadrature points.
+
+    Shape (3, points) for every element.
+    """
     return np.stack([np.ones(basis.dx.shape[1]), *(basis.X - 0.5)])
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Sheets on a board in units of their own: lengths in thicknesses of the stack, stresses in the largest modulus.
+    """Sheets on a board in units of their own.
 
-    `length` in m and `stress` in Pa are these units. For every sheet, from the board up: `thicknesses`, `shear`, the
-    shear modulus μ = E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E, each of shape (sheets,).
+    Lengths are in thicknesses of the stack, stresses in the largest modulus. `length` in m and `stress` in Pa are these
+    units. Arrays of shape (sheets,) hold a value for every sheet, from the board up. These are `thicknesses`, `shear`,
+    the shear modulus μ = E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E.
     """
 
     length: float
@@ -66,12 +76,18 @@ class Stack:
 
     @property
     def levels(self) -> FloatArray:
-        """Heights of the board and of the upper face of every sheet, shape (sheets + 1,); that of the top is 0."""
+        """Heights of the board and of the sheets' upper faces.
+
+        Shape (sheets + 1,). The top is at 0.
+        """
         return -np.append(np.cumsum(self.thicknesses[::-1])[::-1], 0.0)
 
 
 def stack_of(sheets: Sequence[Sheet]) -> Stack:
-    """Return the stack of some sheets; ElastomerError for none, or for one whose Young's modulus is not known."""
+    """Return the stack of some sheets.
+
+    Raises ElastomerError for no sheets, or for a sheet whose Young's modulus is unknown.
+    """
     if not sheets:
         raise ElastomerError("an indentation needs at least 1 sheet; got 0.")
     unknown = [sheet.name for sheet in sheets if sheet.youngs_modulus is None]
@@ -89,12 +105,12 @@ def stack_of(sheets: Sequence[Sheet]) -> Stack:
 class ContactGrid:
     """A meshed stack in its own units.
 
-    `basis` is that of the displacement (biquadratic, n functions) and `held` its degrees of freedom that are zero;
-    `shear` and `squash`, shape (elements,), are μ and 1/K. `springs` (n, n) is the stiffness of what the stack rests
-    on and of what lies beyond its outer edge. `top` and `hats` are the bases of the displacement and of the pressure
-    where contact is looked for; `used` are the hats' degrees of freedom from the axis outwards, `radii` their radii
-    and `mass` = ∫ψ_j w dr, both of shape (m,). `lines` has the degrees of freedom u_r and u_z on the board and on the
-    upper face of every sheet, at the radii `r`.
+    `basis` is the basis of the displacement (biquadratic, n functions) and `held` its degrees of freedom that are zero.
+    `shear` and `squash`, shape (elements,), are μ and 1/K. `springs` (n, n) is the stiffness of the support of the
+    stack and of the material beyond its outer edge. `top` and `hats` are the bases of the displacement and of the
+    pressure where contact is searched. `used` are the hats' degrees of freedom from the axis outwards, `radii` their
+    radii and `mass` = ∫ψ_j w dr, both of shape (m,). `lines` has the degrees of freedom u_r and u_z on the board and on
+    the upper face of every sheet, at the radii `r`.
     """
 
     symmetry: Symmetry
@@ -112,7 +128,10 @@ class ContactGrid:
     lines: tuple[tuple[IndexArray, IndexArray], ...]
 
     def moved(self, u: FloatArray) -> FloatArray:
-        """u_r and u_z of every interface, shape (2, interfaces, r, …), of coefficients `u` (n, …)."""
+        """Return u_r and u_z of every interface.
+
+        The shape is (2, interfaces, r, …). `u` (n, …) are coefficients.
+        """
         return np.array([[u[line[k]] for line in self.lines] for k in range(2)])
 
 
@@ -126,8 +145,8 @@ def contact_grid(
 ) -> ContactGrid:
     """Mesh a stack for contacts in a zone.
 
-    The expected `zone` of contact and the `radius` of the sample (half its width in plane strain; None for a wide one)
-    are in thicknesses of the stack.
+    `zone` is the expected zone of contact and `radius` the radius of the sample (half its width in plane strain, None
+    for a wide sample). Both are in thicknesses of the stack.
     """
     end = zone.search + max(mesh.extent, _bending(stack, base)) if radius is None else radius
     levels = stack.levels
@@ -172,21 +191,30 @@ def contact_grid(
 
 
 def _bending(stack: Stack, base: Base) -> float:
-    """How far from a force sheets on a seat still bend, in thicknesses: (D/k)^¼ of a plate times `_BENT`."""
+    """Distance from a force within which sheets bend.
+
+    It is in thicknesses of sheets on a soft seat: (D/k)^¼ of a plate times `_BENT`.
+    """
     if not isinstance(base, Seat):
         return 0.0
     return _BENT * float((9 * base.stiffness * stack.length / stack.stress) ** -0.25)  # D = Eh³/9 for ν = 0.5
 
 
 def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Degrees of freedom u_r and u_z on some facets, from the axis outwards."""
+    """Degrees of freedom u_r and u_z on some facets.
+
+    They are in order from the axis outwards.
+"""
     on = basis.get_dofs(facets)
     r, z = (np.asarray(on.all(name)) for name in ("u^1", "u^2"))
     return r[np.argsort(basis.doflocs[0, r])], z[np.argsort(basis.doflocs[0, z])]
 
 
 def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
-    """Seat under the lowest sheet: ∫(k u_z v_z + s u_r v_r) w, with `unit` = length/stress of the stack."""
+    """Stiffness of the seat under the lowest sheet.
+
+    The form is ∫(k u_z v_z + s u_r v_r) w. `unit` is length/stress of the stack.
+    """
     bottom = basis.boundary("bottom")
     normal, shear = seat.stiffness * unit, seat.shear * unit
 
@@ -197,7 +225,10 @@ def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
 
 
 def far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
-    """Outer edge of a wide body: ∫2μ u_r/r v_r w, the traction under which u_r = B/r (plane: constant) goes on."""
+    """Outer edge of a wide body: ∫2μ u_r/r v_r w.
+
+    This is the traction under which u_r = B/r (in plane strain a constant) continues.
+    """
     edge = basis.boundary("outer")
 
     def form(u: Any, v: Any, w: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The shape of dented magnetic sheets: what of an indentation the magnetic field sees."""
+"""Shape of indented magnetic sheets, as the magnetic field needs it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Sheet
 
-_STILL = 1e-3  # of the deepest displacement: where no face moves by more, the dent is over
-_FADE = 8  # points beyond the edge of what is known
+_STILL = 1e-3  # of the deepest displacement, the dent ends where no face moves by more
+_FADE = 8  # points beyond the known radii
 _ZONE = 4.0  # extent of the moved air below and above, in depths of the dent
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A small rigid motion of all sheets together with their dent.
+    """Small rigid motion of all sheets together with their indentation.
 
-    They are lifted by `lift` in m and turned about a point of the indenter's axis at the height `pivot` in m above
-    z = 0, so that they rise along x and y by `slope`.
+    The sheets are lifted by `lift` in m. They are turned about a point of the indenter's axis at the height `pivot` in
+    m above z = 0, so that they rise along x and y by `slope`.
     """
 
     lift: float = 0.0
@@ -37,7 +37,7 @@ STILL = Motion()
 
 @dataclass(frozen=True, eq=False)
 class Dent:
-    """Sheets whose faces are moved up and down around an indenter.
+    """Sheets whose faces are moved vertically around an indenter.
 
     Parameters
     ----------
@@ -46,14 +46,16 @@ class Dent:
     radius : ndarray, shape (n,)
         Distances from the indenter's axis in m, rising from 0.
     displacement : ndarray, shape (n, sheets + 1)
-        Upward displacement of every face at these distances in m, from the board to the top; negative in the dent.
+            Upward displacement of every face at these distances in m, from the board to the top. It is negative in the
+            dent.
     symmetry : {"axial", "plane"}
-        Shape of the dent: a body of revolution, or the same all along y.
-    below : float
-        1 for air under z = 0; the lowest permeability where electrodes at z = 0 leave no contrast there.
-    motion : Motion
-        How the sheets have moved with the dent: what it changes is against flat sheets that have moved alike. Nothing
-        of it is in the other values.
+            Shape of the dent: a body of revolution, or the same everywhere along y.
+        below : float
+            Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if electrodes at z = 0
+            leave no contrast there.
+        motion : Motion
+            Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets with the same
+            motion. The other values do not include it.
 
     Raises
     ------
@@ -93,23 +95,26 @@ class Dent:
 
     @property
     def heights(self) -> FloatArray:
-        """Heights of the flat faces in m, shape (sheets + 1,), from 0."""
+        """Heights of the flat faces in m, from 0.
+
+        Shape (sheets + 1,).
+        """
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 
     def moved(self, motion: Motion) -> Dent:
-        """Return the dent in sheets that have moved with it by a `motion`.
+        """Return the dent in sheets moved by a `motion`.
 
         Returns
         -------
         Dent
-            The dent as the moved sheets have it.
+                Dent of the moved sheets.
         """
         return replace(self, motion=motion)
 
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
-        """Upward displacement of every face in m, or a derivative by the radius, shape (…, sheets + 1).
+        """Upward displacement of every face in m, or a derivative.
 
-        A cubic spline that is level on the axis; zero beyond `extent`.
+        The derivative is by the radius. The displacement is a cubic spline, level on the axis and zero beyond `extent`.
 
         Returns
         -------
@@ -123,30 +128,39 @@ class Dent:
 
     @property
     def shape(self) -> tuple[object, ...]:
-        """What decides its field but for the motion; equal for equal dents."""
+        """Values that determine the field apart from the motion.
+
+        They are equal for equal dents.
+        """
         return self.thicknesses, self.permeabilities, self.radius.tobytes(), self.displacement.tobytes(), self.below
 
     @property
     def extent(self) -> float:
-        """Radius in m beyond which nothing is moved."""
+        """Radius in m beyond which nothing moves."""
         return float(self.radius[-1])
 
     @property
     def width(self) -> float:
-        """Radius in m outside of which the faces hardly move."""
+        """Radius in m beyond which the faces hardly move."""
         moved = np.abs(self.displacement).max(axis=1)
         return float(self.radius[np.flatnonzero(moved >= _STILL * moved.max())[-1]])
 
     @property
     def contrasts(self) -> tuple[int, ...]:
-        """Faces where the permeability changes; only these matter to the field."""
+        """Faces at which the permeability changes.
+
+        Only these faces affect the field.
+        """
         mu = (*self.permeabilities, 1.0)
         before = (self.below, *self.permeabilities)
         return tuple(face for face in range(len(mu)) if mu[face] != before[face])
 
     @property
     def clearance(self) -> float:
-        """Least height above z = 0 in m of a moved face where the permeability changes; infinite where none moves."""
+        """Least height in m of a moved magnetic face.
+
+        The height is above z = 0. Only faces at which the permeability changes count. It is infinite if none of them moves.
+        """
         lowest = [
             float((self.heights[face] + self.displacement[:, face]).min())
             for face in self.contrasts
@@ -155,10 +169,11 @@ class Dent:
         return min(lowest, default=np.inf)
 
     def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
-        """Rising heights in m between which space is moved with the faces, and the contrasts between the fixed ones.
+        """Rising heights in m between which space moves.
 
-        Nothing moves at the first and the last height. The first is missing where the lowest contrast is at z = 0.
-        `deepest` is the largest displacement in m that the anchors must serve; that of this dent where not given.
+        Space moves with the faces there. Also returns the contrasts between the fixed heights. Nothing moves at the first and the last height. The first
+        is missing if the lowest contrast is at z = 0. `deepest` is the largest displacement in m that the anchors must
+        serve, by default the largest of this dent.
 
         Returns
         -------
@@ -174,13 +189,14 @@ class Dent:
 
 
 def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
-    """Take the shape of the sheets from an indentation at one depth.
+    """Shape of the sheets from an indentation at one depth.
 
-    It is selected from those of `coilarray.elastomer.contact.indent`. A face goes through its displaced points, (r +
-    u_r, z + u_z) for finite strain and (r, z + u_z) for linear elasticity, whose u_r alone would give the sheets volume
-    of the order of the strain squared; between them its height is a cubic spline. Beyond the last one it comes back to
-    its flat height within a thickness of the stack: the field takes the sheets for wide. ElastomerError for a dataset
-    of several depths or of other sheets, a face that folds over, or a magnetic sheet on a soft seat.
+    The indentation is one depth of the result of `coilarray.elastomer.contact.indent`. A face passes through its
+    displaced points, (r + u_r, z + u_z) for finite strain and (r, z + u_z) for linear elasticity. With u_r the linear
+    result would add volume to the sheets, of the order of the strain squared. Between the points the height is a cubic
+    spline. Beyond the last point it returns to the flat height within a thickness of the stack, because the field
+    treats the sheets as laterally infinite. Raises ElastomerError for a dataset of several depths or of other sheets, a
+    face that folds over, or a magnetic sheet on a soft seat.
 
     Returns
     -------
@@ -197,7 +213,7 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     displaced = r[:, None] + outwards.transpose("r", "interface").values
     upwards = indentation.displacement_z.transpose("r", "interface").values
     displaced[0] = 0.0
-    # beyond what is known, the influence has died out or the sample ends: back to level within a thickness of the stack
+    # beyond the known radii the influence has decayed or the sample ends: level again within a thickness of the stack
     fade = np.linspace(0, 1, _FADE + 1)[1:]
     beyond = max(float(displaced[-1].max()), float(r[-1])) + fade * float(indentation.height[-1])
     r = np.append(r, beyond)

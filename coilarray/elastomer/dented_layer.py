@@ -1,4 +1,4 @@
-"""What an indentation does to the inductance matrix: at every position, of all coils at once."""
+"""Change of the inductance matrix by an indentation, at every position."""
 
 from __future__ import annotations
 
@@ -32,12 +32,14 @@ def dent_inductance(
     *,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Change of the inductance matrix by dents in the magnetic sheets, against the flat sheets.
+    """Change of the inductance matrix in H by dented sheets.
+
+    The change is relative to the flat sheets.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        Coils at z ≤ 0; a path whose ends lie apart is closed by a straight line between them.
+            Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
     dents : sequence of Dent
         Dents in the same sheets, for example one for each depth.
     positions : array_like, shape (positions, 2)
@@ -45,16 +47,16 @@ def dent_inductance(
     mesh : LayerMesh, optional
         Accuracy.
     model : {"full", "first order", "Born"}
-        The dented sheets solved, or one of the two approximations of `coilarray.elastomer.shortcuts`, which are there
-        to be compared with: for 1 mm in a sheet of 2 mm the first is 13 to 18 % low, the second right at the centre by
-        chance, a factor of two off on the flank, and of the wrong sign in M.
+            Full solution of the dented sheets, or one of the two approximations of `coilarray.elastomer.shortcuts`,
+            which serve for comparison. For 1 mm in a sheet of 2 mm "first order" is 13 to 18 % low. "Born" is right at
+            the centre by chance, wrong by a factor of two on the flank, and of the wrong sign in M.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (dents, positions, coils, coils)
-        Inductance in H, dented minus flat; symmetric.
+            Inductance in H, dented minus flat. The matrices are symmetric.
 
     Raises
     ------
@@ -64,9 +66,9 @@ def dent_inductance(
 
     Notes
     -----
-    The field of the coils in harmonics about the indenter (`coil_spectrum`) meets the dent (`scattering`):
-    ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is linearised in the depth. The sheets count as
-    laterally infinite and their permeability as unchanged by strain.
+    The coils' field in harmonics about the indenter (`coil_spectrum`) is scattered by the dent (`scattering`): ΔL_ij =
+    2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is linearised in the depth. The sheets are taken as
+    laterally infinite, and their permeability as unchanged by strain.
 
     Examples
     --------
@@ -94,7 +96,9 @@ def dent_inductance_over(
     *,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by dents in the magnetic sheets over conducting or magnetic layers.
+    """Change of the impedance matrix by indented sheets over layers.
+
+    The layers below the coils conduct or are magnetic. The change of the magnetic sheets is a complex inductance in H.
 
     Parameters
     ----------
@@ -106,7 +110,7 @@ def dent_inductance_over(
     Returns
     -------
     ndarray of complex, shape (dents, positions, coils, coils)
-        ΔL − jΔR/ω in H, dented minus flat; symmetric.
+            ΔL − jΔR/ω in H, dented minus flat. The matrices are symmetric.
 
     Raises
     ------
@@ -115,15 +119,15 @@ def dent_inductance_over(
 
     Notes
     -----
-    What the layers send back of the field of the coils and of the dent is all in it, see
-    `coilarray.elastomer.scattering`: the dent's own part is 0.3 % of the change in the sheets of gast2020 on a board of
-    1.6 mm, 2 % where it comes within 1.4 mm of a plate. Currents in the backing are those without the dent, so that of
-    these the dent's own part is left out. Under sheets that have turned, `Dent.motion`, each wave turns
-    like that of a mirrored coil.
+    The result includes the reflection by the layers of the coils' field and of the dent's own field, see
+    `coilarray.elastomer.scattering`. The reflection of the dent's own field is 0.3 % of the change in the sheets of
+    gast2020 on a board of 1.6 mm, and 2 % if it comes within 1.4 mm of a plate. Currents in the backing are the
+    currents without the dent, so their response to the dent's own field is left out. Under tilted sheets,
+    `Dent.motion`, each wave is tilted like the wave of a mirrored coil.
 
     Examples
     --------
-    Aluminium 2 mm below the loop takes two thirds of what the dent does without it.
+    Aluminium 2 mm below the loop removes two thirds of the change by the dent.
 
     >>> import numpy as np
     >>> from coilarray.electromagnetics.flat_stack import Layer
@@ -148,13 +152,17 @@ def _changes(
     backing: Backing | None,
     progress: Progress | None,
 ) -> FloatArray | ComplexArray:
-    """Compute the changes in H, dented minus flat, with every choice: ΔL, or ΔL − jΔR/ω over a backing."""
+    """Changes in H, dented minus flat, for any model.
+
+    Returns ΔL, or ΔL − jΔR/ω over a backing.
+    """
     paths = as_conductors(source)
     highest = max(float(path.vertices[:, 2].max()) for path in paths)
     if highest > 0:
         raise ElastomerError(f"coils must lie at z <= 0, below the sheets; one reaches z = {highest:.4g} m.")
 
     def solve(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, deepest: float) -> Scattering:
+        """Scatter the waves of the coils by the chosen model."""
         if model == "full":
             return scatter(dent, wavenumbers, weights, mesh, deepest)
         shortcut = {"first order": first_order, "Born": born}[model]
