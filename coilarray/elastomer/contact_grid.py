@@ -34,7 +34,8 @@ _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
     """Measure of the half plane over dr dz.
 
-    It is r about an axis and 1 in plane strain."""
+    It is r about an axis and 1 in plane strain.
+    """
     return r if symmetry == "axial" else np.ones_like(r)
 
 
@@ -204,7 +205,7 @@ def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Degrees of freedom u_r and u_z on some facets.
 
     They are in order from the axis outwards.
-"""
+    """
     on = basis.get_dofs(facets)
     r, z = (np.asarray(on.all(name)) for name in ("u^1", "u^2"))
     return r[np.argsort(basis.doflocs[0, r])], z[np.argsort(basis.doflocs[0, z])]

@@ -159,7 +159,7 @@ class Dent:
     def clearance(self) -> float:
         """Least height in m of a moved magnetic face.
 
-        The height is above z = 0. Only faces at which the permeability changes count. It is infinite if none of them moves.
+        The height is above z = 0. Only faces at which the permeability changes count. It is infinite if none moves.
         """
         lowest = [
             float((self.heights[face] + self.displacement[:, face]).min())
@@ -171,7 +171,8 @@ class Dent:
     def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
         """Rising heights in m between which space moves.
 
-        Space moves with the faces there. Also returns the contrasts between the fixed heights. Nothing moves at the first and the last height. The first
+        Space moves with the faces there. Also returns the contrasts between the fixed heights. Nothing moves at the
+        first and the last height. The first
         is missing if the lowest contrast is at z = 0. `deepest` is the largest displacement in m that the anchors must
         serve, by default the largest of this dent.
 

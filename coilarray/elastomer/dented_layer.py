@@ -152,7 +152,7 @@ def _changes(
     backing: Backing | None,
     progress: Progress | None,
 ) -> FloatArray | ComplexArray:
-    """Changes in H, dented minus flat, for any model.
+    """Compute the changes in H, dented minus flat.
 
     Returns ΔL, or ΔL − jΔR/ω over a backing.
     """

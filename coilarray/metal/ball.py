@@ -1,7 +1,7 @@
-"""Eddy currents and magnetisation of a ball over the coils, exactly: its multipoles in flat magnetic sheets.
+"""Exact eddy currents and magnetisation of a ball over coils and flat magnetic sheets.
 
 About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l P_l^m(cos θ) e^{imφ}. Each
-induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m e^{imφ}, with the polarisability
+term induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m e^{imφ}, with the polarisability
 
     α_l = l/(l + 1) · (r_l − l − (l + 1) μ)/(r_l − l + l μ),   r_l = x i_(l−1)(x)/i_l(x),   x = a √(jω μ0 μ σ)
 
@@ -11,9 +11,9 @@ induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m e^{imφ}, wit
     e^{−kζ} J_m(kρ) = Σ_l (−1)^(l+m) (kR)^l/(l + m)! P_l^m(cos θ),
 
 and a multipole sends down the waves (−1)^(l+m)/(l − m)! ∫ k^l e^{kζ} J_m(kρ) dk, which the sheets below reflect to the
-ball. With the multipoles scaled to the weights w_l(k) = (−1)^(l+m) (ka)^l/√((l + m)! (l − m)!) both are integrals of w,
-the field at the ball is that of the coils and of all reflections, and by reciprocity the same weights lead back to the
-coils.
+ball. With the multipoles scaled to the weights w_l(k) = (−1)^(l+m) (ka)^l/√((l + m)! (l − m)!), both are integrals of
+w. The field at the ball is the sum of the coils' field and all reflections. By reciprocity the same weights lead back
+to the coils.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ from coilarray.metal.backing import backings_of, outlined_below
 from coilarray.metal.finite_plates import OutlinedPlates
 from coilarray.metal.frequencies import checked_frequencies
 
-_LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
+_LEFT_OUT = 1e-7  # of the energy, left out with multipoles of higher order
 _FEWEST, _MOST = 8, 120  # multipoles
-_DECAYS = 16.0  # of the shortest wave from the coils to the ball
-_DOWN = 8  # steps of the continued fraction, in roots of a skin depth's part of the radius
+_DECAYS = 16.0  # decay lengths of the shortest wave from the coils to the ball
+_DOWN = 8  # steps of the continued fraction, in roots of the radius over the skin depth
 _REFLECTED = 160  # nodes of the integral over the reflected waves
 _AT_ONCE = 4_000_000  # harmonics of the coils, which bounds the memory to 64 MB
-_LOOP = 0.05  # of the radius: width of a loop that stands for the dipole of a ball
-_SAME = 1e-9  # m; places that differ by less are one
+_LOOP = 0.05  # of the radius: width of a loop that replaces the dipole of a ball
+_SAME = 1e-9  # m, below which two places are the same
 
 
 def ball_inductance(
@@ -67,50 +67,53 @@ def ball_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix of coils by a conducting or magnetic ball above them, as a complex inductance.
+    """Change of the impedance matrix by a ball, in H.
+
+    The ball conducts or is magnetic and lies above the coils. The change is a complex inductance.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        Coils at z ≤ 0; a path whose ends lie apart is closed by a straight line between them.
+            Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
     ball : Ball
         The ball.
     centres : array_like, shape (positions, 3)
-        Position of its centre in m on the board.
+            Positions of its centre in m on the board.
     frequencies : array_like, shape (f,)
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
-        Flat sheets between the coils and the ball, upwards from z = 0 and wide against both.
+            Flat sheets between the coils and the ball, upwards from z = 0 and laterally large against both.
     plates : sequence of Plate or FinitePlate
-        Plates below the coils, infinite or with an outline.
+            Plates below the coils, infinite or finite.
     fineness : float
-        Fineness of the mesh of plates with an outline, see `coilarray.metal.finite_plates.moving_plate`.
+            Fineness of the mesh of finite plates, see `coilarray.metal.finite_plates.moving_plate`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (positions, f, coils, coils)
-        ΔZ/(jω) = ΔL − jΔR/ω in H against sheets and plates alone, symmetric. Without plates the matrix ΔR is positive
-        semidefinite.
+            ΔZ/(jω) = ΔL − jΔR/ω in H relative to sheets and plates alone. The matrices are symmetric. Without plates
+            the matrix ΔR is positive semidefinite.
 
     Raises
     ------
     MetalError
-        Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils, or comes so near
-        to them that more than 120 multipoles count; a plate that is not below the coils, and what
-        `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
+            Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils or is so close
+            to them that more than 120 multipoles count, a plate that is not below the coils, and cases that
+            `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
     MemoryLimitError
         More values than fit into memory.
 
     Notes
     -----
-    Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and infinite
-    plates. Plates with an outline reflect the field of the coils and, unless they are magnetic, once that of the
-    ball's dipole. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball of
-    5 mm at 1 mm over a bare board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
-    Multipoles are counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the
-    magnetic sheet of gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
+    The result is exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and
+    infinite plates. Finite plates reflect the coils' field and, unless they are magnetic, once the field of the ball's
+    dipole. Compared with an infinite plate, 1 mm of aluminium 3 mm below the board, this was 0.16 % off for a ball of 5
+    mm at 1 mm over a bare board (0.5 % for ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
+    Multipoles are counted until they add less than 1e-7 of the whole. In a measured case, a ball of 5 mm touches the
+    magnetic sheet of gast2020. There the reflections alter the change by an aluminium ball by −6 % and by a ferrite
+    ball by 19 %.
 
     Examples
     --------
@@ -164,13 +167,14 @@ def ball_over(
     *,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """`ball_inductance` over what lies below the coils, at its frequency alone.
+    """Compute `ball_inductance` over a backing at its frequency.
 
-    Currents in the backing are those without the ball; `returned` is what these reflect to its dipole, as
-    `returned_dipoles` has it.
+    The backing is the layers and metal below the coils. Its currents are the currents without the ball. `returned` is
+    the field that they reflect to the ball's dipole, as `returned_dipoles` gives it.
     """
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
+        """Multipoles of the ball over the sheets."""
         return _over_flat(height, sheets, backing, alpha, wavenumbers, ball)
 
     return multipole_inductance(source, ball, at, frequencies, answer, backing, returned, progress=progress)
@@ -187,12 +191,12 @@ def multipole_inductance(
     *,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """`ball_inductance` with any surroundings that are the same all round the ball.
+    """Compute `ball_inductance` with any axisymmetric surroundings.
 
-    With a `backing` of layers the multipoles are for the waves of the coils, then for those of their mirror images, see
-    `with_mirrored`. What is `returned` to dipoles, (positions, f, 3, 3) in T per A·m², acts on that of the ball once.
-    `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the
-    polarisabilities of the ball, shape (f, orders), and returns its `Multipoles`.
+    With a `backing` of layers the multipoles are for the waves of the coils, then for the waves of their mirror images,
+    see `with_mirrored`. The field `returned` to dipoles, (positions, f, 3, 3) in T per A·m², acts on the ball's dipole
+    once. `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of
+    the ball, shape (f, orders), and returns its `Multipoles`.
     """
     frequency = checked_frequencies(frequencies)
     coils = coil_segments(source)
@@ -235,28 +239,33 @@ def multipole_inductance(
 
 @dataclass(frozen=True, eq=False)
 class Multipoles:
-    """The multipoles of a ball and what they answer, for every harmonic m from 0 on and l from max(m, 1).
+    """Multipoles of a ball's exciting field and response.
+
+    They are for every harmonic m from 0 on and l from max(m, 1).
 
     Parameters
     ----------
     fields : sequence of ndarray, shape (orders, k), real or complex
-        Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr), scaled so that those of the waves
-        alone are the weights w_l e^{−kz} of the module's text.
-    answers : sequence of ndarray, shape (f, orders, orders)
-        Strengths of the ball's own multipoles for these, all reflections included.
+            Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr). They are scaled so that the
+            multipoles of the waves alone are the weights w_l e^{−kz} of the module's text.
+        answers : sequence of ndarray, shape (f, orders, orders)
+            Strengths of the ball's own multipoles for these, including all reflections.
     """
 
     fields: Sequence[FloatArray | ComplexArray]
     answers: Sequence[ComplexArray]
 
     def product(self, incident: ComplexArray) -> ComplexArray:
-        """Fields times answers times fields, shape (positions, f, coils, coils).
+        """Fields times answers times fields, in all harmonics.
+
+        The result has the shape (positions, f, coils, coils).
 
         `incident`, shape (k, positions, coils, orders), are the harmonics of the coils.
         """
         wavenumbers, positions, coils, _ = incident.shape
 
         def of(m: int) -> ComplexArray:
+            """Product of the harmonics ±m."""
             waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
             field = (self.fields[m] @ waves).reshape(-1, positions, coils, 2)
             field = field.transpose(1, 3, 2, 0)[:, None]  # positions, 1, real and imaginary part, coils, multipoles
@@ -267,7 +276,10 @@ class Multipoles:
         return np.asarray((total + total.swapaxes(-1, -2)) / 2)
 
     def dipoles(self, incident: ComplexArray) -> ComplexArray:
-        """Moments of the ball over the square of its radius along x, y and z, (positions, f, 3, coils) in A."""
+        """Dipole moments of the ball over a², in A.
+
+        a is its radius. They are along x, y and z, of shape (positions, f, 3, coils).
+        """
         wavenumbers, positions, coils, _ = incident.shape
         parts = []
         for m in (0, 1):
@@ -279,9 +291,10 @@ class Multipoles:
 
 
 def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
-    """Return the field that plates with an outline reflect to dipoles at the centres `at` of a ball, in T per A·m².
+    """Return the field in T reflected to unit dipoles.
 
-    Shape (positions, f, 3, 3); those deeper than the upper face of the flat sheets are taken there.
+    The finite plates reflect it to dipoles of 1 A·m² at the centres `at` of a ball. The shape is (positions, f, 3,
+    3). Centres deeper than the upper face of the flat sheets are moved up to it.
     """
     size = _LOOP * ball.radius
     z = np.maximum(at[:, 2], math.fsum(sheet.thickness for sheet in sheets) + size)
@@ -303,7 +316,10 @@ def _over_flat(
     wavenumbers: FloatArray,
     ball: Ball,
 ) -> Multipoles:
-    """Return the multipoles of a ball whose centre is at a height in m over flat sheets, and layers below the coils."""
+    """Return the multipoles of a ball over flat sheets.
+
+    The ball's centre is at a height in m. The layers are below the coils.
+    """
     thicknesses = [sheet.thickness for sheet in sheets]
     permeabilities = [sheet.relative_permeability for sheet in sheets]
     top, orders = math.fsum(thicknesses), alpha.shape[1]
@@ -334,7 +350,10 @@ def with_mirrored(
     thicknesses: Sequence[float],
     permeabilities: Sequence[float],
 ) -> FloatArray | ComplexArray:
-    """Multipoles (orders, k) of waves of the coils, or over layers beside each other those of each `Backing.seen`."""
+    """Multipoles (orders, k) of the coils' waves and their images.
+
+    Over a backing the multipoles of each `Backing.seen` lie beside each other.
+    """
     if backing is None or not backing.layers:
         return field
     arriving = backing.arriving(wavenumbers, thicknesses, permeabilities)
@@ -342,16 +361,20 @@ def with_mirrored(
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:
-    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S couples them by the sheets' reflection."""
+    """Strengths (1 − αS)⁻¹ α of the multipoles, with reflections.
+
+    Shape (f, orders, orders). S couples the multipoles by the reflection at the sheets.
+    """
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
 
 
 def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
-    """Polarisabilities α_l of a ball of a `radius` a in m and a `material` for l from 1 to `orders`, shape (f, orders).
+    """Polarisabilities α_l of a ball, shape (f, orders).
 
-    The `frequencies` (f,) are in Hz. r_l comes down the continued fraction r_l = 2l + 1 + x²/r_(l+1), which no skin
-    depth makes overflow.
+    The ball has a `radius` a in m and a `material`, and l runs from 1 to `orders`. The `frequencies` (f,) are in Hz.
+    r_l follows from the downward continued fraction r_l = 2l + 1 + x²/r_(l+1), which does not overflow at any skin
+    depth.
 
     Returns
     -------
@@ -375,13 +398,19 @@ def polarisabilities(radius: float, material: Material, frequencies: FloatArray,
 
 
 def _multipoles(ka: FloatArray, fall: FloatArray, order: npt.NDArray[np.int64], m: int) -> FloatArray:
-    """w_l(k) e^{−fall} of the module's text, shape (orders, k), without an overflow."""
+    """w_l(k) e^{−fall} of the module's text.
+
+    Shape (orders, k). It does not overflow.
+    """
     size = order[:, None] * np.log(ka) - fall - (gammaln(order + m + 1) + gammaln(order - m + 1))[:, None] / 2
     return np.asarray((-1.0) ** (order + m)[:, None] * np.exp(size))
 
 
 def _orders(ball: Ball, height: float) -> int:
-    """Multipoles that count for a ball whose centre is at a height in m over the highest copper."""
+    """Count the multipoles needed for a ball.
+
+    Its centre is at a height in m over the highest copper.
+    """
     needed = math.ceil(math.log(_LEFT_OUT) / (2 * math.log(ball.radius / height)))
     if needed > _MOST:
         nearest = ball.radius * (_LEFT_OUT ** (-0.5 / _MOST) - 1)
@@ -393,14 +422,20 @@ def _orders(ball: Ball, height: float) -> int:
 
 
 def _highest(ball: Ball, orders: int) -> float:
-    """Wavenumber in 1/m beyond which (ka)^l e^{−ka} is over for all multipoles, most of all the highest."""
+    """Wavenumber in 1/m beyond which all multipoles have decayed.
+
+    There (ka)^l e^{−ka} is negligible, also for the highest l.
+    """
     return (orders + 8 * math.sqrt(orders) + 20) / ball.radius
 
 
 def _wavenumbers(
     ball: Ball, at: FloatArray, middles: FloatArray, radius: float, copper: float, orders: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights in 1/m of the integral over the coils' waves that meet the ball."""
+    """Gauss–Legendre nodes and weights over the coils' waves, in 1/m.
+
+    The waves are those that meet the ball.
+    """
     clearance = float(at[:, 2].min()) - ball.radius - copper
     highest = min(_DECAYS / clearance, _highest(ball, orders))
     extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
@@ -408,7 +443,10 @@ def _wavenumbers(
 
 
 def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:
-    """Height of the highest copper in m, which must lie on the board and below the ball."""
+    """Height of the highest copper in m.
+
+    It must lie on the board and below the ball.
+    """
     copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
     if copper > 0:
         raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")
@@ -422,6 +460,7 @@ def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> fl
 
 
 def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet]) -> None:
+    """Refuse a ball that reaches into the sheets."""
     top = math.fsum(sheet.thickness for sheet in sheets)
     lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
     if lowest < top - _SAME:

@@ -1,4 +1,4 @@
-"""Flat pieces of metal near the coils: what their eddy currents do to the inductance matrix, and the currents."""
+"""Eddy currents in flat finite pieces of metal and their effect on the inductance matrix."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ from coilarray.metal.surface_impedance import (
 )
 
 LARGEST_ERROR = 0.1
-"""Estimated error of the model, of ΔL, beyond which a plate is refused."""
-_OF_SPREAD = 0.5  # of the impedance's error at twice the wavenumber taken: that of all waves together
-_BY_LOSSES = 0.65  # over the distance of a single turn: mean wavenumber of its field by the losses in thick metal
-_OF_SECOND_ORDER = 3.0  # of the change between meshes of the lengths 2h and h: the error of h by the second order
-_OF_CORRECTION = 1.0  # of that error, by which h is corrected: what is left, which covers orders from 1.3 upwards
-_LEAST_SHARE = 0.5  # of the relative correction of both parts together: least of one, which may be small by chance
-_OF_INTEGRALS = 3e-4  # of the change: what the integrals over pairs of triangles err
-_WHERE = 0.1  # of the largest change at a frequency: places that count for the relative error
+"""Relative error of ΔL by the model beyond which a plate is refused."""
+_OF_SPREAD = 0.5  # share of the impedance's error at twice the chosen wavenumber that all waves together make
+_BY_LOSSES = 0.65  # over the distance of a turn: mean wavenumber of its field, weighted by losses in thick metal
+_OF_SECOND_ORDER = 3.0  # of the change between meshes of the lengths 2h and h: the error at h by the second order
+_OF_CORRECTION = 1.0  # remaining error, of the correction at h, which covers orders from 1.3 upwards
+_LEAST_SHARE = 0.5  # least relative correction of a part, of the correction of both, as a part may be small by chance
+_OF_INTEGRALS = 3e-4  # of the change: error of the integrals over pairs of triangles
+_WHERE = 0.1  # of the largest change at a frequency: smaller changes do not count for the relative error
 _NOTHING = 1e-12  # of the change: least size of its real or imaginary part against which errors are taken
-_ALONE = 1.4  # of the fineness, where currents are taken from one mesh and not extrapolated
+_ALONE = 1.4  # of the fineness, if currents are taken from one mesh without extrapolation
 _AT_ONCE = 2048  # fluxes solved for together
 _LOOPS_AT_ONCE = 64  # places of dipoles
 # loops of two by two about x, y and z
@@ -57,9 +57,9 @@ _SQUARES = np.array([np.roll([[x, y, 0.0] for x, y in ((1, 1), (-1, 1), (-1, -1)
 class EddyCurrents:
     """Currents on the faces and the rim of a plate.
 
-    `corners`, shape (k, 3, 3), are those of the triangles in m on the board; `density`, shape (coils, k, 3), is their
-    current in A/m for 1 A in each coil, complex for e^{jωt}. Both faces carry one each, so that the current of a thin
-    plate is their sum. That of a magnetic plate is the current in its skin, n × H.
+    `corners`, shape (k, 3, 3), are the corners of the triangles in m on the board. `density`, shape (coils, k, 3), is
+    their current in A/m for 1 A in each coil, complex for e^{jωt}. Each face carries its own current, so the current of
+    a thin plate is their sum. The current of a magnetic plate is the current in its skin, n × H.
     """
 
     corners: FloatArray
@@ -68,11 +68,12 @@ class EddyCurrents:
 
 @dataclass(frozen=True, eq=False)
 class PlateError:
-    """Errors of what a plate with an outline does, by its mesh and by the model of its thickness.
+    """Errors of the change by a finite plate.
 
-    `absolute` and its part `mesh`, complex, in H, of the shape of the `change` (positions, frequencies, paths, paths),
-    cover the deviation of ΔL by their real and that of ΔR/ω by their imaginary part, both at least 0. `depths` is the
-    thickness in skin depths, 0 of a perfect conductor.
+    They come from the mesh and from the model of the thickness. `absolute` and its part `mesh` are complex, in H, of
+    the shape of the `change` (positions, frequencies, paths, paths). Their real parts cover the deviation of ΔL and
+    their imaginary parts the deviation of ΔR/ω. Both are at least 0. `depths` is the thickness in skin depths, 0 for a
+    perfect conductor.
     """
 
     change: ComplexArray
@@ -82,12 +83,15 @@ class PlateError:
 
     @property
     def inductance(self) -> float:
-        """Relative error of ΔL by the norms of the matrices, the largest where the plate does a tenth of the most."""
+        """Largest relative error of ΔL, by matrix norms.
+
+        Only places with at least a tenth of the largest change count.
+        """
         return self._share(self.absolute.real, self.change.real)
 
     @property
     def resistance(self) -> float:
-        """Relative error of ΔR, as of ΔL."""
+        """Largest relative error of ΔR, computed as for ΔL."""
         return self._share(self.absolute.imag, self.change.imag)
 
     def _share(self, error: FloatArray, values: FloatArray) -> float:
@@ -97,10 +101,10 @@ class PlateError:
 
 
 def worst_attributes(errors: Sequence[PlateError]) -> dict[str, float]:
-    """Return attributes of a dataset that state the largest errors of any of the plates; none without plates.
+    """Return attributes with the largest errors of any plate.
 
-    ``plate_error_inductance`` and ``plate_error_resistance`` are relative errors of ΔL and ΔR, ``plate_skin_depths``
-    the thickness of the plate whose ΔR errs most.
+    ``plate_error_inductance`` and ``plate_error_resistance`` are relative errors of ΔL and ΔR. ``plate_skin_depths`` is
+    the thickness of the plate with the largest error of ΔR. Without plates there are no attributes.
     """
     if not errors:
         return {}
@@ -122,60 +126,62 @@ def moving_plate(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the inductance matrix by a finite plate at many places.
+    """Change of the inductance matrix by a plate, in H.
+
+    The plate is finite and is computed at many positions.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
     plate : FinitePlate
-        Plate, tilted as it says; its own centre is not used.
+            Plate with its own tilt. Its own centre is not used.
     positions : array_like, shape (positions, 3)
-        Centres of the plate in m; all of it above or all of it below the copper.
+            Centres of the plate in m, with the plate entirely above or entirely below the copper.
     frequencies : array_like, shape (frequencies,)
         Frequencies in Hz, positive.
     sheets : sequence of Sheet
-        Flat sheets upwards from z = 0, wide against coils and plates; these lie above the magnetic ones or below the
-        copper.
-    beside : sequence of Plate or FinitePlate
-        Metal that stays where it is: infinite plates, magnetic or not, and others with an outline.
+            Flat sheets upwards from z = 0, laterally large against coils and plates. The plates lie above the magnetic
+            sheets or below the copper.
+        beside : sequence of Plate or FinitePlate
+            Fixed metal: infinite plates, magnetic or not, and other finite plates.
     fineness : float
-        Fineness of the mesh: 2 has half the lengths of 1 (see Notes).
+            Fineness of the mesh. A value of 2 gives half the element lengths of 1 (see Notes).
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (positions, frequencies, paths, paths)
-        ΔZ/jω = ΔL − jΔR/ω in H by the plate, against the same without it; symmetric. In air and over sheets −Im is
-        positive semidefinite; beside other metal only that of all metal together is.
+            ΔZ/jω = ΔL − jΔR/ω in H by the plate, relative to the same without it. The matrices are symmetric. In air
+            and over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
 
     Raises
     ------
     GeometryError
-        Positions or frequencies of a wrong shape or none, a fineness that is not positive, a plate that reaches into
-        copper, sheets or other plates, one too thick for its size where the field enters deeply (the text has the
-        number), or an outline too narrow.
-    MetalError
-        A plate or a coil in an infinite layer; a magnetic plate less than three skin depths thick, with a hole, or
-        beside others with an outline.
-    MemoryLimitError
-        Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
+            Positions or frequencies that are empty or of a wrong shape, a fineness that is not positive, a plate that
+            reaches into copper, sheets or other plates, a plate too thick for its size if the field enters deeply (the
+            message gives the number), or an outline that is too narrow.
+        MetalError
+            A plate or a coil in an infinite layer. Also a magnetic plate that is less than three skin depths thick, has
+            a hole, or lies beside other finite plates.
+        MemoryLimitError
+            Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
 
     Notes
     -----
-    Currents on the faces and the rim, with the impedance of a plate of any thickness against its skin depth
-    (`coilarray.metal.surface_impedance`), by a stream function (`coilarray.metal.half_body`). One matrix serves every
-    place, and is factorised once a frequency. Sheets and infinite plates reflect the fields of coils and currents
-    (`coilarray.metal.layered_air`), and there it is made once a height. All plates with an outline are solved together;
-    beside others that stay, it is made at every place. The impedance holds where skin depth or thickness is small
-    against the plate's width and the distances to coils and other metal.
+    The currents on the faces and the rim follow from a stream function (`coilarray.metal.half_body`). Their impedance
+    holds for any ratio of thickness to skin depth (`coilarray.metal.surface_impedance`). One matrix serves every
+    position and is factorised once per frequency. Sheets and infinite plates reflect the fields of coils and currents
+    (`coilarray.metal.layered_air`). Then the matrix is assembled once per height. All finite plates are solved
+    together. Beside fixed finite plates the matrix is assembled at every position. The impedance holds if skin depth or
+    thickness is small compared with the plate's width and the distances to coils and other metal.
 
-    A magnetic plate has its own condition on the surface and its own equations (`coilarray.metal.magnetic_plates`),
-    which hold where it is at least three skin depths thick.
+    A magnetic plate has its own surface condition and its own equations (`coilarray.metal.magnetic_plates`), which hold
+    if it is at least three skin depths thick.
 
-    Every result is extrapolated from two meshes, one of half the lengths of the other, by the second order of linear
-    elements. `moving_plate_error` gives its error too.
+    Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second order of linear
+    elements. `moving_plate_error` also gives the error.
 
     Examples
     --------
@@ -204,14 +210,16 @@ def moving_plate_error(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> PlateError:
-    """`moving_plate` with its error, whose arguments and errors these are.
+    """Compute `moving_plate` together with its error.
+
+    Arguments and exceptions are the same.
 
     Notes
     -----
-    That of the mesh is the correction by which the finer one of two meshes was extrapolated, which covers orders of
-    convergence from 1.3 upwards, of ΔL and ΔR apart. That of the model is the impedance's, which is taken at one
-    wavenumber for all patterns of the current, and the rim's (`coilarray.metal.surface_impedance.with_rim`), where a
-    plate within the coils has most of its losses.
+    The error of the mesh is the correction by which the finer of two meshes was extrapolated. It covers orders of
+    convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model has two parts. The impedance is taken
+    at one wavenumber for all patterns of the current. The rim (`coilarray.metal.surface_impedance.with_rim`) is
+    approximate, and a plate within the coils has most of its losses there.
     """
     paths = as_conductors(source)
     where, f = _checked_positions(positions), _checked_frequencies(frequencies)
@@ -233,7 +241,8 @@ def moving_plate_error(
     change, mesh = _extrapolated(*found)
     if not beside:
         change = np.asarray((change.real if magnetic else _negative(change.real)) + 1j * _negative(change.imag))
-    # the parts of iron and of its eddy currents may cancel in ΔL, so that its error is that of both together
+    # the contributions of iron and of its eddy currents may cancel in ΔL, so that its error is the error of both
+    # together
     real, imaginary = (_by_pairs(np.abs(change)),) * 2 if magnetic else (_by_pairs(change.real), _by_pairs(change.imag))
     by_edges = np.sqrt(edges[..., :, None] * edges[..., None, :])
     by_model = real * model.inductance + by_edges + 1j * (imaginary * model.resistance + by_edges)
@@ -241,7 +250,10 @@ def moving_plate_error(
 
 
 def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Values in H by two meshes extrapolated with the second order, and their errors in H of both parts."""
+    """Extrapolate values in H from two meshes.
+
+    The extrapolation is of second order. Also returns the errors in H of both parts.
+    """
     correction = (fine - coarse) / _OF_SECOND_ORDER
     change = fine + correction
     size = np.maximum(_by_pairs(np.abs(change)), np.finfo(float).tiny)
@@ -254,13 +266,19 @@ def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArra
 
 
 def _by_pairs(values: FloatArray) -> FloatArray:
-    """Products of the roots of the diagonals of matrices (…, n, n): sizes of entries that may be small by chance."""
+    """Products of the roots of the diagonals.
+
+    For matrices (…, n, n) they are the sizes of entries that may be small by chance.
+    """
     root = np.sqrt(np.abs(np.diagonal(values, axis1=-2, axis2=-1)))
     return np.asarray(root[..., :, None] * root[..., None, :])
 
 
 def _negative(matrices: FloatArray) -> FloatArray:
-    """Take what an extrapolation made positive out of negative matrices (…, n, n)."""
+    """Remove the positive part that an extrapolation left.
+
+    The true matrices (…, n, n) are negative semidefinite.
+    """
     values, vectors = np.linalg.eigh(matrices)
     if values.max() <= 0:
         return matrices
@@ -269,7 +287,7 @@ def _negative(matrices: FloatArray) -> FloatArray:
 
 
 def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
-    """`magnetic_changes` by a plate at places of any height."""
+    """`magnetic_changes` by a plate at positions of any height."""
     where = plate.where
     shape = (len(where), len(around.air.frequencies), len(around.paths), len(around.paths))
     change, edges = np.zeros(shape, dtype=np.complex128), np.zeros(shape[:-1])
@@ -281,9 +299,10 @@ def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexAr
 def _changes(
     around: PlatesInAir, meshes: Sequence[PosedPlate], fixed: Sequence[Sequence[PosedPlate]], progress: Progress | None
 ) -> list[ComplexArray]:
-    """ΔZ/jω in H by a plate that is not magnetic, each (positions, f, paths, paths), with every mesh of it and others.
+    """ΔZ/jω in H by a non-magnetic plate, per mesh.
 
-    `fixed` are plates that stay, each with as many meshes.
+    Each array has the shape (positions, f, paths, paths), for every mesh of the plate and the others. `fixed` are
+    plates that do not move, each with as many meshes.
     """
     where, count = meshes[0].where, len(around.air.frequencies)
     shape = (len(where), count, len(around.paths), len(around.paths))
@@ -296,6 +315,7 @@ def _changes(
         tasks = [(m, k, parity) for m in range(len(meshes)) for k in range(count) for parity in (0, 1)]
 
         def solve(task: tuple[int, int, int]) -> ComplexArray:
+            """Change by one mesh, at one frequency, of one parity."""
             m, k, parity = task
             return _coupled(meshes[m].body.parities[parity].matrix(meshes[m].impedances[k]), both[m][parity])
 
@@ -316,6 +336,7 @@ def _changes(
                     rest[k] = b[k] - np.tensordot(answer.T, solved.b[k], axes=1)
 
             def at(k: int, matrices: ComplexArray = matrices, b: ComplexArray = rest) -> ComplexArray:
+                """Coupled change at a position."""
                 return _coupled(matrices[k], b[k])
 
             found[m][group] = np.moveaxis(np.array(run_blocks(at, range(count))), 0, 1)
@@ -332,10 +353,11 @@ def outlined_inductance(
     *,
     fineness: float = 1.0,
 ) -> ComplexArray:
-    """Change of the inductance matrix by all plates with an outline among `plates`, against the others alone.
+    """Change of the inductance matrix by finite plates, in H.
 
-    Shape (frequencies, paths, paths) in H, with the other arguments and the errors of `moving_plate`. Infinite plates
-    are in `coilarray.metal.flat_plates.plate_inductance`.
+    It is by all finite plates together, relative to the other plates alone, and has the shape (frequencies, paths,
+    paths). The other arguments and the errors
+    are as in `moving_plate`. Infinite plates are computed by `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
@@ -363,9 +385,10 @@ def eddy_currents(
     *,
     fineness: float = 1.0,
 ) -> list[EddyCurrents]:
-    """Compute the eddy currents in all plates with an outline, at their own centres, for 1 A in each path.
+    """Compute the eddy currents in all finite plates.
 
-    Arguments and errors are those of `outlined_inductance`, the frequency in Hz.
+    The plates are at their own centres, and each path in turn carries 1 A. Arguments and errors are as in
+    `outlined_inductance`, with the frequency in Hz.
     """
     return eddy_currents_over(source, plates, [frequency], sheets, fineness=fineness)[0]
 
@@ -378,7 +401,7 @@ def eddy_currents_over(
     *,
     fineness: float = 1.0,
 ) -> list[list[EddyCurrents]]:
-    """`eddy_currents` at each of the frequencies (f,) in Hz."""
+    """Compute `eddy_currents` at frequencies (f,) in Hz."""
     return _currents(source, plates, frequencies, sheets, fineness)
 
 
@@ -390,10 +413,11 @@ def currents_alone(
     *,
     fineness: float = 1.0,
 ) -> list[list[EddyCurrents]]:
-    """Return the currents that alone make the field of all plates with an outline, outside them.
+    """Return currents whose field equals the field of the plates.
 
-    For plates that are not magnetic they are the eddy currents; in the place of magnetic charges there are others.
-    Arguments and errors are those of `eddy_currents_over`.
+    The equality holds outside all finite plates. For plates that are not magnetic they are the eddy currents. For
+    magnetic plates other currents take the place of the magnetic charges. Arguments and errors are as in
+    `eddy_currents_over`.
     """
     return _currents(source, plates, frequencies, sheets, fineness, alone=True)
 
@@ -407,7 +431,7 @@ def _currents(
     *,
     alone: bool = False,
 ) -> list[list[EddyCurrents]]:
-    """Currents on plates with an outline, or on the only one, which is magnetic."""
+    """Currents on finite plates, or on a single magnetic plate."""
     paths, f = as_conductors(source), _checked_frequencies(frequencies)
     if _magnetic_plate(plates, f) is None:
         return solve_outlined(paths, plates, f, sheets, fineness=fineness).eddy_currents()
@@ -423,14 +447,20 @@ def _currents(
 
 @dataclass(frozen=True, eq=False)
 class OutlinedPlates:
-    """Plates with an outline, none of them magnetic, solved together for coils at the frequencies of the air."""
+    """Finite non-magnetic plates, solved together for coils.
+
+    They are solved at the frequencies of the air.
+    """
 
     around: PlatesInAir
     plates: Sequence[PosedPlate]
     solved: SolvedPlates
 
     def eddy_currents(self) -> list[list[EddyCurrents]]:
-        """Return the currents in all plates for 1 A in each coil, at every frequency."""
+        """Return the currents in all plates, in A/m.
+
+        They are for 1 A in each coil, in one list for every frequency.
+        """
         starts = np.cumsum([0, *(one.currents[0].shape[1] for one in self.plates)]).tolist()
         found = []
         for factors, b in zip(self.solved.factors, self.solved.b, strict=True):
@@ -442,9 +472,11 @@ class OutlinedPlates:
         return found
 
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
-        """Return the field in T that the plates reflect to a dipole of 1 A·m² at places (n, 3) in m, at one height.
+        """Return the field in T reflected to a dipole.
 
-        Shape (n, f, 3, 3), for dipoles along the axes of the board; they are square loops of a `size` in m.
+        The plates reflect it to a dipole of 1 A·m² at places (n, 3) in m, all at one height. The shape is (n, f, 3, 3),
+        for dipoles along
+        the axes of the board. They are square loops of a `size` in m.
         """
         found = []
         for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
@@ -468,7 +500,10 @@ def solve_outlined(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates:
-    """Solve all plates with an outline, which must not be magnetic; the rest is as in `eddy_currents_over`."""
+    """Solve all finite plates, which must not be magnetic.
+
+    The rest is as in `eddy_currents_over`.
+    """
     paths = as_conductors(source)
     _, (around, posed) = _all_posed(paths, plates, _checked_frequencies(frequencies), sheets, _ALONE * fineness)
     return OutlinedPlates(around, posed, around.solved(posed))
@@ -477,11 +512,14 @@ def solve_outlined(
 def _whole_model_error(
     paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, frequencies: FloatArray, sheets: Sequence[Sheet]
 ) -> ModelError:
-    """Largest errors of the model with those of the rim; refuse a plate beyond the limit."""
+    """Largest errors of the model, including the rim.
+
+    Refuses a plate beyond the limit.
+    """
     nearest = _distance(paths, plate, where, sheets)
     error = _model_error(plate, frequencies, _field_scale(paths, plate, where), max(nearest, _least_spread(paths) / 2))
     if plate.material.relative_permeability != 1 or not error.depths:
-        return error  # what the edges of a magnetic one err comes with its solution
+        return error  # the error by the edges of a magnetic plate comes with its solution
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     covers = [translate(ground, x, y) for x, y in where[:, :2].tolist()]
     margins = [
@@ -507,7 +545,10 @@ def _checked_frequencies(frequencies: npt.ArrayLike) -> FloatArray:
 
 
 def _impedances(plate: FinitePlate, frequencies: FloatArray, scale: float) -> list[SurfaceImpedance]:
-    """Return a plate's impedances at frequencies in Hz before coils of a radius and distance, together `scale` in m."""
+    """Return a plate's impedances at frequencies in Hz.
+
+    `scale` in m is the sum of the coils' radius and distance.
+    """
     return [surface_impedance(plate.material, plate.thickness, f, 2 / scale) for f in frequencies.tolist()]
 
 
@@ -519,7 +560,10 @@ def _meshed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> tuple[EddyBody, EddyBody]:
-    """Return the plate's two meshes for all its places, or refuse it."""
+    """Return the plate's two meshes for all its positions.
+
+    Refuses a plate that cannot be computed.
+    """
     nearest = _distance(paths, plate, where, sheets)
     _model_error(plate, frequencies, _field_scale(paths, plate, where), math.inf)
     area = shapely.union_all([translate(hull, -x, -y) for hull in _hulls(paths) for x, y in where[:, :2].tolist()])
@@ -531,7 +575,10 @@ def _meshed(
 
 
 def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
-    """Return the magnetic plate with an outline, None without; refuse one beside others with an outline, or thin."""
+    """Return the magnetic finite plate, or None.
+
+    Refuses a magnetic plate that is thin or lies beside other finite plates.
+    """
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for one in outlined:
         if one.material.relative_permeability != 1:
@@ -546,13 +593,19 @@ def _hulls(paths: Sequence[Conductor]) -> list[BaseGeometry]:
 
 
 def _least_spread(paths: Sequence[Conductor]) -> float:
-    """Return the least difference in m of the distances of a path's corners from their mean."""
+    """Return the least spread in m of a path's corners.
+
+    The spread is the difference between the largest and the smallest distance of the corners from their mean.
+    """
     away = [np.linalg.norm(path.vertices - path.vertices.mean(axis=0), axis=1) for path in paths]
     return min(float(np.ptp(one)) for one in away)
 
 
 def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, sheets: Sequence[Sheet]) -> float:
-    """Return the least distance in m across the plane of the plate from the copper; refuse one that is not computed."""
+    """Return the least distance in m from plate to copper.
+
+    The distance is across the plane of the plate. Refuses a plate that is not computed.
+    """
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
@@ -570,7 +623,10 @@ def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray,
 
 
 def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray) -> float:
-    """Length in m over which the field of coils varies in a plate: the least of their radii and of the distances."""
+    """Length in m over which a plate's exciting field varies.
+
+    It is the least radius of the coils plus the least distance.
+    """
     radii = [np.sqrt(((path.vertices - path.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) for path in paths]
     heights = np.concatenate([path.vertices for path in paths]) @ plate.axes[2]
     away = np.abs(heights[:, None] - where @ plate.axes[2]).min() - plate.thickness / 2
@@ -578,14 +634,15 @@ def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArr
 
 
 def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shortest: float) -> ModelError:
-    """Largest errors of the model in a field that varies over a scale in m; refuse those beyond the limit.
+    """Largest errors of the model for a field's scale.
 
-    Near a single turn the field also varies over a `shortest` length in m, by which ΔL and ΔR err and none is refused.
+    The field varies over `scale` in m. Errors beyond the limit are refused. Near a single turn the field also varies
+    over a `shortest` length in m. This adds to the errors of ΔL and ΔR, but no plate is refused for it.
     """
     inscribed = inscribed_radius(plate.outline)
     largest = ModelError()
     magnetic, material, thickness = plate.material.relative_permeability != 1, plate.material, plate.thickness
-    if thickness > 2 * inscribed:  # its currents are those of a rod, of which no error is known
+    if thickness > 2 * inscribed:  # its currents are like the currents of a rod, for which no error is known
         raise GeometryError(
             f"a finite plate must be thinner than it is wide; {plate.name!r} is {thickness * 1e3:.3g} mm thick and "
             f"{2 * inscribed * 1e3:.3g} mm wide."
@@ -594,7 +651,7 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shor
         if magnetic:
             errors = [model_error(material, thickness, f, 0.0, kappa) for kappa in (3 / inscribed, 2 / scale)]
         else:
-            # the waves of the field spread about the κ taken by about as much
+            # the wavenumbers of the field scatter about κ by about κ
             of_field = model_error(material, thickness, f, 2 / scale, 4 / scale).times(_OF_SPREAD)
             share = own_share(material, thickness, f, 2 / inscribed)
             short = model_error(material, thickness, f, 2 / scale, max(_BY_LOSSES / shortest, 2 / scale))
@@ -618,7 +675,7 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shor
 def _posed(
     paths: Sequence[Conductor], plate: FinitePlate, frequencies: FloatArray, sheets: Sequence[Sheet], fineness: float
 ) -> list[PosedPlate]:
-    """Put a plate at its own centre, with the coarser and the finer mesh."""
+    """Place a plate at its own centre, with both meshes."""
     where = np.array([plate.centre])
     bodies = _meshed(paths, plate, where, frequencies, sheets, fineness)
     impedances = _impedances(plate, frequencies, _field_scale(paths, plate, where))
@@ -632,7 +689,10 @@ def _all_posed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> list[tuple[PlatesInAir, list[PosedPlate]]]:
-    """Infinite layers, and the plates with an outline between them, with the coarser and the finer mesh."""
+    """Infinite layers and the finite plates between them.
+
+    They are returned with the coarser and with the finer mesh.
+    """
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
@@ -642,7 +702,7 @@ def _all_posed(
 
 
 def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse places (n, 3) in m at which a plate reaches into another one."""
+    """Refuse positions (n, 3) in m where plates intersect."""
     bottom, top = np.array(plate.heights) - plate.centre[2]
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     for other in beside:
@@ -658,13 +718,16 @@ def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate 
 
 
 def _ground(plate: FinitePlate) -> shapely.Polygon:
-    """Return what a plate covers of the board."""
+    """Return the area of the board that a plate covers."""
     outline = plate.outline
     return shapely.Polygon(plate.on_board(outline.exterior), [plate.on_board(hole) for hole in outline.holes])
 
 
 def _coupled(matrix: ComplexArray, b: FloatArray | ComplexArray) -> ComplexArray:
-    """−bᵀ matrix⁻¹ b of every position, (positions, paths, paths), for b (u, positions, paths)."""
+    """−bᵀ matrix⁻¹ b of every position, (positions, paths, paths).
+
+    `b` has the shape (u, positions, paths).
+    """
     factors = lu_factor(matrix, overwrite_a=True, check_finite=False)
     parts = []
     for start, stop in ranges(b.shape[1], max(_AT_ONCE // b.shape[2], 1)):

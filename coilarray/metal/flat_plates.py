@@ -1,11 +1,11 @@
-"""Infinite plates above and below the coils: what their eddy currents and their iron add to the inductance matrix.
+"""Eddy currents and iron of infinite plates, and their effect on the inductance matrix.
 
-What the plates reflect of each plane wave of the coils' field is that of `coilarray.electromagnetics.flat_stack`.
-Between what reflects r_u above and r_l below, at the distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
+The reflection of each plane wave of the coils' field follows `coilarray.electromagnetics.flat_stack`. Between
+reflectors with r_u above and r_l below, at the distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
 
-Of a plate near the copper short waves matter too, and there are too many of them. For those alone the reflection is
-written as Σ c e^{−2kd} with a few real distances d: that is the mutual inductance to images at these distances, with
-the cross-section of their bars. What that leaves to the long waves is integrated like the rest.
+If a plate is near the copper, short waves matter too, and there are too many of them for the integral. For them alone
+the reflection is approximated as Σ c e^{−2kd} with a few real distances d. This is the mutual inductance to images at
+these distances, with the cross-section of their bars. The remainder at long waves is integrated like the rest.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from coilarray.geometry import Conductor, Plate, Sheet
 from coilarray.metal.frequencies import checked_frequencies
 from coilarray.metal.layered_air import layer_of, layers_apart
 
-# −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
+# −ln of the error of the rules over the spectrum, and the largest error of the images' sum against the reflection
 _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
 _FIT: dict[Accuracy, float] = {"full": 3e-5, "screen": 1e-4}
-_LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the inductance
-_AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
+_LONGEST = 1e-3  # radians across the board, longer waves carry 1e-10 of the inductance
+_AROUND = 160.0  # radians across the board, the integral takes longer waves and images take shorter waves
 _FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
-_RATIO = 1.15  # of the distances among which those of images are chosen
+_RATIO = 1.15  # ratio of the distances among which the distances of images are chosen
 
 
 def plate_inductance(
@@ -50,44 +50,45 @@ def plate_inductance(
     accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the inductance matrix of current paths by plates above and below them.
+    """Change of the inductance matrix by infinite plates, in H.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`; between the plates and below the sheets.
+            See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and below the
+            sheets.
     plates : sequence of Plate
-        In any order, each above or below all paths, none in another or in the sheets.
+            Plates in any order, each above or below all paths. None may reach into another or into the sheets.
     frequencies : array_like, shape (f,)
-        In Hz, at least 0.
+            Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, of any permeabilities.
     accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`; ``screen`` errs by up to 1e-3 of the change itself.
+            Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the change itself.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray of complex, shape (f, paths, paths)
-        Change of the impedance over jω in H against that under the sheets alone: ΔL − jΔR/ω, symmetric. To be added to
-        the inductance in air and `coilarray.electromagnetics.flat_layer.layer_inductance`.
+            Change of the impedance over jω in H, relative to the sheets alone: ΔL − jΔR/ω, symmetric. Add it to the
+            inductance in air and to `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
     Raises
     ------
     GeometryError
-        A plate that is neither above nor below all paths, or touches them; one that reaches into another or into a
-        magnetic sheet; a source that describes no path.
+            A plate that is neither above nor below all paths, or touches them, a plate that reaches into another plate
+            or into a magnetic sheet, a source that describes no path.
     ElastomerError
         A path that reaches into a magnetic sheet or above it.
     MetalError
-        Frequencies that are not one row of finite numbers of at least 0.
+            Frequencies that are not a one-dimensional array of finite numbers of at least 0.
 
     Notes
     -----
-    The current density is uniform in every bar, and paths with open ends are taken as they are, as in
-    `layer_inductance`. Else exact at any frequency, to 5e-6 of the largest entry. A plate nearer than a sixth of the
-    board's extent costs up to thirty times one `mutual_inductance` more.
+    The current density is uniform in every bar. Paths with open ends are taken as they are, as in `layer_inductance`.
+    Otherwise the result is exact at any frequency, to 5e-6 of the largest entry. A plate nearer than a sixth of the
+    board's extent costs up to thirty times a `mutual_inductance` more.
 
     Examples
     --------
@@ -112,9 +113,10 @@ def plate_inductances(
     accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """As `plate_inductance` for several cases, such as distances of a plate: complex, shape (cases, f, paths, paths).
+    """Compute `plate_inductance` for several cases of plates.
 
-    The spectra of the paths, which cost most, are computed once.
+    The cases may be distances of a plate. Returns a complex array of shape (cases, f, paths, paths). The spectra of the
+    paths, which cost most, are computed once.
     """
     paths = as_conductors(source)
     omega = 2 * np.pi * checked_frequencies(frequencies)
@@ -146,7 +148,10 @@ def plate_inductances(
 
 @dataclass(frozen=True)
 class _Stack:
-    """Layers from a face at a `height` in m outwards, away from the coils; beyond them is air."""
+    """Layers outwards from a face at a height in m.
+
+    They extend away from the coils. Beyond them is air.
+    """
 
     face: float
     layers: tuple[Layer, ...]
@@ -154,12 +159,13 @@ class _Stack:
 
 @dataclass(frozen=True, eq=False)
 class _Around:
-    """What lies above and below paths between `bottom` and `top`, in every case, at the angular frequencies `omega`.
+    """Surroundings of the paths above and below, in every case.
 
-    Each of the cases has a stack above and one below; `sheets` are what lies above without plates. Waves are counted
-    from a face above and one below, `faces`, on the `sides` where anything lies in any case (0 above, 1 below); lengths
-    in m. The kinds of waves are the sides to which they leave a path and from which they reach one in the end: up–up
-    (0, 0), up–down (0, 1), with which down–up is counted, and down–down (1, 1).
+    The paths lie between `bottom` and `top`, and `omega` are the angular frequencies. Each of the cases has a stack
+    above and a stack below. `sheets` is the stack above without plates. Waves are counted from a face above and a face
+    below, `faces`, on the `sides` that hold anything in any case (0 above, 1 below). Lengths are in m. The kinds of
+    waves are the sides to which they leave a path and from which they finally reach a path: up–up (0, 0), up–down (0,
+    1), which includes down–up, and down–down (1, 1).
     """
 
     stacks: tuple[tuple[_Stack, _Stack], ...]
@@ -173,23 +179,26 @@ class _Around:
 
     @property
     def kinds(self) -> list[tuple[int, int]]:
-        """Kinds of waves there are."""
+        """Kinds of waves that occur."""
         return list(itertools.combinations_with_replacement(self.sides, 2))
 
     @property
     def ways(self) -> FloatArray:
-        """Shortest length in m that each kind of waves goes from path to path."""
+        """Shortest length in m of each kind of waves."""
         across = self.faces[0] - self.faces[1]
         ways = {(0, 0): 2 * (self.faces[0] - self.top), (1, 1): 2 * (self.bottom - self.faces[1])}
         return np.array([ways.get(kind, 2 * across - (self.top - self.bottom)) for kind in self.kinds])
 
     def damping(self, k: FloatArray) -> FloatArray:
-        """Fall of each kind of waves between both faces, shape (kinds, k), beside that from path to face."""
+        """Decay of each kind of waves between both faces.
+
+        Shape (kinds, k). The decay from path to face is not included.
+        """
         distances = [self.faces[0] - self.faces[1] if kind == (0, 1) else 0.0 for kind in self.kinds]
         return np.asarray(np.exp(-np.outer(distances, k)))
 
     def boards(self, paths: Sequence[Conductor], accuracy: Accuracy) -> list[Board]:
-        """Paths below the face above, and mirrored ones below that of the face below."""
+        """Paths below the upper face, and mirrored at the lower."""
         return [
             board_below(paths, self.faces[0], accuracy)
             if side == 0
@@ -198,7 +207,10 @@ class _Around:
         ]
 
     def images(self, paths: Sequence[Conductor], kind: int, lift: float) -> list[Conductor]:
-        """Where each kind of waves seems to come from, further away by twice the lift in m."""
+        """Images of the paths for a kind of waves.
+
+        They are further away by twice the lift in m.
+        """
         up, down = self.faces
         match self.kinds[kind]:
             case (0, 0):
@@ -211,7 +223,8 @@ class _Around:
     def lowest(self, highest: float, extent: float) -> float:
         """Smallest wavenumber in 1/m at which the reflection changes.
 
-        That of a thin plate has its pole at −jωμ0σd/2, that of an iron one at −ln((μ + 1)/(μ − 1))/d.
+        The reflection of a thin plate has its pole at −jωμ0σd/2, the reflection of an iron plate at −ln((μ + 1)/(μ −
+        1))/d.
         """
         slowest = float(self.omega[self.omega > 0].min(initial=math.inf))
         scales = [highest / 8]
@@ -224,7 +237,10 @@ class _Around:
         return max(min(scales), _LONGEST / extent)
 
     def weights(self, k: FloatArray) -> ComplexArray:
-        """Weights of waves of every kind that come back, without their `damping`: (cases · f, kinds, k)."""
+        """Weights of returning waves of every kind.
+
+        Shape (cases · f, kinds, k). The weights do not include the `damping`.
+        """
         up, down = self.faces
         by_sheets = _reflection(k, self.omega, self.sheets, self.sheets.face - up)
         cases = []
@@ -243,6 +259,7 @@ class _Around:
 def _around(
     paths: Sequence[Conductor], cases: Sequence[Sequence[Plate]], sheets: Sequence[Sheet], omega: FloatArray
 ) -> _Around:
+    """Surroundings of paths, for several cases of plates."""
     top, bottom = max(map(top_of, paths)), -max(top_of(mirrored(path, 0.0)) for path in paths)
     gaps = []
     for plate in itertools.chain(*cases):
@@ -265,9 +282,9 @@ def _around(
 
 
 def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
-    """Return the upper face in m of plates below z = 0, and their layers from there downwards.
+    """Return the upper face of plates below the board.
 
-    Plates of nothing are left out.
+    The face is in m below z = 0. Also returns the plates' layers from there downwards. Plates of air are left out.
     """
     stack = _below(plates, 0.0)
     return stack.face, stack.layers
@@ -289,7 +306,10 @@ def _below(plates: Sequence[Plate], top: float) -> _Stack:
 
 
 def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
-    """Put layers together, by the heights of their faces in m, with the air between them; air alone is nothing."""
+    """Combine layers, with the air between them.
+
+    Each layer comes with the height of its face in m. Air alone gives no layers.
+    """
     found = sorted(
         ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
     )
@@ -301,10 +321,12 @@ def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
 def _images(
     around: _Around, split: float, highest: float, extent: float, tolerance: float
 ) -> tuple[FloatArray, ComplexArray | None, float]:
-    """Distances in m and shares (cases · f, kinds, distances) of images for waves from `split` to `highest`, in 1/m.
+    """Distances in m and shares of images for short waves.
 
-    Also from where on they hold to the `tolerance` of the largest wave. None if the spectrum takes all. Every image
-    costs a `mutual_inductance`: the fewest that do, in the order of a QR factorisation with pivots.
+    The shares have the shape (cases · f, kinds, distances). They hold for waves from `split` to `highest` in 1/m. Also
+    returns the wavenumber from which they hold to the `tolerance` of the largest wave. The shares are None if the
+    integral takes all waves. Every image costs a `mutual_inductance`, so the fewest images are chosen, in the order of
+    a QR factorisation with pivots.
     """
     ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)
     largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))
@@ -331,7 +353,11 @@ def _images(
 
 
 def _reflection(k: FloatArray, omega: FloatArray, stack: _Stack, distance: float) -> ComplexArray:
-    """Reflected part of waves k (n,) in 1/m at ω (f,) in 1/s, counted at a distance in m from the face: (f, n)."""
+    """Reflected part of waves, shape (f, n).
+
+    The wavenumbers k (n,) are in 1/m and the angular frequencies ω (f,) in 1/s. The reflection is counted at a distance
+    in m from the face.
+    """
     if not stack.layers:
         return np.zeros((len(omega), len(k)), dtype=np.complex128)
     return layer_waves(stack.layers, k, omega[:, None]).reflection * np.exp(-2 * k * distance)
