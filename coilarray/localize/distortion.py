@@ -1,7 +1,8 @@
-"""Why the fitted centre x0 of a coil moves with δ: computed maps, processed as in the paper, each cause off in turn.
+"""Causes of the motion of a coil's fitted centre x0 with δ, from computed maps.
 
-Nothing here is fitted to x0. Every map goes through the same refinement, sweep and ellipse fit; a cause is what x0
-loses when the cause is switched off.
+The maps are processed as in the paper, with each cause switched off in turn. Nothing here is fitted to x0. Every map
+goes through the same refinement, sweep and ellipse fit. The effect of a cause is the part that x0 loses if the cause is
+switched off.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from coilarray.response.map import Imperfections, inductance_changes, respond, r
 from coilarray.response.setup import indentation_of, map_axes
 
 DELTAS = np.arange(1e-4, 1.0e-3 + 1e-6, 2.5e-5)
-"""δ at which x0 is compared: where the paper's polynomials were fitted."""
+"""δ at which x0 is compared, in the range where the paper's polynomials were fitted."""
 TILT = 35e-6 / 100e-3
 """The paper's vertical deviation of an axis, 35 µm in 100 mm, taken as a tilt along x."""
 
@@ -39,10 +40,10 @@ _BALLS = ("steel", "aluminium", "ferrite")  # materials that a hemisphere may ha
 
 @dataclass(frozen=True, eq=False)
 class EllipseCurves:
-    """x0, A and B over δ of every state, NaN where the map has no such level; shape (states, deltas) in m.
+    """x0, A and B over δ of every state, in m.
 
-    `undetermined` of the same shape marks levels whose points do not determine the ellipse, see
-    `coilarray.localize.ellipse`.
+    Shape (states, deltas), NaN if the map has no such level. `undetermined` of the same shape marks levels whose points
+    do not determine the ellipse, see `coilarray.localize.ellipse`.
     """
 
     x0: FloatArray
@@ -52,7 +53,7 @@ class EllipseCurves:
 
     @property
     def determined_x0(self) -> FloatArray:
-        """x0 where the points determine it, else NaN."""
+        """x0 if the points determine it, else NaN."""
         return np.where(self.undetermined, np.nan, self.x0)
 
 
@@ -65,56 +66,58 @@ def distortion(
     draws: Sequence[tuple[Design, Imperfections]] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Predict x0(δ), A(δ) and B(δ) and split x0 − centre into its causes.
+    """Predict x0(δ), A(δ), B(δ) and the causes of their distortion.
+
+    The difference x0 − centre is split into its causes.
 
     Parameters
     ----------
     design : Design
-        Design with an indentation; its first depth and its grid are taken.
+            Design with an indentation, of which the first depth and the grid are used.
     states : sequence of str
         States of the scan, each named after its coil.
     deltas : array_like, shape (n,)
         Levels of δ, rising.
     imperfections : Imperfections, optional
-        Deviations of the experiment, in every map; for example those of a calibration.
+            Deviations of the experiment, in every map. They may come from a calibration.
     draws : sequence of (Design, Imperfections)
-        Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them: their scatter is
-        the error of x0 and of what the neighbours do to it. At least two, or none.
+            Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them. Their scatter
+            is the error of x0 and of the effect of the neighbours. At least two, or none.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
     Returns
     -------
     xarray.Dataset
-        ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as the design's scan has
-        them) and ``open``; ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for
-        states that it has not; ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state,
-        delta), levels of which the window leaves too little; ``effect`` (cause, state, delta) in m, what x0 loses
-        without the cause; ``indenter_x0``, ``indenter_A``, ``indenter_B`` (indenter, state, delta) in m and
-        ``indenter_peak`` (indenter, state), the largest δ of the map, with an indenter ``without`` a material and with
-        one of steel, aluminium and ferrite; ``centre`` (state) in m; ``rms`` (cause, state) of the effects and
-        ``rms_residual`` (state) of predicted − published x0, in m. Values are NaN at levels that a map does not reach;
-        effects and root mean squares leave undetermined levels out. With draws also their standard deviations
-        ``x0_std``, ``effect_std`` and ``rms_std`` of the same shapes, NaN for causes but the neighbours and where a
-        draw has no value.
+            ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as in the design's
+            scan) and ``open``. ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for
+            other states. ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state, delta) mark
+            levels of which the window leaves too little. ``effect`` (cause, state, delta) in m is the part of x0 that
+            is lost without the cause. ``indenter_x0``, ``indenter_A``, ``indenter_B`` (indenter, state, delta) in m and
+            ``indenter_peak`` (indenter, state), the largest δ of the map, are for an indenter ``without`` a material
+            and for indenters of steel, aluminium and ferrite. ``centre`` (state) is in m. ``rms`` (cause, state) of the
+            effects and ``rms_residual`` (state) of predicted − published x0 are in m. Values are NaN at levels that a
+            map does not reach. Effects and root mean squares leave undetermined levels out. With draws there are also
+            their standard deviations ``x0_std``, ``effect_std`` and ``rms_std`` of the same shapes, NaN for causes
+            other than the neighbours and for a draw without a value.
 
     Raises
     ------
     LocalizeError
         A state that is not named after a coil, or a single draw.
     ElastomerError, NetworkError
-        What `coilarray.response.map.response_map` refuses.
+            Arguments that `coilarray.response.map.response_map` refuses.
 
     Notes
     -----
-    Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider, as far as the sample reaches),
-    ``grid`` (half the step), ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and
-    fine map), ``winding and leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at
-    one height), ``tilt`` and ``noise`` (switched on, since the computed map has none; for noise the standard deviation
-    of x0, with that of δ by the noise budget of the design: each coil's own, the attribute ``noise``, and what is
-    common, once a map). So are ``indenter of steel``, ``… aluminium`` and ``… ferrite``, where the design's indenter is
-    a hemisphere without a material: eddy currents and magnetisation of a ball, with L_0 read as it just touches the
-    sheets.
+    The causes are ``all neighbours`` and each neighbour (opened), ``window`` (18 and 12 mm wider, as far as the sample
+    reaches), ``grid`` (half the step), ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the
+    wide and fine map), ``winding and leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all
+    coils at one height), ``tilt`` and ``noise``. Tilt and noise are switched on, since the computed map has neither.
+    For noise the effect is the standard deviation of x0, for the noise of δ in the noise budget of the design: each
+    coil's own, the attribute ``noise``, and the common noise, once a map. ``indenter of steel``, ``… aluminium`` and
+    ``… ferrite`` are also switched on, if the design's indenter is a hemisphere without a material. They are the eddy
+    currents and the magnetisation of a ball, with L_0 read as it just touches the sheets.
     """
     names = design.array.names
     for state in states:
@@ -129,6 +132,7 @@ def distortion(
     curves = ellipse_curves(base, states, levels)
 
     def without(response: xr.Dataset) -> FloatArray:
+        """Part of x0 that is lost in another map."""
         return curves.determined_x0 - ellipse_curves(response, states, levels).determined_x0
 
     opened = ellipse_curves(_opened(design, base, names), states, levels)
@@ -188,13 +192,13 @@ DISTORTION = Schema(
         ("indenter", "indenter_peak", *(f"indenter_{name}" for name in PARAMETERS)),
     ),
 )  # fmt: skip
-"""What `distortion` returns, where it is read from a file."""
+"""Schema of the result of `distortion` when it is read from a file."""
 
 
 def _balls(
     result: xr.Dataset, responses: dict[str, xr.Dataset], curves: dict[str, EllipseCurves]
 ) -> dict[str, xr.DataArray]:
-    """Return the variables that compare indenters with and without a material."""
+    """Return the comparison of indenters with and without material."""
     states, indenters = result.state.values.tolist(), list(responses)
     values = {
         f"indenter_{name}": xr.DataArray(
@@ -209,7 +213,10 @@ def _balls(
 
 
 def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
-    """Return the standard deviations, from x0 of draws with neighbours grounded and open (draw, 2, state, delta)."""
+    """Return the standard deviations over draws.
+
+    `drawn` is x0 of draws with neighbours grounded and open (draw, 2, state, delta).
+    """
     effect, rms = np.full(result.effect.shape, np.nan), np.full(result.rms.shape, np.nan)
     neighbours = drawn[:, 0] - drawn[:, 1]
     effect[0], rms[0] = neighbours.std(axis=0, ddof=1), _rms(neighbours).std(axis=0, ddof=1)
@@ -218,7 +225,10 @@ def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
 
 
 class _Maps:
-    """Maps of a design on its grid or a larger or finer one, counted for a progress bar."""
+    """Maps of a design on its grid or a larger or finer grid.
+
+    They are counted for a progress bar.
+    """
 
     def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None, draws: int = 0) -> None:
         self._design, self._imperfections = design, imperfections
@@ -232,9 +242,10 @@ class _Maps:
                 self._progress(self._done, self._total)
 
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
-        """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step.
+        """Compute the map of the first depth.
 
-        No wider than the sample is.
+        The window is wider by `widen` in m on each side, at most up to the edges of the sample, and the step is
+        divided.
         """
         setup = indentation_of(self._design).in_ellipse_window()
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
@@ -247,7 +258,10 @@ class _Maps:
         return response_map(self._design, depths=depths, x=x, y=y, imperfections=given, progress=self.count)
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:
-        """Average every coil with itself turned by half a turn: neither leads nor spiral to one side are left."""
+        """Average every coil with itself turned by half a turn.
+
+        This removes the leads and the asymmetry of the spiral.
+        """
         paths = self._design.array.conductors()
         about = zip(paths, self._design.array.centres, strict=True)
         turned = [_placed(path, path.vertices * [-1.0, -1.0, 1.0] + [*(2 * centre), 0.0]) for path, centre in about]
@@ -265,9 +279,9 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
-        """Put indenters of metal and ferrite into a map, by their material.
+        """Compute maps with indenters of metal and ferrite.
 
-        None if the indenter is no such ball.
+        They are listed by their material. Empty if the indenter is no such ball.
         """
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
@@ -278,6 +292,7 @@ class _Maps:
         }
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
+        """Change of the inductances in H with other paths."""
         axes = map_axes(self._design, base.depth, base.x, base.y)
         frequency = base.attrs.get("metal_frequency_Hz")
         change = inductance_changes(
@@ -288,7 +303,10 @@ class _Maps:
 
 
 def _axis(given: Sequence[float], more: float, parts: int) -> FloatArray:
-    """Extend the positions of one axis on both sides and divide its step."""
+    """Extend and refine the positions of one axis.
+
+    They are extended on both sides and the step is divided.
+    """
     axis = np.asarray(given)
     if len(axis) < 2:
         return axis
@@ -314,7 +332,10 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
 
 
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
-    """Fit the ellipses of a map's first depth and read them at levels of δ, linear between the steps of the sweep."""
+    """Fit the ellipses of a map and read them at levels.
+
+    The map is the map of the first depth. Between the steps of the sweep the interpolation in δ is linear.
+    """
     fits = fit_ellipses(response, 0, states=states)
     curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
     undetermined = np.zeros((len(states), len(levels)), dtype=bool)
@@ -322,13 +343,16 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
         kept = fits.sel(state=state).isel(step=np.flatnonzero(fits.refused.sel(state=state) == "")).sortby("delta")
         for k, name in enumerate(PARAMETERS):
             curves[k, j] = np.interp(levels, kept.delta, kept[name], left=np.nan, right=np.nan)
-        undetermined[j] = np.interp(levels, kept.delta, kept.undetermined) > 0  # one of the two steps around is
+        undetermined[j] = np.interp(levels, kept.delta, kept.undetermined) > 0  # one of the two neighbouring steps is
     x0, A, B = curves
     return EllipseCurves(x0, A, B, undetermined & np.isfinite(x0))
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Middle between the two places on y = 0 where the hill of each state falls to a level, in m."""
+    """Middle of the level curve of each state on y = 0, in m.
+
+    It is the middle of the two places where the hill falls to the level.
+    """
     middles = np.full((len(states), len(levels)), np.nan)
     for row, state in enumerate(states):
         fine = refined_map(response.delta.isel(depth=0).sel(state=state))
@@ -347,9 +371,10 @@ def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) ->
 
 
 def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Return the standard deviation of x0 in m under noise of the readings, from a few seeded maps.
+    """Scatter of x0 under reading noise, in m.
 
-    What is common to the coils is drawn once a map, as L_0 is read once: it moves the level of a whole map.
+    It is the standard deviation of x0 over a few seeded maps. Noise that is common to the coils is drawn once per map,
+    as L_0 is read once. It shifts the level of a whole map.
     """
     runs = []
     for seed in range(_SEEDS):
@@ -370,6 +395,7 @@ def _dataset(
     opened: EllipseCurves,
     effects: dict[str, FloatArray],
 ) -> xr.Dataset:
+    """Dataset of x0, A and B, the published values and all effects."""
     origin = indentation_of(design).origin_point
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}
@@ -413,6 +439,9 @@ def _published_undetermined(states: Sequence[str], levels: FloatArray) -> npt.ND
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    """Root mean square over δ of what is there; NaN where nothing is."""
+    """Root mean square over δ, without NaN values.
+
+    It is NaN if nothing is left.
+    """
     count = np.isfinite(values).sum(axis=-1)
     return np.asarray(np.sqrt(np.nansum(values**2, axis=-1) / np.where(count > 0, count, np.nan)))

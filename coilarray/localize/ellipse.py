@@ -1,36 +1,37 @@
-"""The level curves of a response as ellipses, the first half of the paper's model.
+"""Ellipses through the level curves of a response, the first half of the paper's model.
 
-For a state of the scan and one depth, δ(x, y) is a hill over the coil. Its curves of equal δ are taken as ellipses
+For a state of the scan and one depth, δ(x, y) is a hill over the coil. Its curves of equal δ are modelled as ellipses
 
     (x − x0)²/A² + y²/B² = 1                                                                        (Eq. 3)
 
-with the centre on y = 0 and the axes along x and y; x0, A and B depend on δ (Gast & Zimmermann 2020, Sect. 4 and 5).
+with the centre on y = 0 and the axes along x and y. x0, A and B depend on δ (Gast & Zimmermann 2020, Sect. 4 and 5).
 
-What the paper leaves open, and how it is read here:
+Details that the paper leaves open, and their interpretation here:
 
-- *Refined by cubic interpolation*: by how much, and by which of MATLAB's two cubic rules, is not said. Here every
+- *Refined by cubic interpolation*: the paper gives neither the factor nor which of MATLAB's two cubic rules. Here every
   spacing of the grid is divided into 20, with the spline that has no free ends ("not a knot", MATLAB's ``'spline'``).
 - *A stepwise sweep*, threshold ±2e-5 and step 3e-5: all points of the refined map with |δ − d_k| at most 2e-5 belong
-  to the level d_k, and neighbouring levels share a quarter of theirs. The levels are taken as the multiples of the
-  step; the lowest, 3e-5, then reaches down to 1e-5 and leaves out δ = 0, where the map is flat. Points that are not
-  joined to the hill are left out by default: a map without noise has none, and with noise of 1e-5 those few far away
-  move x by up to 6 mm.
-- *The fit* is that of Gal (2003): linear least squares of the conic's coefficients about the mean of the points. Gal's
-  function also fits the terms xy and y; Eq. 3 has none, and they are left out.
-- *Which steps were kept* is not said. Here a step is refused where it has fewer than 6 points (twice the unknowns) and
-  where the conic is not an ellipse or its centre is outside the map.
-- *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like whole ones. Where one
-  arc alone is left, on one side of the centre, it shows where it crosses y = 0, x0 + A or x0 − A, but hardly x0 and A
-  each for itself, and a level as wide as its arc is high draws the fit inwards. On a map made of Table A1's own
-  ellipses that is so for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A
-  by 0.1 to 0.3 mm (tests/localize/test_published.py). Below these δ the printed x0 and A of the outer coils are
-  therefore hardly known, and those of coil 2 are.
-- *Which levels are determined* the paper does not ask. Here every level has standard errors of x0, A and B from its own
-  points, and is undetermined where that of x0 exceeds the map's step along x, or where its points do not reach half a
-  semi-axis beyond the centre on both sides (30° past the highest point): one arc is left, and the errors do not know
-  how far the width of the level draws the fit inwards. On the map of Table A1 the levels that are wrong by 6 mm and
-  more reach at most 0.2 of A to one side and the others at least 0.85. So is a level whose ellipse leaves the largest
-  δ outside by more than that step: an arc across the window may hold a small ellipse of its own, 18 mm from the coil.
+  to the level d_k, and neighbouring levels share a quarter of their points. The levels are the multiples of the step.
+  The lowest, 3e-5, then reaches down to 1e-5 and leaves out δ = 0, where the map is flat. Points that are not connected
+  with the hill are left out by default. A map without noise has none of them. With noise of 1e-5 a few such points far
+  away move x0 by up to 6 mm.
+- *The fit* follows Gal (2003): linear least squares of the conic's coefficients about the mean of the points. Gal's
+  function also fits the terms xy and y. Eq. 3 does not have them, and they are left out.
+- *Which steps were kept* is not given. Here a step is refused if it has fewer than 6 points (twice the unknowns), if
+  the conic is not an ellipse, or if its centre is outside the map.
+- *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like closed curves. If a
+  single arc is left, on one side of the centre, it determines its crossing of y = 0, x0 + A or x0 − A, but hardly x0
+  and A separately. A level as wide as its arc is high then draws the fit inwards. On a map made of Table A1's own
+  ellipses this happens for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there,
+  x0 ± A by 0.1 to 0.3 mm. Below these δ the printed x0 and A of the outer coils are therefore hardly known, while the
+  values of coil 2 are.
+- *Which levels are determined* is not a question of the paper. Here every level has standard errors of x0, A and B from
+  its own points. It is undetermined if the error of x0 exceeds the map's step along x, or if its points do not reach
+  half a semi-axis beyond the centre on both sides (30° past the highest point). Then one arc is left, and the errors do
+  not include how far the width of the level draws the fit inwards. On the map of Table A1 the levels that are wrong by
+  6 mm and more reach at most 0.2 of A to one side and the others at least 0.85. A level is also undetermined if its
+  ellipse leaves the largest δ outside by more than that step: an arc across the window may be fitted by a small
+  ellipse, 18 mm from the coil.
 """
 
 from __future__ import annotations
@@ -51,35 +52,36 @@ from coilarray.response.coordinates import in_ellipse_window
 from coilarray.response.schema import RESPONSE
 
 PARAMETERS = ("x0", "A", "B")
-"""Of an ellipse, in the order of every row of them."""
+"""Names of the parameters of an ellipse, in the order of every row of them."""
 
 REFINEMENT = 20
-"""Parts of every spacing of the sampled grid: within 0.03 mm of 80 parts on the paper's board, 5 are within 0.12 mm."""
+"""Divisions of every spacing of the sampled grid. The result is within 0.03 mm of 80 divisions on the paper's board,
+while 5 are within 0.12 mm."""
 
 THRESHOLD = 2e-5
 """Half width of a level in δ, Sect. 5 of the paper."""
 
 STEP = 3e-5
-"""From level to level in δ, Sect. 5 of the paper."""
+"""Step from level to level in δ, Sect. 5 of the paper."""
 
 LEAST_POINTS = 6
-"""Of a level that is fitted: twice the unknowns."""
+"""Least number of points of a level that is fitted: twice the unknowns."""
 
 LEAST_REACH = 0.5
-"""How far the points of a determined level go beyond the centre on both sides, in semi-axes."""
+"""Distance of the points of a determined level beyond the centre on both sides, in semi-axes."""
 
 _LEAST_SAMPLES = 4  # of a cubic, along each axis
-_MOST_LEVELS = 3000  # δ = 0.09 with the paper's step; each takes 0.4 ms
-_MOST_POINTS = 10**9  # levels times refined points of all states, some 10 s; the paper's map has 1.2e7
-_CORNERS = 4  # of a cell of the sampled grid: so many independent values has the smallest level
+_MOST_LEVELS = 3000  # δ = 0.09 with the paper's step, each takes 0.4 ms
+_MOST_POINTS = 10**9  # levels times refined points of all states, some 10 s (the paper's map has 1.2e7)
+_CORNERS = 4  # corners of a cell of the sampled grid, the number of independent values of the smallest level
 _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic is as good as a parabola or two lines
 
 
 @dataclass(frozen=True)
 class Ellipse:
-    """(x − x0)²/A² + y²/B² = 1, all in m.
+    """Ellipse (x − x0)²/A² + y²/B² = 1, all in m.
 
-    LocalizeError for a centre that is not finite, or a semi-axis that is not positive and finite.
+    Raises LocalizeError for a centre that is not finite, or a semi-axis that is not positive and finite.
     """
 
     x0: float
@@ -94,18 +96,22 @@ class Ellipse:
             )
 
     def distance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
-        """Distance of points from the curve in m, along the ray from the centre; negative inside."""
+        """Distance of points from the curve in m.
+
+        It is along the ray from the centre and negative inside.
+        """
         u, v = np.subtract(x, self.x0), np.asarray(y, dtype=np.float64)
         angle = np.arctan2(v, u)
         return np.asarray(np.hypot(u, v) - 1 / np.hypot(np.cos(angle) / self.A, np.sin(angle) / self.B))
 
 
 def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
-    """Fit an ellipse with its centre on y = 0 and its axes along x and y to at least three points (n,) in m.
+    """Fit an ellipse (x − x0)²/A² + y²/B² = 1 to points.
 
-    Least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB Central File Exchange
-    3215, 2003) without its terms in xy and y. The mean matters: an equation whose constant is set to 1 gives another
-    fit about another origin where the points are on no ellipse. LocalizeError for points that are too few or not
+    The centre is on y = 0 and the axes are along x and y. At least three points (n,) in m are needed. The fit is by
+    least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB Central File Exchange
+    3215, 2003) without its terms in xy and y. The mean matters: if the points are on no ellipse, an equation whose
+    constant is set to 1 gives another fit about another origin. Raises LocalizeError for points that are too few or not
     finite, or whose conic is not an ellipse.
     """
     if np.shape(x) != np.shape(y):
@@ -130,11 +136,12 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
 
 
 def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent: int) -> tuple[float, float, float]:
-    """Return the standard errors of x0, A and B in m of an ellipse fitted by `fit_ellipse` to points (n,) in m.
+    """Return the standard errors of x0, A and B in m.
 
-    Of first order, with the scale of the residuals estimated. `independent`, at least four, says for how many
-    independent points the n stand: those that are interpolated from the same samples err together. Infinite where the
-    points do not determine all three.
+    The ellipse was fitted by `fit_ellipse` to points (n,) in m. The errors are of first order, with the scale of the
+    residuals estimated. `independent`, at least four, is the number of independent points that the n points represent,
+    as points interpolated from the same samples have common errors. The errors are infinite if the points do not
+    determine all three.
     """
     length = max(float(np.ptp(x)), float(np.ptp(y)))
     mean = float(x.mean())
@@ -157,15 +164,19 @@ def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent:
 
 
 def closes(x: FloatArray, x0: float, A: float) -> bool:
-    """Whether points at x (n,) in m on an ellipse reach `LEAST_REACH` semi-axes beyond its centre on both sides."""
+    """Test whether points extend far enough on both sides.
+
+    The points at x (n,) in m on an ellipse must reach `LEAST_REACH` semi-axes beyond its centre on both sides.
+    """
     return bool(len(x) and min(x0 - float(x.min()), float(x.max()) - x0) >= LEAST_REACH * A)
 
 
 def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArray:
-    """Refine a map (y, x) by a bicubic spline: `refinement` parts of every spacing, 1 leaves it as it is.
+    """Refine a map (y, x) by a bicubic spline.
 
-    At the sampled positions, in m, it has the sampled values. LocalizeError for fewer than four positions along x or y,
-    coordinates that do not rise, values that are not finite, a refinement that is not positive.
+    Every spacing is divided into `refinement` parts, and 1 leaves the map unchanged. At the sampled positions, in m, it
+    has the sampled values. Raises LocalizeError for fewer than four positions along x or y, coordinates that do not
+    rise, values that are not finite, or a refinement that is not positive.
 
     Examples
     --------
@@ -196,18 +207,18 @@ def fit_ellipses(
     lowest: float | None = None,
     connected: bool = True,
 ) -> xr.Dataset:
-    """Sweep through the levels of a response and fit an ellipse to each.
+    """Fit an ellipse to each level of a response.
 
     Parameters
     ----------
     response : xarray.Dataset
-        Measured or simulated: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils' axis; of a
-        map with a window for ellipses (`coilarray.Indentation`) what lies there.
+            Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the
+            coils' axis. If the map has a window for ellipses (`coilarray.Indentation`), only the window is used.
     depth : int or float
         An integer is the index of a depth, any other number a depth in m that the response has.
     states : sequence of str, optional
-        States to fit; by default every one whose largest δ lies within the map and above five levels; the curves around
-        a maximum at the map's edge do not close.
+            States to fit. By default every state whose largest δ lies within the map and above five levels. The curves
+            around a maximum at the map's edge do not close.
     refinement : int
         Parts of every spacing of the grid.
     threshold : float
@@ -215,31 +226,33 @@ def fit_ellipses(
     step : float
         Distance of neighbouring levels in δ.
     lowest : float, optional
-        The first level in δ; one step by default.
-    connected : bool
-        Leave out the points of a level that do not belong to the hill: those which no path with δ of at least
-        level − threshold joins to the largest δ. In a noisy map far points may reach the lowest levels.
+            Lowest level in δ. By default one step.
+        connected : bool
+            Leave out the points of a level that do not belong to the hill. These are the points that no path with δ of
+            at least level − threshold connects with the largest δ. In a noisy map distant points may reach the lowest
+            levels.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta``, the mean of the level's
-        points; ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
-        is part of it), in m; ``x0_std``, ``A_std`` and ``B_std`` of `standard_errors`, all points in a cell of the
-        sampled grid counted as one; ``undetermined``, whether an ellipse is there but its points do not say where;
-        ``points``, their number; ``refused``, why a step has no ellipse, empty if it has one. Refused steps hold
-        NaN. ``peak`` (state) is the largest δ of the refined map.
+            Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta`` is the mean of the
+            level's points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width
+            of the level is part of it), are in m. ``x0_std``, ``A_std`` and ``B_std`` follow from `standard_errors`,
+            with all points in a cell of the sampled grid counted as one. ``undetermined`` marks ellipses that their
+            points do not determine. ``points`` is their number. ``refused`` is the reason why a step has no ellipse,
+            empty if it has one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
 
     Raises
     ------
     LocalizeError
-        A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on
-        y = 0, a state without closed curves or without any ellipse, settings that are not positive, more than 3000
-        levels or 10⁹ points in all of them.
+            A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on y
+            = 0, a state without closed curves or without any ellipse, settings that are not positive, more than 3000
+            levels or 10⁹ points in all of them.
 
     Notes
     -----
-    Sect. 5 of Gast & Zimmermann (2020). The docstring of the module says what the paper leaves open.
+    Follows Sect. 5 of Gast & Zimmermann (2020). The docstring of the module lists the details that the paper leaves
+    open.
     """
     response = in_ellipse_window(response)
     delta = _delta(response, depth)
@@ -254,7 +267,7 @@ def fit_ellipses(
     _require_few_levels(float(delta.sel(state=chosen).max()), first, step, points)
     maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
     peaks = np.array([float(fine.values.max()) for fine in maps])
-    _require_few_levels(float(peaks.max()), first, step, points)  # a spline overshoots beside a point far off
+    _require_few_levels(float(peaks.max()), first, step, points)  # a spline overshoots beside a distant point
     count = max(1, int(np.floor((peaks.max() - first) / step)) + 1)
     levels = first + step * np.arange(count, dtype=np.float64)
     spacing = float(np.median(np.diff(delta.x.values)))
@@ -270,7 +283,10 @@ def fit_ellipses(
 
 @dataclass(frozen=True)
 class _Level:
-    """One step of the sweep: mean δ of its points, the ellipse or why there is none."""
+    """Step of the sweep with its mean δ and its ellipse.
+
+    If there is no ellipse it holds the reason.
+    """
 
     points: int
     delta: float = np.nan
@@ -295,9 +311,12 @@ def _fit_levels(
     refinement: int,
     spacing: float,
 ) -> list[_Level]:
-    """Fit rising levels of the refined values, shape (y, x), over positions along x and across, along y, in m."""
+    """Fit rising levels of the refined values (y, x).
+
+    The positions `along` x and `across`, along y, are in m.
+    """
     peak = np.unravel_index(np.argmax(values), values.shape)
-    top, left, part = 0, 0, values  # the window that holds the hill of the last level, and so those of all above
+    top, left, part = 0, 0, values  # the window of the hill of the last level contains the hills of all higher levels
     found = []
     for level in levels.tolist():
         if level > values[peak]:
@@ -323,7 +342,10 @@ def _fit_level(
     refinement: int,
     spacing: float,
 ) -> _Level:
-    """Fit the points of one level, (n,) rows and columns of the refined values."""
+    """Fit the points of one level.
+
+    The points are (n,) rows and columns of the refined values.
+    """
     if len(rows) < LEAST_POINTS:
         return _Level(len(rows), refused="too few points")
     x, y = along[columns], across[rows]
@@ -343,7 +365,7 @@ def _fit_level(
 
 
 def _hill(values: FloatArray, foot: float) -> npt.NDArray[np.bool_]:
-    """Points above `foot` that are joined to the largest value."""
+    """Points above `foot` that are connected with the peak."""
     regions, _ = label(values >= foot)
     return np.asarray(regions == regions.flat[np.argmax(values)])
 
@@ -364,6 +386,7 @@ def _delta(response: xr.Dataset, depth: int | float) -> xr.DataArray:
 
 
 def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
+    """States to fit, checked against the response."""
     known = [str(state) for state in delta.state.values]
     if states is None:
         return known
@@ -376,7 +399,10 @@ def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
 
 
 def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
-    """States whose curves close within the map; where they are required, all of them must."""
+    """States whose curves close within the map.
+
+    If they are required, all of them must close.
+    """
     largest = {state: float(delta.sel(state=state).max()) for state in delta.state.values.tolist()}
     closed = [state for state in largest if not _peaks_at_edge(delta.sel(state=state))]
     for state in largest:
@@ -400,7 +426,10 @@ def _peaks_at_edge(delta: xr.DataArray) -> bool:
 
 
 def _require_few_levels(largest: float, first: float, step: float, points: int) -> None:
-    """Refuse a sweep from `first` to the largest δ that would go through too many points in all."""
+    """Refuse a sweep that needs too many points in all.
+
+    The sweep runs from `first` to the largest δ.
+    """
     levels = (largest - first) / step + 1
     most = min(_MOST_LEVELS, _MOST_POINTS // points)
     if not levels <= most:
@@ -411,7 +440,10 @@ def _require_few_levels(largest: float, first: float, step: float, points: int) 
 
 
 def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:
-    """Refuse a map whose y does not count from the coils, where the response says where they are."""
+    """Refuse a map whose y does not count from the coils.
+
+    The response may state where the coils are.
+    """
     if not {"coil", "coil_y"} <= set(response.coords):
         return
     spacing = float(np.abs(np.diff(delta.y.values)).min(initial=np.inf))
@@ -425,7 +457,7 @@ def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) ->
 
 
 def _check_map(delta: xr.DataArray) -> None:
-    """Refuse a map that is too small, or whose axes or values are not numbers."""
+    """Refuse a map that is too small or not numeric."""
     x, y = (_axis(delta, name) for name in ("x", "y"))
     bad = np.argwhere(~np.isfinite(delta.transpose("y", "x", ...).values))
     if len(bad):
@@ -455,6 +487,8 @@ def _dataset(
     threshold: float,
     response: xr.Dataset,
 ) -> xr.Dataset:
+    """Dataset of the fitted levels of all states."""
+
     def table(name: str) -> npt.NDArray[np.generic]:
         return np.array([[getattr(one, name) for one in row] for row in rows])
 

@@ -1,4 +1,4 @@
-"""Forward model: δ of every state as a smooth function of the position and depth of the indenter."""
+"""Forward model: δ of every state as a smooth function of position and depth."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 
 NOISE = 1e-5
-"""Standard deviation of δ of a response that does not say its own."""
+"""Default standard deviation of δ, for a response without a noise of its own."""
 
-_STEPS = 5  # positions of a table in the thickness of all sheets: the convergence study is in the tests
+_STEPS = 5  # positions of a table per thickness of all sheets, from a convergence study
 _DEEPEST = 1.7  # of a table, relative to the deepest indentation of the design
-_DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its deepest one
+_DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its greatest depth
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,21 +49,22 @@ class ForwardModel(ResponseSpline):
     Parameters
     ----------
     x, y, depth, spline, in_root
-        Table of the response, see `coilarray.response.interpolation.ResponseSpline`; its values have the shape
-        (states,).
+            Table of the response, see `coilarray.response.interpolation.ResponseSpline`. Its values have the shape
+            (states,).
     states : tuple of str
         Names of the states in the order of every axis of states.
     parameters : tuple of str
-        Names of the coordinates; the last one is the distance of a target.
-    noise : float
-        Standard deviation of δ of a reading, independent from state to state, where no other is given: that of the
-        response, which a computed one has by the noise budget of its design, else `NOISE`.
-    common : tuple of ndarray, shape (states,)
-        Changes of δ by causes that are one random number for all states, each of one standard deviation; none by
-        default. They count where no other noise is given.
-    errors : tuple of float
-        Error of δ of every state by the table itself, of δ there; none by default.
-    unread : ndarray of bool, shape (x, y, depth, states), optional
+            Names of the coordinates. The last is the distance of a target.
+        noise : float
+            Standard deviation of δ of a reading, independent from state to state, if no other is given. It is the noise
+            of the response, which a computed response has by the noise budget of its design, else `NOISE`.
+        common : tuple of ndarray, shape (states,)
+            Changes of δ by causes that are one random number for all states, each of one standard deviation. Empty by
+            default. They count if no other noise is given.
+        errors : tuple of float
+            Relative error of δ of every state by the table itself. Empty by default.
+        unread : ndarray of bool, shape (x, y, depth, states), optional
+            True where the converter cannot read a state, at the coordinates of the table. None if it reads all states.
         True where the converter cannot read a state, at the coordinates of the table; None where it reads all.
     """
 
@@ -75,12 +76,14 @@ class ForwardModel(ResponseSpline):
     unread: BoolArray | None = None
 
     def unread_at(self, points: FloatArray) -> BoolArray | None:
-        """Tell which states the converter cannot read at points (…, 3) in m, or at a neighbour of theirs in the table.
+        """Test which states the converter cannot read at points.
+
+        The points (…, 3) are in m. A state also counts if it is unreadable at a neighbour of the point in the table.
 
         Returns
         -------
         ndarray of bool, shape (…, states), or None
-            True for what is not readable; None where it reads every state everywhere.
+                True for unreadable states. None if it reads every state everywhere.
         """
         if self.unread is None:
             return None
@@ -95,9 +98,9 @@ class ForwardModel(ResponseSpline):
         return found
 
     def select(self, states: Sequence[str]) -> ForwardModel:
-        """Return the model of some of the states, in the given order; for example without a broken coil.
+        """Return the model of some of the states, in given order.
 
-        LocalizeError as `chosen_states`.
+        It serves for example to leave out a broken coil. Raises LocalizeError as `chosen_states`.
 
         Returns
         -------
@@ -115,15 +118,20 @@ class ForwardModel(ResponseSpline):
 
     @property
     def common_noise(self) -> FloatArray:
-        """Standard deviation of δ by all causes that are common to the states, shape (states,)."""
+        """Standard deviation of δ by all common causes.
+
+        The causes are common to all states. Shape (states,).
+        """
         return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
-        """Return the model of δ less the mean δ of reference coils, of the other states.
+        """Return the model of δ relative to reference coils.
 
-        It is that of readings of `coilarray.hardware.record.reference_coil.less_reference`, also where the indenter
-        reaches a reference. What is common goes as far as it is equal, and the references' own noise is common to all
-        others. LocalizeError for a reference that is not there or named twice, none, or no other state.
+        It is the δ of the other states minus the mean δ of the reference coils. It models readings of
+        `coilarray.hardware.record.reference_coil.less_reference`, also if the indenter reaches a reference. Common
+        noise cancels as far as it is equal. The references' own noise becomes common to all others. Raises
+        LocalizeError for an unknown reference, for a reference that is named twice, for no reference, or if no other
+        state is left.
 
         Returns
         -------
@@ -145,9 +153,10 @@ class ForwardModel(ResponseSpline):
         )  # fmt: skip
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
+        """Compute δ of every state at points (…, 3) in m.
 
-        LocalizeError for another shape, or a point that is not in the table.
+        The result has the shape (…, states). The coordinates are x, y and depth. Raises LocalizeError for another
+        shape, or a point that is not in the table.
 
         Returns
         -------
@@ -157,7 +166,9 @@ class ForwardModel(ResponseSpline):
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Slopes of `delta` at `points` (…, 3) in m by the unknowns among x, y and depth.
+        """Slopes of `delta` by the unknowns, in 1/m.
+
+        They are at `points` (…, 3) in m, by the unknowns among x, y and depth.
 
         Returns
         -------
@@ -167,7 +178,9 @@ class ForwardModel(ResponseSpline):
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`delta` and `jacobian` at points in the table, unchecked: for solvers.
+        """Compute `delta` and `jacobian` without checks, for solvers.
+
+        The points must be in the table.
 
         Returns
         -------
@@ -178,6 +191,7 @@ class ForwardModel(ResponseSpline):
         return self.values_at(points), np.stack(slopes, axis=-1)
 
     def _checked(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points in the table as an array, or refuse them."""
         array = np.asarray(points, dtype=np.float64)
         if array.ndim < 1 or array.shape[-1] != 3:
             raise LocalizeError(f"points must have x, y and depth on their last axis; got shape {array.shape}.")
@@ -192,7 +206,10 @@ class ForwardModel(ResponseSpline):
 
 
 def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Return the wanted states; LocalizeError for none, a name that is not known, or one that is given twice."""
+    """Return the wanted states after a check.
+
+    Raises LocalizeError for no state, an unknown name, or a name that is given twice.
+    """
     for name in wanted:
         if name not in known:
             raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(known)}.")
@@ -202,15 +219,15 @@ def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...
 
 
 def require_states(states: Sequence[str], unknowns: int) -> None:
-    """Refuse fewer states than there are unknowns: LocalizeError."""
+    """Raise LocalizeError for fewer states than unknowns."""
     if len(states) < unknowns:
         raise LocalizeError(f"{unknowns} unknowns need at least as many states; the model has {', '.join(states)}.")
 
 
 def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
-    """Return the standard deviation of δ of every state, shape (states,): the given one, else that of the model.
+    """Return the standard deviation of δ of every state.
 
-    LocalizeError as `checked_noise`.
+    Shape (states,). It is the given noise, by default the noise of the model. Raises LocalizeError as `checked_noise`.
     """
     return checked_noise(model.states, model.noise if noise is None else noise)
 
@@ -221,11 +238,12 @@ def whitening_of(
     delta: FloatArray | None = None,
     points: FloatArray | None = None,
 ) -> Whitening:
-    """Return what divides differences of readings from the model, and its slopes, by their noise.
+    """Return the whitening of differences from the model.
 
-    A given noise is independent from state to state; the model's own has also what is common to them. The error of the
-    table, as a part of δ, is added for δ (…, states) if given. States that the converter cannot read at points (…, 3)
-    in m, if given, count for nothing. LocalizeError as `checked_noise`.
+    It divides differences of readings from the model, and its slopes, by their noise. A given noise is independent from
+    state to state. The model's own noise also includes the part that is common to the states. The error of the table,
+    relative to δ, is added for δ (…, states) if given. States that the converter cannot read at points (…, 3) in m, if
+    given, do not count. Raises LocalizeError as `checked_noise`.
     """
     deviations = noise_of(model, noise)
     if delta is not None and any(model.errors):
@@ -238,9 +256,10 @@ def whitening_of(
 
 
 def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
-    """Return the standard deviation of δ of every state, shape (states,).
+    """Return the standard deviation of δ of every state.
 
-    LocalizeError for values that are not positive and finite, or neither one number nor one for each state.
+    Shape (states,). Raises LocalizeError for values that are not positive and finite, or are neither one number nor a
+    number for each state.
     """
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(states),)):
@@ -253,18 +272,19 @@ def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
 
 
 def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardModel:
-    """Make a forward model of a response dataset, simulated or measured.
+    """Make a forward model of a simulated or measured response.
 
     Parameters
     ----------
     response : xarray.Dataset
         Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. The attribute
-        ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. Where it has
-        ``delta_error``, as a target's, its root mean square against that of δ is the model's error, state by state.
-        Where ``readable`` says that the converter cannot read a state, δ of that state determines nothing.
-    zero_plane : bool
-        Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
-        to that of a target, whose distances are its depths here.
+            ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. If it has
+            ``delta_error``, as the response of a target has, the root mean square of ``delta_error`` over the root mean
+            square of δ is the model's error, for each state. Where ``readable`` is False the converter cannot read a
+            state, and its δ determines nothing.
+        zero_plane : bool
+            Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth without the depth 0.
+            Not for the table of a target, whose distances take the place of depths.
 
     Returns
     -------
@@ -279,7 +299,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
     Notes
     -----
-    Splines of `coilarray.response.interpolation.response_spline`.
+    The splines are those of `coilarray.response.interpolation.response_spline`.
 
     Examples
     --------
@@ -315,7 +335,10 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
-    """δ with the axes x, y, depth, state, and the axes themselves; checked."""
+    """Return δ and its axes x, y and depth, checked.
+
+    δ has the axes x, y, depth, state.
+    """
     delta = response["delta"].transpose("x", "y", "depth", "state").values
     x, y, depth = (response[name].values for name in PARAMETERS)
     for name, axis in (("x", x), ("y", y)):
@@ -331,23 +354,26 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
 def table_grid(
     design: Design, *, spacing: float | None = None, deepest: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose the positions of a response that is fine enough for a forward model.
+    """Choose positions of a response for a forward model.
+
+    They are close enough together for its splines.
 
     Parameters
     ----------
     design : Design
         Design with an indentation.
     spacing : float, optional
-        Distance of positions in m, at most; a fifth of the thickness of all sheets by default, which leaves errors of
-        less than 1e-6 in δ between them (gast2020).
-    deepest : float, optional
-        Greatest depth in m; 1.7 times that of the design by default, since noise must not push a reading out of it.
+            Largest distance of positions in m. By default a fifth of the thickness of all sheets, which leaves errors
+            of less than 1e-6 in δ between the positions (gast2020).
+        deepest : float, optional
+            Greatest depth in m. By default 1.7 times the greatest depth of the design, since noise must not push a
+            reading out of the table.
 
     Returns
     -------
     depths, x, y : ndarray, shape (n,)
-        Coordinates in m; x and y over the outlines of all coils, from the map's origin, as far as the contact at the
-        greatest depth stays on the sample.
+            Coordinates in m. x and y count from the map's origin and cover the outlines of all coils, as far as the
+            contact at the greatest depth stays on the sample.
 
     Raises
     ------
@@ -372,11 +398,12 @@ def table_grid(
 
 
 def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:
-    """Compute the response at the positions of `table_grid`, for `forward_model`: 10 s for the six coils of gast2020.
+    """Compute the response at the positions of `table_grid`.
 
-    The network of coils, switches and strays is that of `response_map` by default. Of a design with a target and no
-    indentation it is the target's map at the places and distances of the design. ElastomerError for what
-    `response_map` refuses, and MetalError for what `target_map` refuses.
+    It is the table for `forward_model` and takes 10 s for the six coils of gast2020. The default network of coils,
+    switches and strays is the same as for `response_map`. For a design with a target and no indentation it is the
+    target's map at the positions and distances of the design. Raises ElastomerError for arguments that `response_map`
+    refuses, and MetalError for those that `target_map` refuses.
     """
     if design.indentation is None and design.target is not None:
         return target_map(design, network=network, progress=progress)

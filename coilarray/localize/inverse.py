@@ -1,9 +1,9 @@
-"""Position and depth of an indentation from the δ of all coils: maximum likelihood, with all other solutions that fit.
+"""Position and depth of an indentation from δ, by maximum likelihood, with all solutions.
 
-With Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant; the error of a target's
-table, as a part of the δ that is read, is added to the variances. A `Location` keeps every mode, that is every minimum
-of χ² that lies in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the quantile of χ² for as many degrees of
-freedom as unknowns: on a board that is symmetric in y both signs of y are there.
+For Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant. The relative error of a
+target's table is added to the variances, scaled by the δ of the reading. A `Location` keeps every mode, which is every
+minimum of χ² in the likelihood region {θ : χ²(θ) − min χ² ≤ q}. Here q is the quantile of χ² with as many degrees of
+freedom as unknowns. On a board that is symmetric in y both signs of y are modes.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; outside the
-table, or deeper; no position explains the reading; no indentation beyond the noise; or not a reading at all."""
+"""Result of a reading: a position in the table, a position on its border (the indenter may be outside), a position
+outside the table or deeper, no position that explains the reading, no indentation beyond the noise, or an invalid
+reading."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
@@ -42,38 +43,39 @@ UNKNOWN_DEVIATION = 0.1
 """Standard deviation in m from which a coordinate counts as unknown: it is larger than a board."""
 
 CONFIDENCE = 0.95
-"""Of regions, and so of the modes that are kept."""
+"""Confidence of regions, and so of the modes that are kept."""
 
 ALARM = 1e-3
-"""Probability with which a reading that the model does explain is called one that does not fit."""
+"""Probability that a reading that the model explains is reported as "no fit"."""
 
 _SAME = 1.0  # two minima nearer than one standard deviation are one mode
-_BENT = 2.0  # factor by which χ² may differ from its parabola where a mode is called Gaussian
-_LEAST = 1e-13  # of eigenvalues, against division by zero where the information is singular
-_BLOCK = 1000  # readings solved together; some 10 MB
+_BENT = 2.0  # factor by which χ² may differ from its parabola for a Gaussian mode
+_LEAST = 1e-13  # of eigenvalues, against division by zero if the information is singular
+_BLOCK = 1000  # readings solved together, some 10 MB
 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """One position that explains a reading.
+    """Position that explains a reading, with its uncertainty.
 
     Parameters
     ----------
     x, y, depth : float
         Position and depth in m.
     information : ndarray, shape (unknowns, unknowns)
-        Fisher information there about x, y and, where it is unknown, the depth, in 1/m².
+            Fisher information there about x, y and, if it is unknown, the depth, in 1/m².
     chi_square : float
         χ² of the residuals.
     gaussian : bool
-        True if the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
-        it should within a factor of 2, all of them in the table. Elsewhere the region follows from `deviance`.
+            True if the ellipsoid of the information describes the likelihood. Then χ² rises at the ends of its axes by
+            the expected amount within a factor of 2, and all ends are in the table. If it is False, the region follows
+            from `deviance`.
     border : tuple of str
         Names among x, y and depth that are on the border of the table.
     free : tuple of int
-        Numbers among x, y and depth of the unknowns; the first ones by default.
+            Indices of the unknowns among x, y and depth. By default the first.
     unread : tuple of str
-        States that the converter cannot read there, which the information leaves out.
+            States that the converter cannot read there. The information leaves them out.
     """
 
     x: float
@@ -88,33 +90,41 @@ class Mode:
 
     @property
     def unknowns(self) -> list[int]:
-        """Numbers among x, y and depth of the unknowns."""
+        """Indices of the unknowns among x, y and depth."""
         return list(self.free or range(len(self.information)))
 
     @property
     def covariance(self) -> FloatArray:
-        """Inverse of the information in m², shape (unknowns, unknowns); see `covariance_of`."""
+        """Inverse of the information in m², see `covariance_of`.
+
+        Shape (unknowns, unknowns).
+        """
         return covariance_of(self.information)
 
     @property
     def deviations(self) -> FloatArray:
-        """Standard deviations of x, y and depth in m, shape (unknowns,)."""
+        """Standard deviations of x, y and depth in m.
+
+        Shape (unknowns,).
+        """
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
     def known_deviations(self) -> tuple[float | None, ...]:
-        """Standard deviations of x, y and depth in m, to the last unknown.
+        """Standard deviations of x, y and depth in m.
 
-        None for one of `UNKNOWN_DEVIATION` or more, and for a coordinate that the table fixes.
+        They run to the last unknown. A deviation of `UNKNOWN_DEVIATION` or more is None, and so is a coordinate that
+        the table fixes.
         """
         found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
         values = (found.get(k, np.inf) for k in range(max(found) + 1))
         return tuple(value if value < UNKNOWN_DEVIATION else None for value in values)
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
-        """Test which points (…, 3) in m lie in the ellipsoid about the mode that holds the truth with `confidence`.
+        """Test whether points lie in the mode's ellipsoid.
 
-        True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
+        The points (…, 3) are in m. The ellipsoid about the mode holds the true position with `confidence`. A point is
+        inside if (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
 
         Returns
         -------
@@ -135,13 +145,13 @@ class Location:
     verdict : Verdict
         Kind of the result.
     reason : str
-        Why it is not ``"found"``; empty if it is.
+            Reason for any verdict but ``"found"``, for which it is empty.
     modes : tuple of Mode
-        Best first; none if nothing is pressed or the reading is refused.
-    chi_square : float or None
-        χ² of the best mode, or of no indentation where nothing is pressed; None for a refused reading.
-    degrees_of_freedom : int
-        Degrees of freedom of that χ²; 0 for a refused reading.
+            Modes, best first. Empty if nothing is pressed or the reading is refused.
+        chi_square : float or None
+            χ² of the best mode, or of no indentation if nothing is pressed. None for a refused reading.
+        degrees_of_freedom : int
+            Degrees of freedom of that χ². 0 for a refused reading.
     probability : float or None
         Probability that noise alone makes χ² as large or larger.
     """
@@ -162,19 +172,24 @@ class Location:
 
     @property
     def best(self) -> Mode:
-        """The most likely mode; LocalizeError if there is none."""
+        """Most likely mode.
+
+        Raises LocalizeError if there is none.
+        """
         if not self.modes:
             raise LocalizeError(f"there is no position: {self.reason}")
         return self.modes[0]
 
     @property
     def ambiguous(self) -> bool:
-        """True if more than one mode is likely enough to be kept."""
+        """True if there is more than one mode."""
         return len(self.modes) > 1
 
 
 def location_lines(location: Location) -> list[str]:
-    """Return lines with the verdict and the possible positions of an indentation, the best one first.
+    """Format the verdict and the possible positions as lines.
+
+    The best position comes first.
 
     Examples
     --------
@@ -189,6 +204,7 @@ def location_lines(location: Location) -> list[str]:
 
 
 def _mode_words(mode: Mode) -> str:
+    """Describe a mode in a line."""
     parts = []
     for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
         parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
@@ -204,22 +220,22 @@ def locate(
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> Location:
-    """Find the indentation of one reading.
+    """Find the position of an indentation from one reading.
 
     Parameters
     ----------
     model : ForwardModel
         Model of the board.
     reading : mapping of str to float, or array_like, shape (states,)
-        δ by name, or in the model's order. A coil that is missing or NaN is refused; to go without it, locate with
-        ``model.select([...])``.
+            δ by name, or in the model's order. A coil that is missing or NaN is refused. To locate without it use
+            ``model.select([...])``.
     noise : array_like, scalar or shape (states,), optional
-        Standard deviation of δ; that of the model by default.
+            Standard deviation of δ. By default the noise of the model.
     confidence : float
         Confidence of the region whose modes are kept.
     alarm : float
-        Least probability of the residuals at which a position is still said to fit, and of the reading itself at which
-        it is still said to be noise.
+            Least probability of the residuals at which a position still fits, and of the reading itself at which it
+            still counts as noise.
 
     Returns
     -------
@@ -229,8 +245,8 @@ def locate(
     Raises
     ------
     LocalizeError
-        A reading with states that are unknown or missing, of another length or with a δ that is not between −1 and 1;
-        noise that is not positive, confidence or alarm outside 0 to 1, a model with fewer states than unknowns.
+            A reading with states that are unknown or missing, of another length or with a δ that is not between −1 and
+            1, noise that is not positive, confidence or alarm outside 0 to 1, a model with fewer states than unknowns.
 
     Examples
     --------
@@ -257,10 +273,11 @@ def locate_all(
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> list[Location]:
-    """Find the indentations of many readings, as `locate` does one; a bad reading is marked and spoils no other.
+    """Find the indentations of many readings, as `locate` does.
 
-    The locations come in the order of the readings, which may be an array (n, states). Where `locate` would raise
-    because of the reading, the verdict is ``"refused"`` and the reason says why.
+    The locations come in the order of the readings, which may be an array (n, states). An invalid reading does not
+    affect the others. If `locate` would raise because of the reading, the verdict is ``"refused"`` and the reason gives
+    the cause.
     """
     results: list[Location | None] = []
     good = []
@@ -282,10 +299,11 @@ def deviance(
     *,
     noise: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """How much less likely points are than the best mode: χ²(θ) − χ² of the best mode.
+    """Rise of χ² at points above the best mode.
 
-    The points with a deviance up to the quantile of χ² are the likelihood region. It follows curved valleys and holds
-    all modes, so it keeps its confidence where the ellipsoids of `Mode.contains` do not.
+    It is χ²(θ) − χ² of the best mode, and a larger value is less likely. The points with a deviance up to the quantile
+    of χ² are the likelihood region. It follows curved valleys and holds all modes, so it keeps its confidence even if
+    the ellipsoids of `Mode.contains` do not.
 
     Parameters
     ----------
@@ -298,17 +316,18 @@ def deviance(
     points : array_like, shape (…, 3)
         x, y and depth in m.
     noise : array_like, scalar or shape (states,), optional
-        Standard deviation of δ; that of the model by default.
+            Standard deviation of δ. By default the noise of the model.
 
     Returns
     -------
     ndarray, shape (…,)
-        Without unit; compare with the quantile of χ² for as many degrees of freedom as unknowns, 7.81 for three.
+            Deviance, dimensionless. Compare it with the quantile of χ² for as many degrees of freedom as unknowns, 7.81
+            for three.
 
     Raises
     ------
     LocalizeError
-        What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
+            Arguments that `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
     row = checked_reading(model.states, reading)
     chi_square = whitening_of(model, noise, row).chi_square(row - model.delta(points))
@@ -333,6 +352,7 @@ def _solve(
 def _solve_block(
     model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float, alarm: float
 ) -> list[Location]:
+    """Locate the readings of one block."""
     nothing = whitening_of(model, noise).chi_square(readings)
     pressed = np.flatnonzero(chdtrc(len(model.states), nothing) <= alarm)
     reason = "nothing is pressed" if model.parameters == PARAMETERS else "no target is noticed"
@@ -348,7 +368,10 @@ def _solve_block(
 
 @dataclass(frozen=True, eq=False)
 class _Minima:
-    """Minima of χ² in the likelihood region, by reading and then from the best: one row each."""
+    """Minima of χ² in the likelihood region, a row each.
+
+    They are ordered by reading and then from the best.
+    """
 
     owner: IntArray
     points: FloatArray
@@ -356,14 +379,17 @@ class _Minima:
     fisher: FloatArray
     gaussian: BoolArray
     edge: BoolArray
-    free: list[int]  # numbers of the unknowns among x, y and depth
+    free: list[int]  # indices of the unknowns among x, y and depth
     names: tuple[str, ...]  # of x, y and depth
-    pressure: FloatArray  # fall of χ² that lies beyond the border of the table, were the model linear there
+    pressure: FloatArray  # fall of χ² beyond the border of the table, if the model were linear there
     unread: list[tuple[str, ...]]  # states that the converter cannot read there
-    known: FloatArray  # `fisher` without them
+    known: FloatArray  # `fisher` without the unread states
 
     def is_new(self, first: int, k: int) -> bool:
-        """Tell whether minimum k is farther than one standard deviation from every one since the first."""
+        """Test whether minimum k is a mode of its own.
+
+        It must be farther than one standard deviation from every minimum since the first.
+        """
         away = (self.points[k] - self.points[first:k])[:, self.free]
         return bool((np.einsum("ni,nij,nj->n", away, self.fisher[first:k], away) > _SAME).all())
 
@@ -377,6 +403,7 @@ class _Minima:
 
 
 def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float) -> _Minima:
+    """Find the minima of χ² in the likelihood region."""
     quantile = _quantile(model.unknowns, confidence)
     of_readings = whitening_of(model, noise, readings)
     owner, points = starts(model, readings, noise, of_readings)
@@ -394,7 +421,7 @@ def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None,
     covariance = covariance_of(fisher)
     known = np.isfinite(covariance[:, 0, 0])
     pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
-    pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
+    pressure[points[:, 2] <= 0] = 0  # a depth below zero is no indentation either
     gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, weights, quantile)
     edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
     unread, counted = model.unread_at(points), fisher
@@ -417,7 +444,10 @@ def _is_gaussian(
     weights: Whitening,
     quantile: float,
 ) -> BoolArray:
-    """Tell whether χ² rises as the ellipsoid of every minimum says, at the ends of its axes, all in the table."""
+    """Test whether the ellipsoid of every minimum describes χ².
+
+    At the ends of its axes χ² must rise as expected, and all ends must be in the table.
+    """
     scale = np.sqrt(np.maximum(np.diagonal(fisher, axis1=1, axis2=2), _LEAST))
     values, vectors = np.linalg.eigh(fisher / (scale[:, :, None] * scale[:, None, :]))
     axes = vectors / scale[:, :, None] * np.sqrt(quantile / np.maximum(values, _LEAST))[:, None, :]
@@ -433,13 +463,14 @@ def _is_gaussian(
 
 
 def _nothing(chi_square: float, states: int, what: str) -> Location:
+    """Location of a reading that noise alone explains."""
     probability = float(chdtrc(states, chi_square))
     reason = f"{what}: noise alone makes such a reading with a probability of {probability:.2g}."
     return Location("nothing pressed", reason, (), chi_square, states, probability)
 
 
 def _judged(modes: tuple[Mode, ...], pressure: float, states: int, alarm: float) -> Location:
-    """Location of the modes of a reading that is more than noise."""
+    """Location of the modes of a reading above the noise."""
     best = modes[0]
     freedom = max(1, states - len(best.information) + len(best.border))
     probability = float(chdtrc(freedom, best.chi_square))
@@ -466,7 +497,10 @@ def _quantile(freedom: int, confidence: float) -> float:
 
 
 def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
-    """Return the δ of a reading in the order of the states, shape (states,); LocalizeError as `locate`."""
+    """Return δ of a reading in the states' order.
+
+    Shape (states,). Raises LocalizeError as `locate`.
+    """
     if isinstance(reading, Mapping):
         for name in reading:
             if name not in states:

@@ -1,4 +1,4 @@
-"""From a design to the files of its report."""
+"""Write the files of a report from a design."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ from coilarray.response.target import target_map
 
 T = TypeVar("T")
 
-# The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
+# the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per pixel
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = (100, 400)
 _SWEEP_POINTS = 60
-# depths of the force curve, none nearer to one of the design's than this part of the deepest
+# depths of the force curve, none closer to a depth of the design than this part of the greatest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
-_PUBLISHED = "gast2020"  # the design whose coils are those of Table A1
+_PUBLISHED = "gast2020"  # design whose coils are the coils of Table A1
 _ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
 
 
@@ -78,11 +78,11 @@ class Report:
     data : dict
         Content of ``report.json``.
     rendering_problem : str or None
-        Reason why the board's picture is a drawing, in one line; None where it is rendered.
+            Reason why the board's picture is a drawing, in one line. None if it is rendered.
     summary : Table or None
-        Least and most of what decides, see `coilarray.report.summary.summary_table`.
+            Least and largest values of the decisive quantities, see `coilarray.report.summary.summary_table`.
     verdicts : sequence of str
-        One line for each limit that is broken.
+            A line for each limit that is exceeded.
     """
 
     page: Path
@@ -114,39 +114,41 @@ def write_report(
     Parameters
     ----------
     design : Design or DesignFile
-        Design of the board; assumed values are marked where it comes from a file, as
-        `coilarray.design.model.load_design_file` reads it.
+            Design of the board. Assumed values are marked if it comes from a file, as
+            `coilarray.design.model.load_design_file` reads it.
     where : str or Path
-        Folder for ``report.html`` and the folder ``report``; it is made where it does not exist. Files of an earlier
-        report there are replaced.
+            Folder for ``report.html`` and the folder ``report``, made if it does not exist. Files of an earlier report
+            there are replaced.
     distortion : xarray.Dataset, optional
-        Result of `coilarray.localize.distortion.distortion` for the design: what moves x0 then stands on the page.
+            Result of `coilarray.localize.distortion.distortion` for the design. It adds the causes that move x0 to the
+            page.
     progress : callable, optional
         Function that is called with (done, total) as the work goes on.
 
     Returns
     -------
     Report
-        The files that were written, and their numbers.
+            Written files and their numbers.
 
     Raises
     ------
     LocalizeError
         A distortion of another design.
     OutputError
-        A file cannot be written. Each file is written under a temporary name first: none is left half-written.
+            A file that cannot be written. Each file is written under a temporary name first, so none is left
+            half-written.
 
     Notes
     -----
-    Every number on the page also stands in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``, ``design.csv``,
+    Every number on the page is also in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``, ``design.csv``,
     ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
-    ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, and of metal ``plates.csv``, ``beside_plates.csv``,
-    ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and ``target_coupling.csv``, all of them in
-    ``report.json``; ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``,
-    ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc`` hold the arrays.
-    Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
-    page.
+    ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
+    ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and ``target_coupling.csv``. All
+    of them are in ``report.json``. The arrays are in ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``,
+    ``target.nc``, ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc``.
+    Parts that a design does not ask for are left out. Parts that cannot be computed are left out too, with the reason
+    on the page.
     """
     file = as_file(design)
     design = file.design
@@ -158,7 +160,7 @@ def write_report(
     done = itertools.count(1)
 
     def step() -> None:
-        """Report that one of the eight steps is done."""
+        """Report that one of the eight steps is complete."""
         if progress is not None:
             progress(next(done), 8)
 
@@ -170,7 +172,7 @@ def write_report(
             pictures.append(drawing.submit(function, *arguments))
 
         pressing = beside.submit(_or_reason, lambda: _press(design))
-        beside.submit(design_inductance, design)  # which all others wait for, while they compute what is their own
+        beside.submit(design_inductance, design)  # all others wait for it and compute independent parts meanwhile
         coupled = beside.submit(couple_design, design)
         circuit = beside.submit(_circuit, design)
         bare = beside.submit(_without_plates, design)
@@ -178,7 +180,7 @@ def write_report(
         responding = beside.submit(
             _or_reason, lambda: None if design.indentation is None else response_map(design, reach="auto")
         )
-        # what needs no circuit comes first
+        # parts without a circuit come first
         draw(figures.copper_pictures, design)
         draw(figures.board_picture, design)
         scene = drawing.submit(figures.board_page, design)
@@ -296,7 +298,10 @@ def _circuit(design: Design) -> tuple[xr.Dataset, xr.Dataset]:
 
 
 def _without_plates(design: Design) -> xr.Dataset | None:
-    """Scan of the design without its plates; nothing where it has none, or one of both has no circuit."""
+    """Scan of the design without its plates, or None.
+
+    It is None if the design has no plates or if it has no circuit with or without them.
+    """
     if not design.plates:
         return None
     return _or_reason(lambda: scan_design(replace(design, plates=())))[0]
@@ -305,6 +310,7 @@ def _without_plates(design: Design) -> xr.Dataset | None:
 def _metal_tables(
     design: Design, coupling: xr.Dataset, scan: xr.Dataset, without: xr.Dataset | None, target: xr.Dataset | None
 ) -> list[tables.Table]:
+    """Tables of plates and target."""
     found = []
     if design.plates:
         frequency = float(coupling.frequency.sel(coil=design.array.middle_coil))
@@ -319,13 +325,19 @@ def _metal_tables(
 
 
 def _sheet_share(coupling: xr.Dataset) -> dict[str, float]:
-    """Least and largest part of the coils' inductances that the magnetic sheets make."""
+    """Share of the magnetic sheets in the coils' inductances.
+
+    Least and largest share over the coils.
+    """
     share = np.diag(coupling.sheet_inductance) / coupling.open_inductance.values
     return {"least": float(share.min()), "most": float(share.max())}
 
 
 def _press(design: Design) -> xr.Dataset | None:
-    """Force curve and dents of the design's indentation; nothing where it has none."""
+    """Force curve and dents of the design's indentation.
+
+    None if it has no indentation.
+    """
     setup = design.indentation
     if setup is None:
         return None
@@ -334,7 +346,10 @@ def _press(design: Design) -> xr.Dataset | None:
 
 
 def _or_reason(compute: Callable[[], T]) -> tuple[T | None, str]:
-    """Return the result of a computation and an empty text; where it fails, nothing and the reason."""
+    """Return the result of a computation, or the reason of failure.
+
+    After a success the reason is empty. After a failure the result is None.
+    """
     try:
         return compute(), ""
     except CoilarrayError as error:
@@ -368,7 +383,10 @@ def _position_summary(positions: MapPositions) -> dict[str, object]:
 
 
 def _curve(depths: Sequence[float]) -> list[float]:
-    """Depths in m of a design, and others between zero and the deepest for a smooth curve."""
+    """Depths in m of a smooth force curve.
+
+    They are the depths of a design and others between zero and the greatest.
+    """
     between = np.linspace(0.0, depths[-1], _CURVE_POINTS + 1)[1:-1]
     apart = np.abs(between[:, None] - depths).min(axis=1) > _CURVE_APART * depths[-1]
     return sorted([*depths, *between[apart].tolist()])
@@ -383,9 +401,10 @@ def _circuit_tables(scan: xr.Dataset, sweep: xr.Dataset) -> list[tables.Table]:
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
-    """B on a line along x through the active coil and on the plane above the board, others open and terminated.
+    """Field B on a line and on a plane above the board.
 
-    A single coil has one field of each.
+    The line runs along x through the active coil. The field is computed with the others open and terminated. A single
+    coil has one field of each.
     """
     x_min, y_min, x_max, y_max = design.array.bounds
     place = design.array.placements[design.array.names.index(active)]
@@ -395,6 +414,7 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
     y = np.linspace(y_min, y_max, _samples(y_max - y_min))
 
     def both(x: npt.ArrayLike, y: npt.ArrayLike) -> dict[str, xr.Dataset]:
+        """Fields with the other coils open and terminated."""
         return {
             label: operating_field(design, coupling, active, x, y, design.field_height, terminated=terminated)
             for label, terminated in states.items()
@@ -409,7 +429,7 @@ def _samples(extent: float) -> int:
 
 
 def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
-    """Both states of the plane in one dataset, along the dimension ``others``."""
+    """Combine both states of the plane along ``others``."""
     joined = xr.concat(list(plane.values()), dim="others", combine_attrs="drop_conflicts")
     return joined.assign_coords(others=[label.removeprefix("others ") for label in plane])
 
@@ -421,6 +441,7 @@ def _page(
     pictures: Sequence[figures.Picture],
     scene: str | None,
 ) -> str:
+    """Compose the page."""
     by_name = {table.name: table for table in all_tables}
     profile = file.values.get("fab.profile")
     listed = by_name["design"]
