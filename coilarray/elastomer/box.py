@@ -1,12 +1,12 @@
-"""Linear elasticity of a layered rectangular box: spectral elements, factorised once for any number of loads.
+"""Linear elasticity of a layered rectangular box by spectral elements.
 
-Displacement u with the energy ½ ∫ 2μ dev ε : dev ε + K (Π div u)² dV + ½ Σ springs u², where Π projects on the
-polynomials of degree p − 1 of each element. That is the mixed method with a pressure −K Π div u that jumps between
-elements, the pressure eliminated element by element: it does not lock as ν → 0.5 (D. Boffi, F. Brezzi, M. Fortin, Mixed
-Finite Element Methods and Applications, Springer 2013, section 8.6.3). The elements are boxes of one degree in every
-direction with nodes at the Gauss–Lobatto points (C. Canuto et al., Spectral Methods, Springer 2006, section 2.3), so an
-element's matrix is made of Kronecker products of small one-dimensional ones. The Cholesky factorisation goes along x
-from one slab of elements to the next.
+The system is factorised once for any number of loads. The displacement u has the energy ½ ∫ 2μ dev ε : dev ε + K (Π div
+u)² dV + ½ Σ springs u², where Π projects on the polynomials of degree p − 1 of each element. This is the mixed method
+with a pressure −K Π div u that is discontinuous between elements, the pressure eliminated element by element. It does
+not lock as ν → 0.5 (D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013,
+section 8.6.3). The elements are boxes of one degree in every direction with nodes at the Gauss–Lobatto points (C.
+Canuto et al., Spectral Methods, Springer 2006, section 2.3), so an element's matrix is made of Kronecker products of
+small one-dimensional matrices. The Cholesky factorisation goes along x from one slab of elements to the next.
 
 Lengths and stresses are in the units of a `coilarray.elastomer.contact_grid.Stack`.
 """
@@ -30,38 +30,44 @@ from coilarray.compute.threads import serial_algebra
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
-_DIGITS = 12  # of springs, in units of the stack: slabs whose springs differ by less are alike
-_COPIES = 3  # of a slab's matrix at a time, beside those of all widths
+_DIGITS = 12  # digits of springs in units of the stack, slabs with equal digits are alike
+_COPIES = 3  # of a slab's matrix at a time, beside the matrices of all widths
 
 _MIRRORED = np.array([1.0, -1.0, 1.0])[:, None, None, None]  # sign of u_x, u_y and u_z of a mirror image in y
-_EVEN_HELD = np.array([False, True, False])  # u_y is zero in the middle of what is its own mirror image
+_EVEN_HELD = np.array([False, True, False])  # u_y is zero in the middle of a box that is its own mirror image
 
 SOFTEST = 1e-5
-"""Least 1/K in units of the stack: an incompressible sheet counts as one of ν = 0.499998."""
+"""Least 1/K in units of the stack. An incompressible sheet is treated as a sheet of ν = 0.499998."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Elements along one direction with the given `edges`, rising, and the degree of their polynomials."""
+    """Elements along an axis and the degree of their polynomials.
+
+    The `edges` rise.
+    """
 
     edges: FloatArray
     degree: int
 
     @cached_property
     def reference(self) -> FloatArray:
-        """Gauss–Lobatto points of the reference element from −1 to 1, shape (degree + 1,)."""
+        """Gauss–Lobatto points of the element from −1 to 1.
+
+        Shape (degree + 1,).
+        """
         inner = legendre.legroots(legendre.legder(np.eye(self.degree + 1)[self.degree]))
         return np.concatenate(([-1.0], np.sort(inner.real), [1.0]))
 
     @cached_property
     def nodes(self) -> FloatArray:
-        """Nodes from the lowest to the highest, shape (n,)."""
+        """Nodes in rising order, shape (n,)."""
         left, width = self.edges[:-1, None], np.diff(self.edges)[:, None]
         return np.append((left + width * (self.reference[:-1] + 1) / 2).ravel(), self.edges[-1])
 
     @cached_property
     def weights(self) -> FloatArray:
-        """Weights of the Gauss–Lobatto rule at the nodes, shape (n,)."""
+        """Weights of the Gauss–Lobatto rule, shape (n,)."""
         p = self.degree
         own = 2 / (p * (p + 1) * legendre.legval(self.reference, np.eye(p + 1)[p]) ** 2)
         weights = np.zeros(len(self.nodes))
@@ -74,13 +80,19 @@ class Axis:
         return slice(element * self.degree, (element + 1) * self.degree + 1)
 
     def shapes(self, at: FloatArray, derivative: int = 0) -> FloatArray:
-        """Shape functions of the reference element, or a derivative, at points from −1 to 1, (points, degree + 1)."""
+        """Shape functions of the reference element, or a derivative.
+
+        Points are from −1 to 1. Shape (points, degree + 1).
+        """
         coefficients = np.linalg.inv(legendre.legvander(self.reference, self.degree))
         slopes = legendre.legder(coefficients, derivative)
         return np.asarray(legendre.legvander(at, len(slopes) - 1) @ slopes)
 
     def basis(self, points: FloatArray, derivative: int = 0) -> FloatArray:
-        """Shape functions of all nodes, or a derivative, at points within the edges, shape (points, n)."""
+        """Shape functions of all nodes, or a derivative.
+
+        Points are within the edges. Shape (points, n).
+        """
         element = np.clip(np.searchsorted(self.edges, points, side="right") - 1, 0, len(self.edges) - 2)
         width = np.diff(self.edges)[element]
         local = self.shapes(2 * (points - self.edges[element]) / width - 1, derivative)
@@ -90,7 +102,10 @@ class Axis:
         return values
 
     def rule(self, widest: float) -> tuple[FloatArray, FloatArray]:
-        """Gauss–Legendre points and weights in every element, about `widest` or less apart."""
+        """Gauss–Legendre points and weights in every element.
+
+        The points are about `widest` or less apart.
+        """
         points, weights = [], []
         for left, width in zip(self.edges[:-1], np.diff(self.edges), strict=True):
             x, w = legendre.leggauss(self.degree + 1 + int(width / widest))
@@ -101,10 +116,11 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class ElementMatrices:
-    """Integrals over one element of an axis, `width` wide: of products of shape functions φ and Legendre polynomials L.
+    """Integrals over one element of an axis.
 
-    `mass` ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n); `mean` ∫L_a φ, `slope` ∫L_a φ', (degree, n),
-    have their rows divided by the norm of L_a.
+    The element is `width` wide. The integrals are of products of shape functions φ and Legendre polynomials L. `mass`
+    ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n). `mean` ∫L_a φ and `slope` ∫L_a φ', (degree, n), have
+    their rows divided by the norm of L_a.
     """
 
     mass: FloatArray
@@ -114,7 +130,10 @@ class ElementMatrices:
     slope: FloatArray
 
     def product(self, test: bool, trial: bool) -> FloatArray:
-        """∫ of the test function times the trial function, each or its derivative."""
+        """∫ of test function times trial function.
+
+        Each of them may be its derivative.
+        """
         if test and trial:
             return self.stiffness
         if test or trial:
@@ -138,7 +157,10 @@ def element_matrices(axis: Axis, width: float) -> ElementMatrices:
 
 
 def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: float) -> FloatArray:
-    """Stiffness of a box, order (component, x node, y node, z node), squared."""
+    """Stiffness of a box-shaped element, a square matrix.
+
+    The order is (component, x node, y node, z node).
+    """
 
     def product(test: int, trial: int) -> FloatArray:
         x, y, z = (part.product(test == axis, trial == axis) for axis, part in enumerate(parts))
@@ -161,9 +183,10 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
 
 
 def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatArray:
-    """∫ L div φ over an element for products L of Legendre polynomials of degrees `modes` (n, 3).
+    """∫ L div φ over an element.
 
-    One row each, in the order (component, x node, y node, z node).
+    L are products of Legendre polynomials of degrees `modes` (n, 3). There is a row for each, in the order (component,
+    x node, y node, z node).
     """
     columns = []
     for component in range(3):
@@ -177,7 +200,10 @@ def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatA
 
 @dataclass(frozen=True, eq=False)
 class _Slab:
-    """Cholesky factor of the displacements within a slab of elements, and what it makes of their links to its faces."""
+    """Factors of a slab of elements and of its links.
+
+    The Cholesky factor is of the displacements within the slab. The links lead to its faces.
+    """
 
     lower: FloatArray
     before: FloatArray
@@ -186,10 +212,11 @@ class _Slab:
 
 @dataclass(frozen=True, eq=False)
 class _Factors:
-    """Cholesky factors of a box, or of its half below the middle of y: within its slabs, then of faces between them.
+    """Cholesky factors of a box or of half of it.
 
-    `kept` are the numbers of the displacements in a plane across x, of shape (3, ny, nz), that are not held. Slabs that
-    are alike are one; `faces` holds the factor of every face but the last with its link to the next one.
+    The half is below the middle of y. The factors are within its slabs, then of faces between them. `kept` are the
+    indices of the displacements in a plane across x, of shape (3, ny, nz), that are not held. Equal slabs are stored
+    once. `faces` holds the factor of every face but the last with its link to the next.
     """
 
     kept: IndexArray
@@ -198,7 +225,10 @@ class _Factors:
     last: FloatArray
 
     def solve(self, loads: FloatArray, degree: int) -> FloatArray:
-        """Displacements under loads, both of shape (nx, 3, ny, nz, cases)."""
+        """Displacements under loads.
+
+        Both have the shape (nx, 3, ny, nz, cases).
+        """
         nx, cases, p = len(loads), loads.shape[-1], degree
         right = loads.reshape(nx, -1, cases)[:, self.kept]
         alike: dict[int, list[int]] = {}
@@ -208,7 +238,7 @@ class _Factors:
         n = len(self.kept)
 
         def within(slab: _Slab, values: FloatArray, trans: Literal[0, 1]) -> FloatArray:
-            """Solve a triangle for values (slabs, inner, cases)."""
+            """Solve a triangular system for (slabs, inner, cases)."""
             side_by_side = values.transpose(1, 0, 2).reshape(values.shape[1], -1)
             found = solve_triangular(slab.lower, side_by_side, lower=True, trans=trans, check_finite=False)
             return np.asarray(found.reshape(len(found), -1, cases).transpose(1, 0, 2))
@@ -240,9 +270,10 @@ class _Factors:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A layered box, factorised; one that is its own mirror image in y as two halves, of even and of odd displacements.
+    """Layered box, factorised.
 
-    `axes` are those of x, y and z, the elements of z from the board up with the shear moduli and compressibilities of
+    A box that is its own mirror image in y is stored as two halves, of even and of odd displacements. `axes` are the
+    axes x, y and z. The elements of z are ordered from the board up, with the shear moduli and compressibilities of
     their sheets. Displacements and loads have the shape (nx, 3, ny, nz, cases).
     """
 
@@ -251,7 +282,10 @@ class Box:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Shape of a displacement: x nodes, components, y nodes, z nodes."""
+        """Shape of a displacement.
+
+        It has x nodes, components, y nodes, z nodes.
+        """
         x, y, z = (len(axis.nodes) for axis in self.axes)
         return x, 3, y, z
 
@@ -261,20 +295,26 @@ class Box:
         return len(self._parts) == 2
 
     def displacements(self, loads: FloatArray) -> FloatArray:
-        """Displacements under nodal loads, both of shape (nx, 3, ny, nz, cases); zero where the box is held."""
+        """Displacements under nodal loads.
+
+        Both have the shape (nx, 3, ny, nz, cases). The displacement is zero where the box is held.
+        """
         degree = self.axes[0].degree
         if not self.mirrored:
             return self._parts[0].solve(loads, degree)
         middle = loads.shape[2] // 2
         below, above = loads[:, :, : middle + 1] / 2, _MIRRORED * loads[:, :, : middle - 1 : -1] / 2
-        below[:, :, -1] /= 2  # of the plane in the middle each half has a half
+        below[:, :, -1] /= 2  # each half has half of the plane in the middle
         above[:, :, -1] /= 2
         even, odd = (part.solve(below + sign * above, degree) for part, sign in zip(self._parts, (1, -1), strict=True))
         return np.concatenate((even + odd, _MIRRORED * (even - odd)[:, :, -2::-1]), axis=2)
 
 
 def require_box_memory(axes: tuple[Axis, Axis, Axis], parts: int) -> None:
-    """Refuse a box whose factors, in one part or two halves, need too much memory, with MemoryLimitError."""
+    """Raise MemoryLimitError if a box needs too much memory.
+
+    Its factors are in one part or two halves.
+    """
     x, y, z = axes
     plane = 3 * (len(y.nodes) // parts + 1) * len(z.nodes)
     inner = (x.degree - 1) * plane
@@ -295,8 +335,8 @@ def factorised(
 ) -> Box:
     """Assemble and factorise a box.
 
-    `shear` and `squash`, shape (elements along z,), are μ and 1/K; `springs`, shape (3, nx, ny), are those at the nodes
-    of the bottom, and `held` (3,) the components of the displacement that are zero there.
+    `shear` and `squash`, shape (elements along z,), are μ and 1/K. `springs`, shape (3, nx, ny), are the springs at the
+    nodes of the bottom. `held` (3,) marks the components of the displacement that are zero there.
     """
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
@@ -315,7 +355,7 @@ def factorised(
     diagonal = bottom.reshape(len(x.nodes), size)
 
     def slab(width: float) -> FloatArray:
-        """Stiffness of a slab of elements between two planes across x."""
+        """Stiffness of a slab of elements between two x planes."""
         total = np.zeros((p + 1, size, p + 1, size)).reshape((p + 1) * size, -1)
         along = element_matrices(x, width)
         for (row, depth), (level, height) in itertools.product(enumerate(rows), enumerate(np.diff(z.edges))):
@@ -343,7 +383,10 @@ def factorised(
 def _factors(
     slabs: dict[float, FloatArray], widths: FloatArray, kept: IndexArray, diagonal: FloatArray, p: int, size: int
 ) -> _Factors:
-    """Factorise the slabs, given their stiffness by width, and the faces between them, with springs (nx, kept)."""
+    """Factorise the slabs and the faces between them.
+
+    `slabs` has their stiffness by width, and springs (nx, kept) are added.
+    """
     n = len(kept)
     inner, faces = (kept + size * np.arange(1, p)[:, None]).ravel(), (kept, kept + size * p)
     known: dict[tuple[float, bytes], tuple[_Slab, tuple[FloatArray, ...]]] = {}

@@ -1,4 +1,4 @@
-"""Meshes for a contact: rectangles in (r, z), small under the indenter and growing away from it."""
+"""Meshes for a contact: rectangles in (r, z), small under the indenter and larger outside."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import ElastomerError
 
 _MARGIN = 1.1  # elements grow from this multiple of the expected contact radius on
-_NEAR = 6.0  # beyond this many thicknesses from the contact the elements grow without bound
+_NEAR = 6.0  # thicknesses from the contact, beyond which the elements grow without bound
 _SUBSTEPS = 8  # of the march that places the points, per element
 _TIP_ELEMENTS = 3  # across the radius of a blunted point
 
@@ -28,7 +28,7 @@ class ContactMesh:
     elements : int
         Number of elements across the contact radius.
     growth : float
-        Ratio of neighbouring elements away from the contact; it also sets how many elements lie in a sheet.
+            Ratio of neighbouring elements away from the contact. It also determines the number of elements in a sheet.
     extent : float
         Radius of the mesh of a wide sample, beyond the contact, in thicknesses of the stack.
 
@@ -43,6 +43,7 @@ class ContactMesh:
     extent: float = 25.0
 
     def __post_init__(self) -> None:
+        """Check the values."""
         if self.elements < 4:
             raise ElastomerError(f"elements across a contact must be at least 4; got {self.elements}.")
         if not 1 < self.growth <= 2:
@@ -53,17 +54,20 @@ class ContactMesh:
             )
 
     def refined(self) -> ContactMesh:
-        """Half the size of every element: twice the elements, the square root of the growth."""
+        """Return a mesh with half the size of every element.
+
+        It has twice the elements and the square root of the growth.
+        """
         return ContactMesh(2 * self.elements, math.sqrt(self.growth), self.extent)
 
 
 @dataclass(frozen=True)
 class ContactZone:
-    """Where the contact is expected to end, in any unit of length.
+    """Expected edge of the contact, in any unit of length.
 
-    That is at `smallest` at the least depth and at `largest` at the greatest. Contact is looked for up to the radius
-    `search`. It is `sharp` where the indenter ends there and the contact reaches it: the pressure is singular at that
-    edge. Where it has a point, that is blunted over the radius `tip`.
+    The edge is at `smallest` at the least depth and at `largest` at the greatest. Contact is searched up to the radius
+    `search`. It is `sharp` if the indenter ends there and the contact reaches its edge, where the pressure is singular.
+    If the indenter has a point, it is blunted over the radius `tip`.
     """
 
     smallest: float
@@ -74,12 +78,15 @@ class ContactZone:
 
 
 def graded(start: float, end: float, size: Callable[[float], float], least: int = 1) -> FloatArray:
-    """Points from `start` to `end` with about the spacing size(x) at x, in at least `least` intervals."""
+    """Points from `start` to `end` with a given spacing.
+
+    The spacing at x is about size(x), in at least `least` intervals.
+    """
     fine = [start]
     while fine[-1] < end:
         fine.append(fine[-1] + size(fine[-1]) / _SUBSTEPS)
     steps = len(fine) - 1
-    last = steps - 1 + (end - fine[-2]) / (fine[-1] - fine[-2])  # where the march meets the end
+    last = steps - 1 + (end - fine[-2]) / (fine[-1] - fine[-2])  # the march meets the end here
     count = max(least, math.ceil(last / _SUBSTEPS))
     points = np.interp(np.linspace(0, last, count + 1), np.arange(steps + 1), fine)
     points[-1] = end
@@ -87,13 +94,19 @@ def graded(start: float, end: float, size: Callable[[float], float], least: int 
 
 
 def _finest(zone: ContactZone, mesh: ContactMesh) -> float:
-    """Smallest element: at the edge of a sharp indenter, else under the tip."""
+    """Smallest element of the mesh.
+
+    It is at the edge of a sharp indenter, else under the tip.
+    """
     finest = zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
     return min(finest, zone.tip / _TIP_ELEMENTS or math.inf)
 
 
 def radial_points(zone: ContactZone, thickness: float, end: float, mesh: ContactMesh) -> FloatArray:
-    """Radii of the mesh's vertices from the axis to `end`, with one at the end of the search."""
+    """Radii of the mesh's vertices from the axis to `end`.
+
+    One vertex is at the end of the search.
+    """
     n, edge, slope = mesh.elements, zone.largest, mesh.growth - 1
     finest = zone.largest / n**2  # at a sharp edge
 
@@ -110,7 +123,10 @@ def radial_points(zone: ContactZone, thickness: float, end: float, mesh: Contact
 
 
 def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) -> FloatArray:
-    """Levels of the mesh's vertices from the board to the top at 0, with one at every interface of `levels`."""
+    """Levels of the mesh's vertices from board to top.
+
+    The top is at 0. There is a vertex at every interface of `levels`.
+    """
     slope, total = mesh.growth - 1, -float(levels[0])
     finest = _finest(zone, mesh)
 
@@ -125,7 +141,10 @@ def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) ->
 
 
 def contact_mesh(r: FloatArray, z: FloatArray) -> MeshQuad:
-    """Rectangles between the radii `r` and the levels `z`, with the boundaries axis, outer, bottom and top."""
+    """Rectangles between the radii `r` and the levels `z`.
+
+    The boundaries are axis, outer, bottom and top.
+    """
     return MeshQuad.init_tensor(r, z).with_boundaries(
         {
             "axis": lambda x: x[0] == r[0],

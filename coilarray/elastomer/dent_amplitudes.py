@@ -1,12 +1,12 @@
-"""What a dent takes of a coil's field, as a few numbers that depend only on where the coil lies from the dent.
+"""Amplitudes of a dent in a coil's field, which depend only on the coil's offset.
 
-The energies of `coilarray.elastomer.scattering` are one matrix a harmonic between the incident patterns. Turned into
-their own axes they are
+The energies of `coilarray.elastomer.scattering` are one matrix per harmonic between the incident patterns. In their
+principal axes they are
 
     ΔL_ij = Σ_r s_r a_r(i) a_r(j)
 
 with strengths s_r of the dent and amplitudes a_r(i) that are smooth functions of the offset of coil i from the
-indenter, the same ones for all coils of one shape. So an array of any number of coils needs them once a shape, at the
+indenter, the same for all coils of one shape. So an array of any number of coils needs them once per shape, at the
 offsets that occur or on a grid of offsets with splines between.
 """
 
@@ -26,14 +26,17 @@ from coilarray.elastomer.dent import STILL, Motion
 from coilarray.elastomer.scattering import Scattering
 from coilarray.electromagnetics.coil_spectrum import CoilSpectra, coil_harmonics
 
-_STEPS_PER_CLEARANCE = 3  # of a table: the splines err by 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
+_STEPS_PER_CLEARANCE = 3  # of a table, for which the splines err by 1e-5 of the peak
 _DEGREE = 5  # of the splines
 _OFFSETS = 512  # at a time
 
 
 @dataclass(frozen=True, eq=False)
 class DentAmplitudes:
-    """Strengths s of a dent in H, (n,), of either sign, and the amplitudes a (offsets, n) of every shape of coil."""
+    """Strengths of a dent in H and coil amplitudes.
+
+    The strengths s, (n,), are of either sign. The amplitudes a (offsets, n) are for every shape of coil.
+    """
 
     strengths: FloatArray
     amplitudes: tuple[FloatArray, ...]
@@ -48,10 +51,10 @@ def dent_amplitudes(
 ) -> DentAmplitudes:
     """Compute the amplitudes of coils at offsets from the indenter's axis.
 
-    The spectra are at the wavenumbers of the dent, of coils turned by the slope of its `motion`. Offsets, shape
+    The spectra are at the wavenumbers of the dent, for coils turned by the slope of its `motion`. Offsets, shape
     (offsets, 2) for each shape of coil, are the position of the indenter minus the centre of the coil in m, within the
-    extent that the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out; the
-    energies err by about a tenth of it. MemoryLimitError for more offsets than fit into memory.
+    extent that the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out. The
+    energies err by about a tenth of it. Raises MemoryLimitError for more offsets than fit into memory.
     """
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)
@@ -75,16 +78,17 @@ def dent_amplitudes(
         energy = kept.T @ (scattering.energies[m] + scattering.energies[m].T) @ kept / 2
         strength, turned = np.linalg.eigh(energy)
         axes.append((kept @ turned).T @ weighted[m])
-        # the integral over the angle, of the harmonics −m and m; once for the real and once for the imaginary part
+        # the integral over the angle, of the harmonics −m and m, once for the real and once for the imaginary part
         strengths.append(np.tile((2 if m else 1) * 2 * np.pi * MU_0 * strength, 2))
     amplitudes = [np.concatenate([part for m in range(orders) for part in axes[m] @ waves[m]]) for waves in incident]
     return DentAmplitudes(np.concatenate(strengths), tuple(np.ascontiguousarray(values.T) for values in amplitudes))
 
 
 def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray]:
-    """Grid of offsets up to `extent` along x and y for a table, fine enough for a dent's `clearance`, all in m.
+    """Grid of offsets in m for a table of amplitudes.
 
-    Returns the offsets along one axis, shape (n,), and all pairs of them, shape (n², 2), x first.
+    It reaches up to `extent` along x and y and is fine enough for a dent's `clearance`, all in m. Returns the offsets
+    along one axis, shape (n,), and all pairs of them, shape (n², 2), x first.
     """
     half = max(int(np.ceil(_STEPS_PER_CLEARANCE * extent / clearance)), _DEGREE)
     axis = np.linspace(-extent, extent, 2 * half + 1)
@@ -92,7 +96,10 @@ def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray
 
 
 def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
-    """Splines through amplitudes on the grid of `offset_grid`; takes offsets (…, 2) in m."""
+    """Splines through amplitudes on the grid of `offset_grid`.
+
+    They take offsets (…, 2) in m.
+    """
     along = make_interp_spline(axis, amplitudes.reshape(len(axis), len(axis), -1), k=_DEGREE, axis=0)
     across = make_interp_spline(axis, along.c, k=_DEGREE, axis=1)
     return NdBSpline((along.t, across.t), np.ascontiguousarray(np.moveaxis(across.c, 0, 1)), _DEGREE)
@@ -101,9 +108,10 @@ def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
 def incident_waves(
     spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int, motion: Motion = STILL
 ) -> FloatArray:
-    """Harmonics c_m k/2π of one shape of coil about offsets (n, 2) in m of the indenter's axis from its centre.
+    """Harmonics c_m k/2π of one shape of coil.
 
-    As `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, where the `motion` brings the dent.
+    They are about offsets (n, 2) in m of the indenter's axis from its centre, as in
+    `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, at the dent's position after its `motion`.
     """
     up = motion.lift - offsets @ motion.slope
     waves = coil_harmonics(spectra, shape, offsets + np.array(motion.slope) * motion.pivot, orders - 1)

@@ -1,4 +1,4 @@
-"""The energy between the fields of all coils that a dent takes or gives, magnetic and electric alike."""
+"""Change of the magnetic or electric energy between the fields of all coils by a dent."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError
 
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
-"""Solves a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
+"""Solver of a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
 
-# of positions and coils, and of dents, and offsets between the former, at a time, which bounds the memory
+# pairs of positions and coils and dents, and offsets between them, at a time, which bounds the memory
 _PAIRS, _OFFSETS = 1 << 15, 512
-_DISTANCES = 5  # numbers for every position and coil, to find the farthest
+_DISTANCES = 5  # numbers for every position and coil, to find the largest distance
 
 
 def dent_energies(
@@ -41,12 +41,13 @@ def dent_energies(
     backing: Backing | None = None,
     progress: Progress | None = None,
 ) -> FloatArray | ComplexArray:
-    """Change of the energy between the fields of all coils by dents in the same sheets.
+    """Change of the energy between all coils' fields by dents.
 
-    The axis of the indenter is at `positions` (positions, 2) in m. The result, shape (dents, positions, coils, coils),
-    is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance. It
-    is complex with a `backing` below the coils, whose losses are its imaginary part; the currents in that count too.
-    ElastomerError for positions that are not finite, dents of different sheets, or in plane strain.
+    All dents are in the same sheets. The axis of the indenter is at `positions` (positions, 2) in m. The result, shape
+    (dents, positions, coils, coils), is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric. Times μ0 it is
+    an inductance, times ε0 a capacitance. It is complex with a `backing` below the coils, whose losses are its
+    imaginary part. The currents in the backing count too. Raises ElastomerError for positions that are not finite,
+    dents of different sheets, or in plane strain.
     """
     points = np.asarray(positions, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
@@ -78,7 +79,7 @@ def dent_energies(
     total = len(moving) + len(blocks)
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
     report = progress or (lambda done, total: None)
-    shapes: dict[tuple[object, ...], Scattering] = {}  # dents that differ by a motion alone share it
+    shapes: dict[tuple[object, ...], Scattering] = {}  # dents that differ by a motion alone share the solution
     solved = []
     for index in moving:
         shape = dents[index].shape
@@ -96,7 +97,7 @@ def dent_energies(
         slope: [turned_spectra(one, slope) for one in level_spectra]
         for slope in dict.fromkeys(one.slope for one in motions)
     }
-    # coils of one kind have the same shape in all that is seen of them
+    # coils of one kind have the same shape in all images
     kinds, kind_of = np.unique([one.shape_of for one in next(iter(spectra.values()))], axis=1, return_inverse=True)
     factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
@@ -105,7 +106,10 @@ def dent_energies(
         def amplitudes(
             some: IntArray, offsets: FloatArray = offsets, kind: IntArray = kind_of_offset
         ) -> dict[int, list[FloatArray | ComplexArray]]:
-            """Return those of every dent, at offsets of one kind of coil."""
+            """Return the amplitudes of every dent at some offsets.
+
+            All offsets are of one kind of coil.
+            """
             shapes = kinds[:, kind[some[0]]].tolist()
             found: dict[int, list[FloatArray | ComplexArray]] = {}
             for motion, those in motions.items():
@@ -116,7 +120,7 @@ def dent_energies(
                 found |= {index: one.amplitudes(np.concatenate(waves, axis=2)) for index, one in those}
             return found
 
-        near_first = np.lexsort((np.hypot(*offsets.T), kind_of_offset))  # which need fewer angles
+        near_first = np.lexsort((np.hypot(*offsets.T), kind_of_offset))  # small offsets need fewer angles
         bounds = np.flatnonzero(np.diff(kind_of_offset[near_first])) + 1
         work = [
             part
@@ -134,9 +138,10 @@ def dent_energies(
 
 
 def _distinct(offsets: FloatArray, kind_of: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
-    """Find the offsets (positions, coils, 2) in m that occur, apart for every kind of coil (coils,), each once.
+    """Find the distinct offsets for every kind of coil.
 
-    Returns them, shape (n, 2), their kinds (n,), and the number of each pair's (positions, coils).
+    `offsets` is in m, of shape (positions, coils, 2), and `kind_of` (coils,). Returns the distinct offsets, shape (n,
+    2), their kinds (n,), and the index of each pair's offset (positions, coils).
     """
     (x, of_x), (y, of_y) = (
         np.unique(np.round(values, 12), return_inverse=True) for values in np.moveaxis(offsets, -1, 0)

@@ -1,10 +1,11 @@
-"""What a sphere over the pit of a dent sees: the coils' field on it in the dented sheets, and what these send back.
+"""Coils' field on a sphere over a dent, and the reflection by the dented sheets.
 
-A body on a sphere of radius a answers the harmonics P_l of the potential there. With P̂_l normalised over sin θ dθ, the
-harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d = U_f + ψ are those of the flat sheets' U_f at the
-places that the mapping of `coilarray.elastomer.scattering` gives, less pᵀ a_d⁻¹ Δa(U_f, ·) with the load p of P̂_l on
-the sphere. A layer of the strength P̂_l' on it makes the harmonics pᵀ a_d⁻¹ p', of which those in air are known: what
-the sheets send back is the difference to air on the same elements, so that the layer needs none of its own.
+A body on a sphere of radius a responds to the harmonics P_l of the potential there. With P̂_l normalised over sin θ dθ,
+the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d = U_f + ψ have two parts. The first are the
+harmonics of the flat sheets' U_f at the places that the mapping of `coilarray.elastomer.scattering` gives. From them pᵀ
+a_d⁻¹ Δa(U_f, ·) is subtracted, with the load p of P̂_l on the sphere. A layer of the strength P̂_l' on it makes the
+harmonics pᵀ a_d⁻¹ p', whose values in air are known. The reflection by the sheets is the difference to air on the same
+elements, so that the layer needs no elements of its own.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ _NODES = 48  # of the integral over the sphere, from pole to pole
 
 @dataclass(frozen=True, eq=False)
 class SphereInDent:
-    """Harmonics on a sphere for every m from 0 on, and l from max(m, 1) to the number of orders.
+    """Harmonics on a sphere for every m.
+
+    m runs from 0 on, and l from max(m, 1) to the number of orders.
 
     Parameters
     ----------
@@ -41,9 +44,10 @@ class SphereInDent:
 def sphere_in_dent(
     dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
 ) -> SphereInDent:
-    """Solve the dented sheets for a sphere about the dent's axis that lies on them; radius and height of it in m.
+    """Solve the dented sheets for a sphere on them.
 
-    `wavenumbers`, shape (k,), of the coils' field are in 1/m.
+    The sphere is about the dent's axis, with its radius and height in m. `wavenumbers`, shape (k,), of the coils' field
+    are in 1/m.
     """
     space = DentedSpace(dent, mesh)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
@@ -66,7 +70,10 @@ def sphere_in_dent(
 
 
 def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
-    """Heights in the flat sheets of points in the dented ones; all in m."""
+    """Heights in m of points before the dent.
+
+    The points are given in the dented sheets, and the result is in the flat sheets, all in m.
+    """
     anchors, faces = dent.anchors()
     moved = dent.faces(r)[:, list(faces)]
     still = np.zeros((len(r), 1))
@@ -77,9 +84,10 @@ def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def _normalised(orders: int, m: int, x: FloatArray) -> FloatArray:
-    """P_l^m(x) without the sign of Condon and Shortley, with ∫ P² dx = 1, of l = max(m, 1) to `orders`: (l, n).
+    """Normalised associated Legendre functions P_l^m(x), shape (l, n).
 
-    By the recurrence in l of the normalised functions, whose terms stay within the range of numbers at any order; the
+    They are for l = max(m, 1) to `orders`, with ∫ P² dx = 1 and no sign of Condon and Shortley. They follow from the
+    recurrence in l of the normalised functions, whose terms stay within the range of numbers at any order. The
     factorials and P_l^m themselves do not. Holmes and Featherstone, J. Geodesy 76, 279 (2002), Eqs. 11 to 13.
     """
     odd = np.arange(1, 2 * m, 2)

@@ -1,8 +1,8 @@
-"""What a dent in the elastomer does to the coils' capacitance: air takes the place of a dielectric above them.
+"""Change of the coils' capacitance by a dent, as air replaces a dielectric above them.
 
-Above a measured coil the electric potential is set by the turns of its uppermost layer. Its Fourier transform takes the
-place of the coils' field, permittivities that of permeabilities, and electrodes at z = 0 that of the free space below;
-the rest is the magnetic problem of `coilarray.elastomer.scattering`.
+Above a measured coil the electric potential is determined by the turns of its uppermost layer. Its Fourier transform
+takes the place of the coils' field, permittivities replace permeabilities, and electrodes at z = 0 replace the free
+space below. The rest is the magnetic problem of `coilarray.elastomer.scattering`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ def dent_capacitance(
     *,
     zero_at: float = 0.5,
 ) -> FloatArray:
-    """Change of each coil's lumped capacitance by dents in the elastomer, against flat sheets.
+    """Change of each coil's lumped capacitance by dents, in F.
+
+    The dents are in the elastomer, and the change is relative to flat sheets.
 
     Parameters
     ----------
@@ -51,32 +53,32 @@ def dent_capacitance(
     mesh : LayerMesh, optional
         Accuracy.
     zero_at : float
-        Place where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
-        symmetric drive that the network assumes, 0 or 1 for a terminal at ground.
+            Place where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
+            symmetric drive that the network assumes, 0 or 1 for a grounded terminal.
 
     Returns
     -------
     ndarray, shape (dents, positions, coils)
-        Capacitance in F of each coil, measured with all others at zero. A converter that takes the total capacitance C
-        for constant sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does.
+            Change of the capacitance in F of each coil, measured with all others at zero. A converter that assumes a
+            constant total capacitance C sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L
+            does.
 
     Raises
     ------
     ElastomerError
-        A permittivity below 1, a potential outside the winding's, and what `dent_inductance` refuses.
+            A permittivity below 1, a zero potential outside the winding, and arguments that `dent_inductance` refuses.
 
     Notes
     -----
-    ½ C V² is the energy with the voltage V from terminal to terminal and linear along the wire; above the board
-    ΔC = ε0 Δa(U_f, U_d)/V² with the energies of `coilarray.elastomer.scattering`, all harmonics.
+    ½ C V² is the energy with the voltage V from terminal to terminal and linear along the wire. Above the board ΔC = ε0
+    Δa(U_f, U_d)/V² with the energies of `coilarray.elastomer.scattering`, all harmonics.
 
-    Assumed: the potential at z = 0 is that of `surface_potential` and does not change with the dent. A round coil of
-    two layers, solved alone in the true surroundings of its copper (tests/elastomer/test_dielectric.py), has 0.75 to
-    0.9 of this in symmetric drive, where the layers' potentials are opposite and cancel outside; with a terminal at
-    ground 0.3 to 0.7, as then nothing but the neighbours holds the outside at zero. Where the zero is matters more: a
-    dent of 1 mm in the gast2020 design passes for 1e-7 of L at most in symmetric drive, 1.5e-6 with the upper layer's
-    outer end at the full voltage, 6e-7 with that end at ground. The sign may be either: a
-    raised ring where the field is strong outweighs the pit.
+    The potential at z = 0 is assumed to equal `surface_potential` and not to change with the dent. A round coil of two
+    layers, solved alone in the true surroundings of its copper, has 0.75 to 0.9 of this in symmetric drive, where the
+    layers' potentials are opposite and cancel outside. With a terminal at ground it has 0.3 to 0.7, as then only the
+    neighbours hold the outside at zero. The place of the zero matters more. A dent of 1 mm in the gast2020 design
+    appears as 1e-7 of L at most in symmetric drive, 1.5e-6 with the upper layer's outer end at the full voltage, 6e-7
+    with that end at ground. Either sign is possible: a raised ring in a strong field outweighs the pit.
     """
     if not (np.isfinite(permittivity) and permittivity >= 1):
         raise ElastomerError(f"permittivity must be at least 1; got {permittivity}.")
@@ -93,18 +95,19 @@ def dent_capacitance(
 
 
 def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0.5) -> Segments:
-    """Electric potential in the plane of a coil's uppermost copper, per voltage between the terminals.
+    """Potential of a coil's uppermost copper per terminal voltage.
 
-    The outlines that it returns are weighted with twice the potential inside: then S of
-    `coilarray.electromagnetics.coil_spectrum` is the Fourier transform of the potential. `zero_at` is the place where
-    the winding is at zero potential, as in `dent_capacitance`; ElastomerError where it is not between 0 and 1.
+    The electric potential is in the plane of the uppermost copper. The returned outlines are weighted with twice the
+    potential inside. Then S of `coilarray.electromagnetics.coil_spectrum` is the Fourier transform of the potential.
+    `zero_at` is the place where the winding is at zero potential, as in `dent_capacitance`. Raises ElastomerError if it
+    is not between 0 and 1.
 
-    The voltage falls linearly with the length of the path, over all layers in series; the first terminal has the
-    higher potential. Every segment has the potential of its middle, over its length and the width of a pitch, since
-    gaps as narrow as the traces take the potential between those of their sides. A hole inside the winding has the
-    mean potential of the turn around it; outside it is zero, where the grounded neighbours and the winding's other
-    half hold it. Lower layers are screened by the uppermost one. A coil that begins deeper in the board counts at its
-    own depth, as if no copper lay above it: where grounded coils cover it, this is too much.
+    The voltage falls linearly with the length of the path, over all layers in series. The first terminal has the higher
+    potential. Every segment has the potential of its middle, over its length and the width of a pitch, since gaps as
+    narrow as the traces take the potential between the potentials of their sides. A hole inside the winding has the
+    mean potential of the turn around it. Outside the potential is zero, held by the grounded neighbours and the
+    winding's other half. Lower layers are screened by the uppermost layer. A coil that begins deeper in the board
+    counts at its own depth, as if no copper lay above it. If grounded coils cover it, the result is too large.
     """
     if not 0 <= zero_at <= 1:
         raise ElastomerError(f"zero_at must be a part of the winding's length from 0 to 1; got {zero_at}.")
@@ -125,10 +128,11 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
 
 
 def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: float = 0.0) -> Segments:
-    """Potential in V that is constant in areas of the plane at height `z` in m and zero outside.
+    """Potential that is constant in plane areas, in V.
 
-    It has the form of `surface_potential`. Outlines, shape (n, 2) each, are the corners of the areas in m,
-    anticlockwise, the first one not repeated. Where areas overlap potentials add up.
+    The plane is at height `z` in m, and the potential is zero outside the areas. It has the form of
+    `surface_potential`. Outlines, shape (n, 2) each, are the corners of the areas in m, anticlockwise, the first corner
+    not repeated. Where areas overlap, potentials add up.
     """
     start = np.concatenate(outlines)
     stop = np.concatenate([np.roll(outline, -1, axis=0) for outline in outlines])
@@ -138,7 +142,10 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
 
 
 def _filled(dent: Dent, permittivity: float) -> Dent:
-    """Sheets of one permittivity on electrodes, at rest: of their faces the electric field sees the top alone."""
+    """Sheets of one permittivity on electrodes, at rest.
+
+    Of their faces only the top affects the electric field.
+    """
     faces = dent.displacement[:, [0, -1]]
     return replace(
         dent,
@@ -151,7 +158,10 @@ def _filled(dent: Dent, permittivity: float) -> Dent:
 
 
 def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Potential of every segment of every line per voltage between the terminals, and its length in m."""
+    """Potentials and lengths in m of all segments.
+
+    They are for every line. The potential is per voltage between the terminals.
+    """
     lengths = [np.hypot(*np.diff(line, axis=0).T) for line in coil.lines]
     starts = [np.sum(np.concatenate([np.zeros(1), *lengths[:k]])) for k in range(len(lengths))]
     whole = np.concatenate(lengths).sum()
@@ -160,7 +170,10 @@ def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArra
 
 
 def _holes(coil: Coil, upper: Sequence[int], lines: Sequence[FloatArray]) -> list[shapely.Polygon]:
-    """Areas inside the coil's `upper` lines, here in the frame of the board, that traces and gaps leave free."""
+    """Areas inside the coil that traces and gaps leave free.
+
+    `lines` are the coil's `upper` lines, here in the frame of the board.
+    """
     # joins as sharp as a corner of 23° are kept
     band = closed_band(coil, [(line, coil.widths[k]) for k, line in zip(upper, lines, strict=True)], mitre_limit=5.0)
     return [orient(shapely.Polygon(ring)) for part in shapely.get_parts(band) for ring in part.interiors]

@@ -1,4 +1,4 @@
-"""Linear elasticity of a layered body, incompressible or not: mixed finite elements for displacement and pressure.
+"""Linear elasticity of a layered body by mixed finite elements, also incompressible.
 
 Displacement u and pressure p in the half plane (r, z), with ε the strain and K = E/(3(1 − 2ν)) the bulk modulus:
 
@@ -6,11 +6,11 @@ Displacement u and pressure p in the half plane (r, z), with ε the strain and K
     ∫ (−q div u − p q/K) w = 0                               for every q.
 
 w = r about an axis, where u_r/r is the hoop strain, and w = 1 in plane strain. p is finite for ν = 0.5, where 1/K = 0.
-Biquadratic displacement with a linear pressure in each element, free to jump between elements, is stable:
-D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013, section 8.6.3.
+Biquadratic displacement with a linear pressure in each element, discontinuous between elements, is stable: D. Boffi, F.
+Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013, section 8.6.3.
 
-The matrix of a system in which 1/K is a little larger has a factorisation in any symmetric order, here one with little
-fill (R. J. Vanderbei, SIAM J. Optim. 5 (1995) 100); a few steps of iterative refinement lead from it to 1/K itself.
+The matrix of a system with a slightly larger 1/K has a factorisation in any symmetric order, here with little fill-in
+(R. J. Vanderbei, SIAM J. Optim. 5 (1995) 100). A few steps of iterative refinement lead from it to 1/K itself.
 """
 
 from __future__ import annotations
@@ -30,13 +30,16 @@ from coilarray.geometry.indenter import Symmetry
 
 IndexArray = npt.NDArray[np.intp]
 
-_SOFT = 1e-6  # 1/K of the factorised system in 1/μ beyond the true one: each refinement takes 1e-5 of the error at most
+_SOFT = 1e-6  # added 1/K of the factorised system in 1/μ: each refinement leaves at most 1e-5 of the error
 _REFINEMENTS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticBody:
-    """A body whose elastic system is assembled and factorised; `basis` is that of the displacement, n functions."""
+    """Body with an assembled and factorised elastic system.
+
+    `basis` is the basis of the displacement, n functions.
+    """
 
     basis: Any
     _free: IndexArray
@@ -44,7 +47,10 @@ class ElasticBody:
     _unknowns: int
 
     def displacements(self, loads: FloatArray) -> FloatArray:
-        """Displacement's coefficients (n, k) under k cases of nodal loads (n, k); zero where the body is held."""
+        """Coefficients (n, k) of the displacement under nodal loads.
+
+        The loads (n, k) are k cases. The displacement is zero where the body is held.
+        """
         right = np.zeros((self._unknowns, loads.shape[1]))
         right[: len(loads)] = loads
         solution = np.zeros_like(right)
@@ -55,10 +61,10 @@ class ElasticBody:
 def elastic_body(
     basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray, springs: Any, held: IndexArray
 ) -> ElasticBody:
-    """Assemble and factorise the mixed system on the rectangles of the displacement's basis (n functions).
+    """Assemble and factorise the mixed system.
 
-    `shear` and `squash`, shape (elements,), are μ and 1/K; `springs` (n, n) is a stiffness to add, and `held` are the
-    displacement's degrees of freedom that are zero.
+    It is on the rectangles of the displacement's basis (n functions). `shear` and `squash`, shape (elements,), are μ
+    and 1/K. `springs` (n, n) is a stiffness to add, and `held` are the displacement's degrees of freedom that are zero.
     """
     stiffness, divergence = _blocks(basis, symmetry, shear)
     blocks = [[stiffness + springs, divergence.T], [divergence, _bulk(basis, symmetry, squash)]]
@@ -84,7 +90,10 @@ def elastic_grid(grid: ContactGrid) -> ElasticBody:
 
 
 def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray) -> tuple[Any, Any]:
-    """Matrices of ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w; q = 1, ξ and η in every element."""
+    """Matrices of the stiffness and of the pressures.
+
+    They are ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w with q = 1, ξ and η in every element.
+    """
     strain = _strains(basis, symmetry)
     trace = strain[:, :3].sum(axis=1)
     strain[:, :3] -= trace[:, None] / 3
@@ -103,12 +112,18 @@ def _bulk(basis: Any, symmetry: Symmetry, squash: FloatArray) -> Any:
 
 
 def _pressure_dofs(measure: FloatArray) -> IndexArray:
-    """Numbers of the three pressures of every element, shape (3, elements)."""
+    """Return the indices of every element's three pressures.
+
+    Shape (3, elements).
+    """
     return np.arange(3 * len(measure)).reshape(3, -1)
 
 
 def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
-    """Strain of each basis function, shape (functions, 4, elements, points): rr, zz, hoop, √2 rz."""
+    """Strain of each basis function: rr, zz, hoop, √2 rz.
+
+    Shape (functions, 4, elements, points).
+    """
     r = basis.global_coordinates()[0]
     return np.stack(
         [
@@ -119,7 +134,10 @@ def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
 
 
 def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any:
-    """Sum matrices of elements, shape (i, j, elements), into one; rows (i, elements) and columns (j, elements)."""
+    """Sum matrices of elements, shape (i, j, elements), into one.
+
+    rows has the shape (i, elements) and columns (j, elements).
+    """
     shape = values.shape
     where = np.broadcast_to(rows[:, None], shape).ravel(), np.broadcast_to(columns[None], shape).ravel()
     return sparse.coo_array((values.ravel(), where), shape=(rows.max() + 1, columns.max() + 1)).tocsr()

@@ -1,11 +1,11 @@
-"""What small shifts of the faces of flat magnetic sheets do to the inductance matrix, to first order.
+"""Change of the inductance matrix by small shifts of magnetic faces, to first order.
 
-Hadamard's formula: a face with μ1 below and μ2 above that moves up by f(x, y) changes the inductances by
+Hadamard's formula: if a face with μ1 below and μ2 above moves up by f(x, y), the inductances change by
 
     ΔL_ij = μ0 ∫ f [(μ1 − μ2) H_t,i·H_t,j + (1/μ2 − 1/μ1) B_n,i B_n,j] dS
 
-with the fields of the flat sheets, here with permeabilities relative to μ0 and B in units of μ0. For the smooth shifts
-by the sides and the seat of a sample, which are small against its thickness; dents are for
+with the fields of the flat sheets, here with permeabilities relative to μ0 and B in units of μ0. It is used for the
+smooth shifts by the sides and the seat of a sample, which are small compared with its thickness. Dents are solved by
 `coilarray.elastomer.scattering`.
 """
 
@@ -34,8 +34,8 @@ from coilarray.geometry import Sheet
 
 _STEP = 1e-6  # of a difference in heights, over the shortest wavelength
 _SPACING = 0.5  # of the points of the integral, in heights of the lowest magnetic face
-_FADED = 2.5  # thicknesses of the stack beyond the sample where the wide one is still taken away
-_FAINT = 1e-4  # of its largest displacement, where the wide sample counts as still
+_FADED = 2.5  # thicknesses of the stack beyond the sample where the wide sample's displacement is still subtracted
+_FAINT = 1e-4  # of its largest displacement, below which the wide sample counts as at rest
 _PLACES = 64  # at a time, which bounds the memory
 
 
@@ -48,9 +48,10 @@ def shift_inductance(
     mesh: LayerMesh,
     backing: Backing | None = None,
 ) -> ComplexArray:
-    """Change of the inductance matrix in H by the shifts of a finite sample, shape (depths, places, coils, coils).
+    """Change of the inductances by a finite sample, in H.
 
-    ΔL − jΔR/ω, where the loss is that in a backing. The arguments are those of `shift_energy`.
+    It is by the shifts of the sample's faces, of shape (depths, places, coils, coils): ΔL − jΔR/ω, where the loss is in
+    a backing. The arguments are as for `shift_energy`.
     """
     count = len(as_conductors(source))
     pairs = np.triu_indices(count)
@@ -72,11 +73,12 @@ def shift_energy(
     other: FloatArray | ComplexArray,
     backing: Backing | None = None,
 ) -> ComplexArray:
-    """iᵀ ΔL j in H for currents i and j in the coils, (n, coils) each, by the shifts of a finite sample.
+    """Change iᵀ ΔL j by a sample's shifts, in H.
 
-    Shape (depths, places, n). The `places`, shape (places, 2) in m, count from the map's origin, which is at `origin`
-    on the board. Outside the sample the shift takes the displacement of the wide sample back. Coils and what lies below
-    them are as for `coilarray.elastomer.dented_layer.dent_inductance`.
+    i and j are currents in the coils, (n, coils) each, and the shifts are by a finite sample. Shape (depths, places,
+    n). The `places`, shape (places, 2) in m, count from the map's origin, which is at `origin` on the board. Outside
+    the sample the shift removes the displacement of the wide sample. The coils and the layers below them are as for
+    `coilarray.elastomer.dented_layer.dent_inductance`.
     """
     depths, count, levels = correction.moved.shape[:3]
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)
@@ -136,14 +138,17 @@ def shift_energy(
 
 
 def _moved_radius(correction: SampleCorrection, face: int) -> float:
-    """Radius in m beyond which the wide sample counts as still."""
+    """Radius in m beyond which the sample is still."""
     r = correction.wide.x * correction.length
     size = np.abs(correction.beyond(r, face)).max(axis=1)
     return float(r[np.flatnonzero(size >= _FAINT * size.max())[-1]])
 
 
 def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Points and weights of an integral over a sample's length and as far `beyond` both ends, and which are inside."""
+    """Points and weights of an integral beyond a sample.
+
+    They cover its length and extend by `beyond` at both ends. Also marks the points inside.
+    """
     inner, inner_weights = axis.rule(spacing)
     node, rule = leggauss(int(np.ceil(beyond / spacing)) + 2)
     step, rule = beyond * (node + 1) / 2, beyond * rule / 2

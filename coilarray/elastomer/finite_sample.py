@@ -1,19 +1,20 @@
-"""A rectangular sample with free sides on an uneven seat: what it adds to the dent in a wide sample.
+"""Correction of the dent in a wide sample for free sides and an uneven seat.
 
-With u∞ the displacement of a wide sample on an even, two-sided seat under the pressure of the contact, the true one is
-u∞ + w. In the sample w solves linear elasticity without load on the top; its sides take the tractions −σ∞·n that free
-them, and the bottom what an uneven seat holds more or less than the even one, −(k(x, y) − k0) u∞. All of this is far
-from the contact and smooth, so few elements give w (`coilarray.elastomer.box`), and u∞ and σ∞ are exact
-(`coilarray.elastomer.wide_stack`). Where the seat can lift off, it pulls nowhere: with g the gap of a seat not flat,
+With u∞ the displacement of a wide sample on an even, two-sided seat under the pressure of the contact, the true
+displacement of a rectangular sample is u∞ + w. In the sample w solves linear elasticity without load on the top. Its
+sides take the tractions −σ∞·n that make them free. The bottom takes the difference between the uneven and the even
+seat, −(k(x, y) − k0) u∞. All of this is far from the contact and smooth, so few elements give w
+(`coilarray.elastomer.box`), and u∞ and σ∞ are exact (`coilarray.elastomer.wide_stack`). A seat that can be lifted off
+does not pull anywhere. With g the gap of a seat that is not flat,
 
     pressure of the seat = k(x, y) max(0, −(u_z + g)),
 
-the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that takes its pull back, found at the nodes of the
-bottom by a semi-smooth Newton method. What counts is the difference from the sample at rest under its weight.
+the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that cancels its pull, found at the nodes of the
+bottom by a semi-smooth Newton method. The result is the difference from the sample at rest under its weight.
 
-The indenter keeps its depth h. Where w lifts the contact by w̄ on average, the contact is that of a wide sample at the
-depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends on its force F alone (Saint-Venant). The
-dent is lifted and turned with the sample under it, which `coilarray.response.setup` sees to.
+The indenter keeps its depth h. If w lifts the contact by w̄ on average, the contact is the contact of a wide sample at
+the depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends on its force F alone (Saint-Venant). The
+dent is lifted and tilted with the sample under it, which `coilarray.response.setup` takes into account.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.sheet import Base
 
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
-_POINTS = 0.1, 0.2  # between the points of integrals over a side: thicknesses, or of the distance to a contact if more
+_POINTS = 0.1, 0.2  # spacing of points on a side: thicknesses, or part of the distance to a contact if larger
 _PLACES = 400  # at a time, which bounds the memory
 # Patterns of the loads of all places below this part of the strongest are left out. On two samples of gast2020, 1e-3,
-# 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of what the sides change: the error is below the part.
+# 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of the change by the sides. So the error is below the part.
 _RANK = 1e-5
 _NEWTON_STEPS = 60
-_EVENLY = 0.01  # of the distance between two places, by which a third one may be off their line
+_EVENLY = 0.01  # of the distance between two places, by which a third place may be off their line
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,9 @@ class BoxMesh:
     widest : float
         Width of the elements far from all sides.
     beside : float
-        Width of the elements beside the contacts where a side across them is as near as can be, or the seat uneven.
-    spread : float
-        Growth of that width per distance of the contacts from these sides.
+            Width of the elements beside the contacts if a side across them is as near as possible, or the seat uneven.
+        spread : float
+            Growth of that width per distance of the contacts from these sides.
     rows : int
         Elements over the height of each sheet.
     """
@@ -77,7 +78,10 @@ class BoxMesh:
     rows: int = 1
 
     def along(self, low: float, high: float, places: FloatArray, across: float) -> Axis:
-        """Elements between two sides, for contacts at places (n,) that are so far from the sides `across` them."""
+        """Elements between two sides, for contacts at places (n,).
+
+        The places are at the distance `across` from the sides across them.
+        """
         middle = (low + high) / 2
         reach, beside = float(np.abs(places - middle).max()), self.beside + self.spread * across
 
@@ -90,7 +94,7 @@ class BoxMesh:
 
 
 DEFAULT_BOX_MESH = BoxMesh()
-"""What sides change in the responses of gast2020 to 2 %, see tests/elastomer/test_finite_sample.py for the study."""
+"""Mesh with which the effect of sides on the responses of gast2020 is accurate to 2 %, by a convergence study."""
 
 
 @dataclass(frozen=True)
@@ -107,13 +111,13 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class SampleCorrection:
-    """What a finite sample on its seat adds to a wide one, in m.
+    """Correction for a finite sample in m.
 
-    `depth`, shape (depths, places), is the shift s of the depth at which the wide sample is pressed, and `moved`, shape
-    (depths, places, levels, nx, ny), w_z at the board and at the upper face of every sheet on the nodes of `x` and `y`.
-    `lifted`, (depths, places, nx, ny), is by how much the bottom is off a seat that can be left; zero where it is not.
-    `wide` gives u_z of the wide sample at every level, shape (…, depths, levels), at radii of shape (…), both in
-    thicknesses, i.e. in units of `length`.
+    It is relative to a wide sample. `depth`, shape (depths, places), is the shift s of the depth at which the wide
+    sample is pressed. `moved`, shape (depths, places, levels, nx, ny), is w_z at the board and at the upper face of
+    every sheet on the nodes of `x` and `y`. `lifted`, (depths, places, nx, ny), is the distance of the bottom from a
+    seat that can be left, zero where they touch. `wide` gives u_z of the wide sample at every level, shape (…, depths,
+    levels), at radii of shape (…), both in thicknesses, i.e. in units of `length`.
     """
 
     x: Axis
@@ -125,9 +129,10 @@ class SampleCorrection:
     length: float
 
     def at_indenter(self, places: FloatArray, levels: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """w_z in m and its slopes along x and y under the indenter, in the mean over some levels.
+        """w_z in m and its slopes under the indenter.
 
-        Shapes (depths, places) and (depths, places, 2), for places (places, 2) in m.
+        They are the mean over some levels, with the slopes along x and y. Shapes (depths, places) and (depths, places,
+        2), for places (places, 2) in m.
         """
         mean = self.moved[:, :, list(levels)].mean(axis=2) if len(levels) else 0 * self.moved[:, :, 0]
         (x, dx), (y, dy) = (
@@ -139,7 +144,10 @@ class SampleCorrection:
         return rise, np.stack(slopes, axis=-1)
 
     def beyond(self, radii: FloatArray, level: int) -> FloatArray:
-        """u_z of the wide sample at a level in m at radii in m, shape (…, depths)."""
+        """Displacement u_z of the wide sample in m.
+
+        It is at one level. The radii are in m. Shape (…, depths).
+        """
         wide = PPoly(np.ascontiguousarray(self.wide.c[..., level]), self.wide.x)
         return self.length * np.asarray(wide(radii / self.length))
 
@@ -159,7 +167,7 @@ def sample_correction(
     Parameters
     ----------
     sheets, base
-        Sheets from the board up and what they lie on, as for `coilarray.elastomer.contact.indent`.
+            Sheets from the board up and their support, as for `coilarray.elastomer.contact.indent`.
     sample : Sample
         Its bounds and its seat.
     places : ndarray, shape (places, 2)
@@ -177,8 +185,8 @@ def sample_correction(
     Raises
     ------
     ElastomerError
-        An uneven seat where there is none, a seat without stiffness somewhere on the sample, a sample that finds no
-        rest on a seat that can lift, or a contact that the sample does not hold.
+            An uneven seat for a base without a seat, a seat without stiffness somewhere on the sample, a sample that
+            finds no rest on a seat that can lift, or a contact that the sample does not hold.
     """
     problem = _Problem(sheets, base, sample, places, r, pressure)
     depths, count = len(pressure), len(places)
@@ -210,13 +218,13 @@ def sample_correction(
 
 
 def _shift(mean: FloatArray, slope: float) -> FloatArray:
-    """S = w̄ (1 + s F'/F) in thicknesses."""
+    """Shift of the depth, s = w̄ (1 + s F'/F)."""
     _require_small(mean, slope)
     return np.asarray(mean / (1 - mean * slope))
 
 
 def _require_small(mean: FloatArray, slope: float) -> None:
-    """Raise ElastomerError where a correction is larger than the contact."""
+    """Raise ElastomerError if a correction exceeds the contact."""
     if not (mean * slope < 1).all():  # also NaN
         raise ElastomerError(
             f"the seat and sides must change a contact by less than its own depth; one is lifted {mean.max():.3g} "
@@ -225,7 +233,10 @@ def _require_small(mean: FloatArray, slope: float) -> None:
 
 
 class _Problem:
-    """One sample in units of its stack: the factorised box, the wide sample's field and the loads that they make."""
+    """Sample in units of its stack, factorised with its loads.
+
+    It holds the factorised box, the wide sample's field and the loads that they make.
+    """
 
     def __init__(
         self,
@@ -271,7 +282,10 @@ class _Problem:
         self._ring = np.sqrt(third / np.where(first > 0, first, 1.0))
 
     def _seat(self, base: Base, x: Axis, y: Axis) -> tuple[FloatArray, FloatArray]:
-        """Stiffness of the even seat along x, y and z, (3,), and what it is multiplied by at every node."""
+        """Stiffness of the even seat along x, y, z.
+
+        Shape (3,). Also returns the factor of the stiffness at every node.
+        """
         length, uneven = self.stack.length, self.unevenness
         along_x, along_y = (slope * length for slope in uneven.stiffness_slope)
         factor = 1 + along_x * x.nodes[:, None] + along_y * y.nodes
@@ -292,9 +306,10 @@ class _Problem:
         return np.moveaxis(displacement[:, 2][:, :, self.levels_at], 2, 0)
 
     def moved(self, places: FloatArray, case: int) -> FloatArray:
-        """w_z at every level under one pressure at places in thicknesses, shape (levels, nx, ny, places).
+        """w_z at every level under one pressure.
 
-        The loads of many places are sums of few patterns, and only those are solved.
+        Shape (levels, nx, ny, places), for places in thicknesses. The loads of many places are sums of few patterns,
+        and only the patterns are solved.
         """
         loads = self.loads(places, case).reshape(-1, len(places))
         loaded = np.flatnonzero(loads.any(axis=1))
@@ -305,9 +320,10 @@ class _Problem:
         return np.asarray(self.faces(self.box.displacements(few.reshape(*self.box.shape, -1))) @ patterns.T)
 
     def ring(self, places: FloatArray, case: int) -> tuple[FloatArray, FloatArray]:
-        """Weights along x and y, (places, nodes), of the mean over the contact of a function that is smooth there.
+        """Weights of a smooth function's mean over the contact.
 
-        The mean of a quadratic function over the pressure is that of four points at its root mean square radius.
+        They are along x and y, (places, nodes). The mean of a quadratic function over the pressure equals the mean over
+        four points at its root mean square radius.
         """
         x, y, _ = self.box.axes
         weights = []
@@ -317,7 +333,10 @@ class _Problem:
         return weights[0], weights[1]
 
     def loads(self, places: FloatArray, case: int) -> FloatArray:
-        """Nodal loads of w (nx, 3, ny, nz, places) for one pressure at places in thicknesses."""
+        """Nodal loads of w for one pressure.
+
+        Shape (nx, 3, ny, nz, places), for places in thicknesses.
+        """
         x, y, _ = self.box.axes
         loads = np.zeros((*self.box.shape, len(places)))
         for plane in (0, -1):
@@ -337,7 +356,10 @@ class _Problem:
         return loads
 
     def _traction(self, dx: FloatArray, dy: FloatArray, case: int, across: int) -> FloatArray:
-        """σ∞ on a plane across an axis, its three components: (3, places, points, heights)."""
+        """Traction σ∞ on a plane across an axis, three components.
+
+        Shape (3, places, points, heights).
+        """
         dx, dy = np.broadcast_arrays(dx[:, None] if dx.ndim == 1 else dx, dy[:, None] if dy.ndim == 1 else dy)
         r = np.hypot(dx, dy)
         radial, hoop, shear = np.moveaxis(np.asarray(self._stress[case](r)), 2, 0)
@@ -348,7 +370,10 @@ class _Problem:
         return np.array([mixed, radial * sin**2 + hoop * cos**2, shear * sin])
 
     def bottom(self, places: FloatArray, case: int) -> FloatArray:
-        """u∞ at the nodes of the bottom, (nx, 3, ny, places), at places in thicknesses."""
+        """Displacement u∞ at the nodes of the bottom.
+
+        Shape (nx, 3, ny, places), for places in thicknesses.
+        """
         x, y, _ = self.box.axes
         dx = x.nodes[:, None, None] - places[:, 0]
         dy = y.nodes[None, :, None] - places[:, 1]
@@ -372,7 +397,10 @@ def _rows(stack: Stack, rows: int) -> FloatArray:
 
 
 class _Lift:
-    """A seat that only pushes: how the box answers to forces on its bottom, and its state at rest."""
+    """Seat that only pushes, with the state at rest.
+
+    It holds the response of the box to forces on its bottom.
+    """
 
     def __init__(self, problem: _Problem) -> None:
         self._problem = problem
@@ -386,7 +414,7 @@ class _Lift:
         along_x, along_y = problem.unevenness.gap_slope
         self._gap = np.maximum(along_x * x.nodes[:, None] + along_y * y.nodes, 0.0).ravel()
         self._push = (problem.stiffness[2] * problem.factor * problem.area).ravel()
-        own = ny // 2 + 1 if problem.box.mirrored else ny  # forces above the middle answer as those below it
+        own = ny // 2 + 1 if problem.box.mirrored else ny  # forces above the middle follow by symmetry
         rows = (
             problem.faces(problem.box.displacements(self._bottom_forces(start, start + own)))
             for start in range(0, nx * ny, ny)
@@ -415,12 +443,13 @@ class _Lift:
     def _settled(
         self, own: FloatArray, under: FloatArray, mean: float, slope: float, guess: FloatArray
     ) -> tuple[float, FloatArray, FloatArray]:
-        """Shift of the depth, the traction t that takes the pull of a two-sided seat back, and u_z plus gap.
+        """Shift of the depth, traction t, and u_z plus gap.
 
-        On a two-sided seat the bottom would be at `own` times the load beside what is at rest, and the contact lifted
-        by `mean` times the load; `under` is its lift by the tractions at the nodes. As long as the same nodes are
-        lifted, t is linear in the load 1 + s F'/F, and s = a + b (1 + s F'/F): Newton's steps go from one set of nodes
-        to another, at first those where a `guess` of u_z plus gap is positive.
+        t cancels the pull of a two-sided seat. On a two-sided seat the bottom would be at `own` times the load beside
+        the state at rest, and the contact lifted by `mean` times the load. `under` is its lift by the tractions at the
+        nodes. As long as the same nodes are lifted, t is linear in the load 1 + s F'/F, and s = a + b (1 + s F'/F).
+        Newton's steps go from one set of nodes to another, and begin with the nodes where a `guess` of u_z plus gap is
+        positive.
         """
         linear, lifted = np.column_stack((self._start + self._gap, own)), guess > 0
         root = np.sqrt(self._push)
@@ -444,7 +473,10 @@ class _Lift:
     def solve(
         self, places: FloatArray, case: int, faces: FloatArray, mean: FloatArray, slope: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Shift of the depth (places,), w_z (places, levels, nx, ny) and lift (places, nx, ny) on a lifting seat."""
+        """Shift of the depth, w_z and lift.
+
+        They are on a seat that can lift. Shapes (places,), (places, levels, nx, ny) and (places, nx, ny).
+        """
         problem = self._problem
         wide = problem.bottom(places / problem.stack.length, case)[:, 2].reshape(-1, len(places))
         along_x, along_y = problem.ring(places, case)
@@ -463,7 +495,10 @@ class _Lift:
         return shifts, np.moveaxis(moved, -1, 0), lifts
 
     def _expected(self, places: FloatArray, heights: list[FloatArray]) -> FloatArray:
-        """Guess of u_z plus gap at the last place: that at the nearest one before, or on the line through two."""
+        """Guess of u_z plus gap at the last place.
+
+        It is the value at the nearest earlier place, or on the line through two.
+        """
         if not heights:
             return self._height
         *before, here = places

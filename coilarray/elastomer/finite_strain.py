@@ -1,27 +1,28 @@
-"""A soft layered body under large deformations, pressed by a rigid body: nearly incompressible neo-Hookean sheets.
+"""Soft layered body under large deformations: nearly incompressible neo-Hookean sheets.
 
-With F the deformation gradient, J = det F and p a pressure that jumps from element to element, the stationary point of
+The body is pressed by a rigid body. With F the deformation gradient, J = det F and p a pressure that is discontinuous
+between elements, the solution is the stationary point of
 
     Π = ∫ (μ/2 (J^(−2/3) F:F − 3) + p (J − 1) − p²/2K) w + ½ uᵀ springs u − Σ_j f_j G_j
 
-under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j where its points are now, at x = r + u_r, is
+under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0. The mean gap over hat j at the deformed positions x = r + u_r of its points is
 
     G_j = ∫ψ_j (outline(x) − depth − u_z) w(x) dx / ∫ψ_j w dr.
 
 The forces on the hats are then a pressure f_j/∫ψ_j w dr that is normal to the deformed surface, as its derivative by u
-says: the contact has no friction, and a surface that waves between the hats gains nothing by it. With the gap over the
-undeformed area the pressure would keep its direction there; under a tip, where it exceeds 2μ, such waves would grow.
-A contact that reaches the free edge of a sample is over the undeformed area: the edge would gain by moving outwards
-where the last hat's gap is not zero but only its mean. For small u this is
-`coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of
-its steps solves the contact under a tangent: gaps are closed while forces push them and where they would be below zero
-(a semi-smooth Newton method). A tangent serves for several steps as long as they shrink fast. Most tangents have only a
-part of the stress that the contact brings: they are positive definite, and cheap, where an exact one need not be, since
-nothing but the contact holds the compressed surface. Exact ones follow where steps shrink slowly.
+shows. So the contact has no friction, and a surface that waves between the hats gains nothing by it. With the gap over
+the undeformed area the pressure would keep its direction there. Under a tip, where it exceeds 2μ, such waves would
+grow. A contact that reaches the free edge of a sample uses the undeformed area. Otherwise the edge would gain by moving
+outwards if the last hat's gap is zero only on average. For small u this is `coilarray.elastomer.elasticity` under
+`coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of its steps solves the contact under a
+tangent: gaps are closed while forces push on them and where they would be below zero (a semi-smooth Newton method). A
+tangent serves for several steps as long as they shrink fast. Most tangents have only a part of the stress that the
+contact brings. They are positive definite and cheap. An exact tangent need not be positive definite, since only the
+contact holds the compressed surface. Exact tangents follow if steps shrink slowly.
 
-P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements);
-M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set); P. Deuflhard, Newton Methods for
-Nonlinear Problems, Springer 2004, chapter 3 (damping, tangents that serve again).
+P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements).
+M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set). P. Deuflhard, Newton Methods for
+Nonlinear Problems, Springer 2004, chapter 3 (damping, repeated use of tangents).
 """
 
 from __future__ import annotations
@@ -48,32 +49,33 @@ IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 EDGE_ELEMENTS = 10
-"""Most elements across a contact with such an edge: those at the edge are then a fifth of its rounding."""
+"""Most elements across a contact with a sharp edge. The elements at the edge are then a fifth of its rounding."""
 TIP = 0.05
-"""A cone's point is blunted over this part of the contact radius, which takes about 0.1 % of the force."""
+"""Part of the contact radius over which a cone's point is blunted, which reduces the force by about 0.1 %."""
 
-_STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes on straight
-_MOST_TANGENTS = 32  # from one depth to the next, of which the contacts that converge take 2 to 8
-_MOST_AT_ONCE = 8  # of them at the depth of one step
+_STEEPEST = math.radians(80)  # beyond this slope the side of an indenter is straight
+_MOST_TANGENTS = 32  # from one depth to the next, contacts that converge take 2 to 8
+_MOST_AT_ONCE = 8  # tangents at the depth of one step
 _LEAST_DAMPING = 1 / 32
 _CONVERGED = 1e-9  # of the depth: the last step times the rate at which steps shrink
-_FAR = 0.01  # of the depth: a step above it changes the tangent
-_FAST, _SLOW = 0.3, 0.5  # rates up to which a tangent serves once more: one that is exact or found far away, and others
+_FAR = 0.01  # of the depth: a larger step changes the tangent
+_FAST, _SLOW = 0.3, 0.5  # rates up to which a tangent is used again, if it is exact or found far away, and otherwise
 _STRESSED = 0.25  # share of the contact's stress in a tangent that is not exact
 _LEAST_STEP = 1 / 16  # of the way from one depth to the next
 _FARTHEST_AHEAD = 1.5  # steps to which the last one is continued
 _MOST_SETS = 20  # of closed gaps that are tried under one tangent
-_SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
-_PIVOT = 1e-3  # of the greatest in its column: what an entry on the diagonal of an exact tangent must be to stay there
+_SOFT = 1e-5  # least 1/K of a tangent, the part of a volume error that one step leaves
+_PIVOT = 1e-3  # of the greatest in its column: least entry on the diagonal of an exact tangent to stay there
 _PRESSURES = 3  # 1, ξ and η in every element
 _R, _Z, _STRETCH = range(3)  # of a displacement at a boundary: u_r, u_z and ∂u_r/∂r
 
 
 @dataclass(frozen=True)
 class Outline:
-    """An indenter's height above its tip, its slope and its curvature at any radius, in a unit of length.
+    """Height, slope and curvature of an indenter.
 
-    `tip` is the radius over which a cone's point is blunted: under a sharp one the strain has no bound.
+    The height is above its tip, at any radius, in a unit of length. `tip` is the radius over which a cone's point is
+    blunted. Under a sharp point the strain is unbounded.
     """
 
     indenter: Indenter
@@ -81,7 +83,10 @@ class Outline:
     tip: float = 0.0
 
     def __call__(self, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Height, slope and second derivative at radii `r`; smooth beyond the end of the indenter."""
+        """Height, slope and second derivative at radii `r`.
+
+        They are smooth beyond the end of the indenter.
+        """
         body = self.indenter
         start, radius = math.inf, 1.0  # of the arc in which the side rises
         height, slope, bend = np.zeros_like(r), np.zeros_like(r), np.zeros_like(r)
@@ -109,7 +114,10 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class Pressed:
-    """State of the body at a depth: displacement `u` (n,), pressures `p` (3, elements), forces on the hats `f` (m,)."""
+    """State of the body at a depth.
+
+    It has the displacement `u` (n,), the pressures `p` (3, elements) and the forces on the hats `f` (m,).
+    """
 
     depth: float
     u: FloatArray
@@ -118,11 +126,14 @@ class Pressed:
 
     def moved(self, step: _Vector, share: float) -> Pressed:
         """Return the state after a share of a step."""
-        f = (1 - share) * self.f + share * step.f  # exact zeros after a whole one
+        f = (1 - share) * self.f + share * step.f  # exact zeros after a whole step
         return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=f)
 
     def towards(self, depth: float, before: Pressed) -> Pressed:
-        """Continue to a depth on the line through the state before; the state itself where that says little of it."""
+        """Extrapolate to a depth on the line through two states.
+
+        Returns the state itself if the line through the state before predicts little.
+        """
         share = (depth - self.depth) / (self.depth - before.depth) if before.depth else math.inf
         if share > _FARTHEST_AHEAD:
             return self
@@ -132,7 +143,10 @@ class Pressed:
 
 @dataclass(frozen=True, eq=False)
 class _Vector:
-    """A residual or a step: displacement (n,), pressures (3, elements), and mean gaps or the forces after it (m,)."""
+    """Residual or step.
+
+    It has the displacement (n,), the pressures (3, elements), and the mean gaps or the forces after it (m,).
+    """
 
     u: FloatArray
     p: FloatArray
@@ -145,15 +159,16 @@ class _Vector:
 
 
 _Tangent = Callable[[_Vector, FloatArray], _Vector | None]
-"""The step that cancels a residual of a state with some forces; None where there is none."""
+"""Function that returns the step that cancels a residual of a state with some forces, or None if there is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Gaps:
-    """Mean gaps G (m,), their derivatives by the top's u (t, m) and by the depth, less than 0 (m,).
+    """Mean gaps G (m,) and their derivatives.
 
-    At the top's points, for second derivatives: `shifts` and `swells` (points, t), sparse, the derivatives of gap and
-    area by u, and `gap`, `area` and `bend`, the outline's second derivative, each of shape (points,).
+    The derivatives are by the top's u (t, m) and by the depth, less than 0 (m,). At the top's points there are values
+    for second derivatives. `shifts` and `swells` (points, t), sparse, are the derivatives of gap and area by u. `gap`,
+    `area` and `bend`, the outline's second derivative, have the shape (points,).
     """
 
     mean: FloatArray
@@ -168,7 +183,10 @@ class _Gaps:
 
 @dataclass(frozen=True, eq=False)
 class _Strained:
-    """Deformation at the quadrature points (elements, points): F as its 5 entries, J, ∂ln J/∂F, μ J^(−2/3), p."""
+    """Deformation at the quadrature points (elements, points).
+
+    It has F as its 5 entries, J, ∂ln J/∂F, μ J^(−2/3), p.
+    """
 
     F: FloatArray
     D: FloatArray
@@ -179,7 +197,7 @@ class _Strained:
 
 
 class SoftBody:
-    """A meshed stack for large deformations under one indenter."""
+    """Meshed stack for large deformations under an indenter."""
 
     def __init__(self, grid: ContactGrid, outline: Outline) -> None:
         self.grid, self.outline = grid, outline
@@ -201,7 +219,7 @@ class SoftBody:
         self._bulk = np.linalg.inv(np.maximum(self._squash, _SOFT)[..., None] * masses)
         top = grid.top
         self._length, self._r = top.dx.ravel(), top.global_coordinates()[0].ravel()
-        self._moving = bool(grid.radii[-1] < grid.r[-1])  # the area over which gaps are taken, with the body
+        self._moving = bool(grid.radii[-1] < grid.r[-1])  # the area over which gaps are taken moves with the body
         free = np.setdiff1d(np.arange(self._count), grid.held)
         touched = np.intersect1d(top.element_dofs, free)
         outwards, upwards, stretch = (_on_boundary(top, touched, k) for k in (_R, _Z, _STRETCH))
@@ -217,9 +235,10 @@ class SoftBody:
         self._number_band(free)
 
     def _number_band(self, free: IndexArray) -> None:
-        """Order the free displacements from the outer edge to the axis, by which the tangent is a narrow band.
+        """Order the free displacements for a narrow band.
 
-        The contact comes last: the end of a band's factor says how it answers forces on the hats.
+        They go from the outer edge to the axis. The contact comes last, so that the end of a band's factor gives the
+        response to forces on the hats.
         """
         r, z = self.grid.basis.doflocs.round(12)
         self._order = free[np.lexsort((free, z[free], -r[free]))]
@@ -243,9 +262,10 @@ class SoftBody:
         return Pressed(0.0, np.zeros(self._count), np.zeros((_PRESSURES, elements)), np.zeros(len(self.grid.used)))
 
     def press(self, depths: FloatArray) -> Iterator[Pressed]:
-        """Yield the state at each of some rising depths in thicknesses, from one to the next.
+        """Yield the state at each of some rising depths.
 
-        ElastomerError where no step is small enough for Newton's method: the strains are too large for the mesh.
+        The depths are in thicknesses. Each solution starts from the state before. Raises ElastomerError if no step is
+        small enough for Newton's method. Then the strains are too large for the mesh.
         """
         state = before = self.at_rest()
         for depth in depths:
@@ -269,9 +289,10 @@ class SoftBody:
             yield state
 
     def _solved(self, state: Pressed, depth: float, tangents: Iterator[int]) -> Pressed | None:
-        """State at a depth by Newton's method; None where it does not converge from the given state.
+        """State at a depth by Newton's method, or None.
 
-        A step is halved until what the same tangent says of the next step is shorter.
+        None if it does not converge from the given state. A step is halved until the next step, predicted by the same
+        tangent, is shorter.
         """
         state = replace(state, depth=depth)
         strained, gaps, exact = self._strained(state), self._gaps(state), False
@@ -296,7 +317,7 @@ class SoftBody:
                     if exact or far:
                         return None
                     strained, gaps = self._strained(state), self._gaps(state)
-                    break  # under an exact tangent there may be a shorter step
+                    break  # an exact tangent may give a shorter step
                 rate = 1.0 if damping < 1 else following.size / step.size if step.size else 0.0
                 state, step = trial, following
                 if rate * step.size <= _CONVERGED * depth and damping == 1:
@@ -305,7 +326,7 @@ class SoftBody:
         return None
 
     def _strained(self, state: Pressed) -> _Strained | None:
-        """Deformation in a state; None where an element is turned inside out."""
+        """Deformation in a state, None if an element is inverted."""
         entries = self._entries @ state.u[self._dofs][..., None]
         F = np.ascontiguousarray(entries.reshape(*self._measure.shape, 5).transpose(2, 0, 1))
         F[[0, 3, 4]] += 1
@@ -326,11 +347,14 @@ class SoftBody:
         return _Vector(force, volume, gaps.mean)
 
     def _gathered(self, nodal: FloatArray) -> FloatArray:
-        """Sum over the elements of what they give to their functions, shape (n,)."""
+        """Sum the elements' contributions to their functions, (n,)."""
         return np.asarray(np.bincount(self._dofs.ravel(), nodal.ravel(), self._count), dtype=float)
 
     def _tangents(self, s: _Strained) -> tuple[FloatArray, FloatArray]:
-        """∂²Π/∂u² (elements, functions, functions) and ∂²Π/∂u∂p (elements, functions, 3), without contact."""
+        """∂²Π/∂u² and ∂²Π/∂u∂p without contact.
+
+        Shapes (elements, functions, functions) and (elements, functions, 3).
+        """
         g, square = s.g, (s.F**2).sum(axis=0)
         second = np.zeros((5, 5, *s.J.shape))  # ∂² ln J/∂F²
         second[:4, :4] = -g[:4, None] * g[None, :4]
@@ -349,7 +373,10 @@ class SoftBody:
         return stiffness, swelling[:, :, 0].transpose(0, 2, 1) @ self._local.T
 
     def _gaps(self, state: Pressed) -> _Gaps:
-        """Gaps between the top where it is now and the indenter at its depth."""
+        """Gaps between the deformed top and the indenter.
+
+        The indenter is at its depth.
+        """
         u, grid = state.u[self._touched], self.grid
         x, stretch = self._r + self._outwards @ u, 1 + self._stretch @ u
         height, slope, bend = self.outline(x)
@@ -362,13 +389,16 @@ class SoftBody:
         else:
             area, swells = weight(grid.symmetry, self._r), 0 * self._stretch
         shifts = _scaled(self._outwards, slope) - self._upwards
-        sums = _scaled(self._hats, self._length).T  # over the hats, of what is at the points
+        sums = _scaled(self._hats, self._length).T  # sums over the hats of values at the points
         slopes = (sums @ (_scaled(shifts, area) + _scaled(swells, gap))).toarray().T / grid.mass
         mean, reach = (sums @ one / grid.mass for one in (gap * area, area))
         return _Gaps(mean, slopes, reach, shifts, swells, gap, area, bend)
 
     def _bending(self, gaps: _Gaps, f: FloatArray) -> FloatArray:
-        """Second derivative by the top's u of −Σ f_j G_j, shape (t, t)."""
+        """Second derivative of −Σ f_j G_j by the top's u.
+
+        Shape (t, t).
+        """
         pressure = self._hats @ (f / self.grid.mass) * self._length
         half = gaps.shifts.T @ _scaled(gaps.swells, pressure)
         half = half + self._outwards.T @ _scaled(self._outwards, pressure * gaps.area * gaps.bend / 2)
@@ -377,14 +407,18 @@ class SoftBody:
         return np.asarray(-(half + half.T).toarray())
 
     def forces(self, state: Pressed) -> FloatArray:
-        """Vertical forces on the hats in a state, shape (m,): those that the deformed surface bears."""
+        """Vertical forces of the deformed surface on the hats.
+
+        Shape (m,).
+        """
         return state.f * self._gaps(state).reach
 
     def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
-        """Factorise the tangent; None where it is singular. Pressures are eliminated element by element.
+        """Factorise the tangent, or return None if it is singular.
 
-        In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same. So it is
-        with the part of the pressure that a tangent leaves out; one that is indefinite even so is made exact.
+        Pressures are eliminated element by element. In the tangent 1/K is at least `_SOFT`, in the residual it has its
+        true value, so the solution is the same. Likewise the part of the pressure that a tangent leaves out does not
+        affect the solution. If the tangent is still indefinite, it is made exact.
         """
         share = 1.0 if exact else _STRESSED
         stiffness, coupling = self._tangents(replace(s, p=share * s.p))
@@ -415,6 +449,7 @@ class SoftBody:
         compliance = leaning.T @ pushed
 
         def step(residual: _Vector, f: FloatArray) -> _Vector | None:
+            """Step that cancels a residual, or None."""
             swelling = self._bulk @ residual.p.T[..., None]
             force = -residual.u - self._gathered(coupling @ swelling)
             y = forwards(force[self._order])
@@ -431,9 +466,10 @@ class SoftBody:
         return step
 
     def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
-        """Find the forces that close the gaps, none of them pulling; None where no set of closed gaps is found.
+        """Find the forces that close the gaps without pulling.
 
-        `gaps` are those without forces and `closed` the set to begin with.
+        Returns None if no set of closed gaps is found. `gaps` are the gaps without forces and `closed` is the initial
+        set.
         """
         for _ in range(_MOST_SETS):
             f = np.zeros(len(gaps))
@@ -449,24 +485,30 @@ class SoftBody:
 
 
 def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
-    """Solution of a sparse system that is symmetric and all but definite; RuntimeError for a singular one."""
+    """Solver of a symmetric sparse system that is nearly definite.
+
+    Raises RuntimeError for a singular system.
+    """
     how = {"SymmetricMode": True}
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
 
 
 def _scaled(matrix: Any, factors: FloatArray) -> Any:
-    """Sparse rows times one factor each."""
+    """Multiply each row of a sparse matrix by a factor."""
     data = matrix.data * np.repeat(factors, np.diff(matrix.indptr))
     return sparse.csr_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def _swept(factor: FloatArray, transposed: str, right: FloatArray) -> FloatArray:
-    """Solution of a lower band, or of its transpose ("T")."""
+    """Solve a lower band matrix, or its transpose ("T")."""
     return np.asarray(dtbtrs(factor, right, uplo="L", trans=transposed)[0])
 
 
 def _on_boundary(basis: Any, dofs: IndexArray, component: int | None = None) -> FloatArray:
-    """Functions of a basis on a boundary at its points, or a component or ∂u_r/∂r of them, (points, functions)."""
+    """Functions of a basis at the points of a boundary.
+
+    Returns them, or a component or ∂u_r/∂r of them, (points, functions).
+    """
     facets, points = basis.dx.shape
     place = np.full(basis.N, len(dofs))
     place[dofs] = np.arange(len(dofs))

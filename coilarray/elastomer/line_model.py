@@ -1,6 +1,6 @@
-"""The two-dimensional model: a coil's cross-section as infinite straight wires under a sheet in plane strain.
+"""Two-dimensional model: a coil's cross-section as infinite wires under a sheet in plane strain.
 
-Gast and Zimmermann's FEM paper simplifies its sensor so. Everything is per metre of length along y.
+Gast and Zimmermann's FEM paper simplifies its sensor in this way. All values are per metre of length along y.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from coilarray.electromagnetics.kernels.sections import pair_logs
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
 
-_FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet): the rest is below 1e-8
+_FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet), the rest is below 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Wires:
-    """Infinite straight wires along y that carry one current to and fro.
+    """Infinite straight wires along y.
 
-    Positions `x`, `z` and cross-sections `widths`, `thicknesses` are in m, each of shape (wires,); `senses` are +1
-    where the current flows along y, −1 against it, and add up to zero.
+    They carry one current forward and back. Positions `x`, `z` and cross-sections `widths`, `thicknesses` are in m,
+    each of shape (wires,). `senses` are +1 if the current flows along y, −1 against it, and add up to zero.
     """
 
     x: FloatArray
@@ -39,10 +39,10 @@ class Wires:
 
 
 def cross_section(conductor: Conductor, y: float) -> Wires:
-    """Cut a path with the plane of one y in m: one wire for every crossing.
+    """Cut a path with a plane across y.
 
-    A wire is as wide as the trace, not as its oblique cut. ElastomerError for a path that does not cross the plane, or
-    not as often to as fro.
+    The plane is at `y` in m. There is one wire for every crossing. A wire is as wide as the trace, not as its oblique
+    cut. Raises ElastomerError for a path that does not cross the plane, or not equally often in both directions.
     """
     start, stop = conductor.vertices[:-1], conductor.vertices[1:]
     crosses = (start[:, 1] <= y) != (stop[:, 1] <= y)
@@ -58,10 +58,11 @@ def cross_section(conductor: Conductor, y: float) -> Wires:
 
 
 def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
-    """Self-inductance per length in H/m of wires at z ≤ 0 under flat sheets, upwards from z = 0.
+    """Self-inductance per length of wires under sheets, in H/m.
 
-    L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and of the sheets
-    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R. ElastomerError for wires without a cross-section or above z = 0.
+    The wires are at z ≤ 0 and the sheets are flat, upwards from z = 0. L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means
+    over both cross-sections, and from the sheets −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R. Raises
+    ElastomerError for wires without a cross-section or above z = 0.
     """
     if not (wires.widths > 0).all():
         raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")
@@ -81,10 +82,11 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
 def line_dent_inductance(
     wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, mesh: LayerMesh | None = None
 ) -> FloatArray:
-    """Change of the inductance per length in H/m by dents in plane strain, against the flat sheets.
+    """Change of the inductance per length by dents, in H/m.
 
-    All dents are in the same sheets. Shape (dents, positions), for positions (positions,) of the indenter's middle
-    along x in m. ElastomerError for dents about an axis, positions that are not finite, or wires above z = 0.
+    The dents are in plane strain and all in the same sheets. The change is relative to the flat sheets. Shape (dents,
+    positions), for positions (positions,) of the indenter's middle along x in m. Raises ElastomerError for dents about
+    an axis, positions that are not finite, or wires above z = 0.
     """
     x = np.asarray(positions, dtype=np.float64)
     if x.ndim != 1 or not np.isfinite(x).all():
@@ -110,7 +112,10 @@ def line_dent_inductance(
 
 
 def _spectrum(wires: Wires, wavenumbers: FloatArray) -> ComplexArray:
-    """S(k) = i/(2k) Σ s e^{−ikx} e^{kz} for k > 0, in m per A; Ψ = ∫ S e^{ikx} e^{−kz} dk/2π over both signs of k."""
+    """Spectrum S(k) of the wires in m per A.
+
+    S(k) = i/(2k) Σ s e^{−ikx} e^{kz} for k > 0. Ψ = ∫ S e^{ikx} e^{−kz} dk/2π over both signs of k.
+    """
     if (wires.z > 0).any():
         raise ElastomerError(f"wires must lie at z <= 0, below the sheets; one is at {wires.z.max():.4g} m.")
     waves = np.exp(np.outer(wavenumbers, wires.z) - 1j * np.outer(wavenumbers, wires.x)) @ wires.senses

@@ -1,4 +1,4 @@
-"""How a dent in magnetic sheets changes the energy of any incident field.
+"""Change of the energy of any incident field by a dent in magnetic sheets.
 
 Let U_f be the total potential with flat sheets, a_f and a_d the energies ∫ μ ∇U·∇V of the flat and of the dented
 sheets, and Δa = a_d − a_f. The sources of the field are the same, so the dented potential is U_d = U_f + ψ with
@@ -6,14 +6,14 @@ sheets, and Δa = a_d − a_f. The sources of the field are the same, so the den
     a_d(ψ, V) = −Δa(U_f, V)  for all V,
 
 and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). With permittivities and electrodes that hold the
-potential at z = 0, where then ψ = V = 0, it is the capacitance matrix that changes so, by ε0 Δa(U_f,i, U_d,j). The
-dented space is mapped to the flat one by moving heights only, z = Z + w(r, Z); there Δa is an integral of known
+potential at z = 0, where then ψ = V = 0, the capacitance matrix changes in the same way, by ε0 Δa(U_f,i, U_d,j). The
+dented space is mapped to the flat space by moving heights only, z = Z + w(r, Z). There Δa is an integral of known
 coefficients that vanish where nothing moves, and U_f is known in closed form.
 
-Only the faces that move may count, or the elements err by as much where the sheets hardly differ from air. So let U be
-the field in the lowest sheet's medium without end, a_0 its energy and c = a − a_0. It satisfies Laplace's equation
-wherever something moves, so that U at the moved places, Ũ = U(r, z), has a_0,d(Ũ, V) = a_0,f(U, V). With the flat
-faces' own part χ = U_f − U the dented potential is U_d = Ũ + χ + η, where
+Only the faces that move may contribute, otherwise the error of the elements is as large for sheets that hardly differ
+from air. So let U be the field in an infinite medium of the lowest sheet, a_0 its energy and c = a − a_0. It satisfies
+Laplace's equation wherever something moves, so that U at the moved places, Ũ = U(r, z), has a_0,d(Ũ, V) = a_0,f(U, V).
+With the flat faces' own part χ = U_f − U the dented potential is U_d = Ũ + χ + η, where
 
     a_d(η, V) = −F(V),   F(V) = Δa(χ, V) + h(V),   h(V) = c_d(Ũ, V) − c_f(U, V) = Σ (μ_b − μ_a) ∫ V (∂_n Ũ − ∂_n U) dS
 
@@ -22,16 +22,16 @@ is a sum over the faces with μ_b below and μ_a above, where V is the same on t
     Δa(U_f,i, U_d,j) = h_i(Ũ_j) + Σ (μ_b − μ_a) ∫ (Ũ_j − U_j) ∂_n U_i dS
                      + h_i(χ_j) + h_j(χ_i) + Δa(χ_i, χ_j) + F_j(η_i).
 
-Every term is a factor of the moved faces' contrast. The elements see U nowhere but on these faces: how strong it is
-near the coils is nothing to them. The air far away does not matter.
+Every term is proportional to the contrast of the moved faces. The elements use U only on these faces, so its strength
+near the coils does not matter to them. The air far away does not matter.
 
 Layers below the coils send the field of coils and dent back up. With the energies Γ of the dent over air, amplitudes a
 of the potential make the wave D(k) = −½ Γ a below the sheets (by reciprocity with a coil there). The layers return −w D
 for it, and with the amplitudes a_f of the coils between these layers and the flat sheets
 
-    a = a_f − w D = (1 − ½ w Γ)⁻¹ a_f:  the change is that with Γ (1 − ½ w Γ)⁻¹ and a_f.
+        a = a_f − w D = (1 − ½ w Γ)⁻¹ a_f:  the change follows from Γ (1 − ½ w Γ)⁻¹ and a_f.
 
-The dent is symmetric about its axis: each harmonic e^{imθ} of the field is a problem of its own in (r, Z). In plane
+The dent is symmetric about its axis, so each harmonic e^{imθ} of the field is a separate problem in (r, Z). In plane
 strain the even and the odd part in x take the place of the harmonics.
 """
 
@@ -57,29 +57,30 @@ from coilarray.errors import ElastomerError
 
 _MOST_WAVENUMBERS = 2000
 _FACE_NODES = 2  # of a Gauss–Legendre rule between the knots of a dented face
-_SAME = 1e-12  # m; places that are nearer are one
-_ROUNDING = 1e-6  # of an element: a whole number of them stays that number
+_SAME = 1e-12  # m, below which two places are the same
+_ROUNDING = 1e-6  # of an element, within which a number of elements counts as whole
 
 Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
-"""Energies of all harmonics as a `TensorGrid` parts them: without and with m²."""
+"""Energies of all harmonics as a `TensorGrid` splits them: without and with m²."""
 
 
 @dataclass(frozen=True)
 class LayerMesh:
-    """Accuracy of the magnetic problem; the defaults are from the study in tests/elastomer/test_dented_layer.py.
+    """Accuracy of the magnetic problem.
 
-    They err by 2e-4 of the largest entry for smooth dents of the size of the sheets, by 1e-3 for that of gast2020, and
-    by up to 1e-2 for the dent of a small ball in a sheet that lies on the board, under few turns.
+    The defaults follow from a convergence study. Their error is 2e-4 of the largest entry for smooth dents of the size
+    of the sheets, 1e-3 for the dent of gast2020, and up to 1e-2 for the dent of a small ball in a sheet that lies on
+    the board, under few turns.
 
     Parameters
     ----------
     harmonics : int
         Highest harmonic about the indenter.
     decays : float
-        Wavenumbers count up to decays/clearance: what is left out is below e^(−2·decays) of the incident energy.
+            Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident energy.
     width : float
-        Width of the elements in the middle, relative to the radius of the dent's half depth or the clearance, the
-        smaller one.
+            Width of the elements in the middle, relative to the radius of the dent's half depth or the clearance,
+            whichever is smaller.
     rows : int
         Elements over the height of each sheet and of the moved air.
     growth : float
@@ -96,7 +97,9 @@ class LayerMesh:
     rank: float = 1e-7
 
     def coarser(self) -> LayerMesh:
-        """Return a mesh for what is small against the whole, four times cheaper and good to some 0.3 %.
+        """Return a coarser mesh for small corrections.
+
+        It is four times cheaper and accurate to some 0.3 %.
 
         Returns
         -------
@@ -127,9 +130,10 @@ class Scattering:
     energies: tuple[FloatArray | ComplexArray, ...]
 
     def over(self, backing: Backing, dent: Dent) -> Scattering:
-        """Put layers below the coils of a dent: complex patterns for the waves of each of `Backing.seen`.
+        """Add layers below the coils to the scattering.
 
-        Without layers nothing of the dent's own field comes back.
+        The patterns become complex, for the waves of each of `Backing.seen`. Without layers nothing of the dent's own
+        field is reflected.
         """
         if not backing.layers:
             return self
@@ -139,6 +143,7 @@ class Scattering:
         arriving: ComplexArray = np.concatenate(ways)
 
         def energies(patterns: FloatArray | ComplexArray, own: FloatArray | ComplexArray) -> ComplexArray:
+            """Energies with the reflections at the layers."""
             return np.asarray(np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own + 0j))
 
         return Scattering(
@@ -149,21 +154,21 @@ class Scattering:
         )
 
     def amplitudes(self, waves: FloatArray) -> list[FloatArray | ComplexArray]:
-        """Amplitudes of the patterns, (parts, rank, n) for each of the first harmonics.
+        """Amplitudes of the patterns for the first harmonics.
 
-        `waves`, shape (harmonics, parts, k, n), are the amplitudes of potentials per wavenumber, their real and
-        imaginary parts or whatever shares no energy.
+        Each has the shape (parts, rank, n). `waves`, shape (harmonics, parts, k, n), are the amplitudes of potentials
+        per wavenumber. Their parts are the real and imaginary parts or other parts that share no energy.
         """
         return [(patterns * self.weights) @ own for patterns, own in zip(self.patterns, waves, strict=False)]
 
     def energy(
         self, amplitudes: Sequence[FloatArray | ComplexArray], of_coils: IntArray, factors: FloatArray
     ) -> FloatArray | ComplexArray:
-        """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
+        """Change of the energy between all coils, symmetric.
 
-        It is real without layers below the coils. `of_coils`, shape (positions, coils), says which of the `amplitudes`
-        are those of a coil; `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves
-        in plane strain.
+        Shape (positions, coils, coils). Times μ0 it is an inductance. It is real without layers below the coils.
+        `of_coils`, shape (positions, coils), gives the index of each coil's `amplitudes`. `factors`, shape
+        (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
 
         def of(m: int) -> FloatArray | ComplexArray:
@@ -176,11 +181,12 @@ class Scattering:
 
 
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights in 1/m from 0 to decays/clearance that resolve fields of a lateral extent.
+    """Gauss–Legendre nodes and weights over wavenumbers, in 1/m.
 
-    `clearance` is the least height in m above the coils of a moved face where the material changes, `extent` the
-    largest distance in m of a point of a coil from a point of the dent. ElastomerError for coils so large and so near
-    that the rule would have more than 2000 nodes.
+    They reach from 0 to decays/clearance and resolve fields of a lateral extent. `clearance` is the least height in m
+    above the coils of a moved face where the material changes. `extent` is the largest distance in m of a point of a
+    coil from a point of the dent. Raises ElastomerError for coils so large and so near that the rule would have more
+    than 2000 nodes.
     """
     highest = mesh.decays / clearance
     count = wave_count(highest, extent)
@@ -200,16 +206,18 @@ def scatter(
     deepest: float | None = None,
     base: Base = "open",
 ) -> Scattering:
-    """Solve the dented sheets for all incident fields of the wavenumbers and weights in 1/m of `wavenumber_rule`.
+    """Solve the dented sheets for all incident fields.
 
-    `deepest` is the largest displacement in m of a series of dents that shall share one mesh; that of this dent by
-    default. Below the sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
+    The fields have the wavenumbers and weights in 1/m of `wavenumber_rule`. `deepest` is the largest displacement in m
+    of a series of dents that share one mesh, by default the largest of this dent. Below the sheets is air ("open"), or
+    electrodes at z = 0 hold the potential ("grounded").
     """
     space = DentedSpace(dent, mesh, deepest, base)
     scale = np.sqrt(wavenumbers * weights)
     kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
+        """Patterns and energies of one harmonic."""
         waves = space.waves(m, wavenumbers)
         incident = waves.dented * scale
         strengths, mixed = np.linalg.eigh(incident.T @ incident)  # squares of the singular values
@@ -224,7 +232,9 @@ def scatter(
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Incident waves of one harmonic where a `DentedSpace` needs them, each of shape (points, n).
+    """Incident waves of one harmonic on a mesh.
+
+    The mesh is a `DentedSpace`. Each array has the shape (points, n).
 
     Parameters
     ----------
@@ -244,14 +254,14 @@ class Waves:
     dented_normal: FloatArray
 
     def mixed(self, shares: FloatArray) -> Waves:
-        """Superpose them: shares (n, patterns)."""
+        """Superpose the waves by shares (n, patterns)."""
         return Waves(**{name: values @ shares for name, values in vars(self).items()})
 
 
 class DentedSpace:
-    """Elements of the flat sheets and of the air about them, with what a dent changes in their energies.
+    """Elements of the flat sheets and the surrounding air.
 
-    `moved` are the numbers of the nodes where it changes anything.
+    It also has the changes of their energies by a dent. `moved` are the indices of the nodes that the dent affects.
     """
 
     def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None, base: Base = "open") -> None:
@@ -275,18 +285,21 @@ class DentedSpace:
         return self._parted.blocks(gradient), None if around is None else self._parted.blocks(around)
 
     def background(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-        """Profile of U at heights (n,) in m, shape (n, k), for wavenumbers in 1/m."""
+        """Profile of U over height, shape (n, k).
+
+        The heights (n,) are in m and the wavenumbers (k,) in 1/m.
+        """
         transmitted = 2 / (1 + self.dent.permeabilities[0]) if self.base == "open" else 1.0
         return np.asarray(transmitted * np.exp(-np.outer(z, wavenumbers)))
 
     def reaction(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-        """Profile of χ, as that of the `background`."""
+        """Profile of χ, with the arguments of `background`."""
         dent = self.dent
         total = flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, self.base)
         return total - self.background(z, wavenumbers)
 
     def waves(self, m: int, wavenumbers: FloatArray) -> Waves:
-        """Waves of one harmonic, one for each of the wavenumbers in 1/m."""
+        """Waves of one harmonic at all wavenumbers in 1/m."""
         faces, symmetry = self._faces, self.dent.symmetry
         nodes_r, nodes_z = self.basis.doflocs[:, self.moved]
         reaction = _by_value(nodes_z, lambda z: self.reaction(z, wavenumbers))
@@ -303,13 +316,19 @@ class DentedSpace:
         return Waves(reaction, reflected, lateral * flat, lateral * dented, normal, dented_normal)
 
     def force(self, m: int, waves: Waves) -> FloatArray:
-        """F(V) for all V, shape (nodes, n), of n waves of one harmonic."""
+        """F(V) for all V, of n waves of one harmonic.
+
+        Shape (nodes, n).
+        """
         faces = self._faces
         of_faces = faces.trace.T @ (faces.weights[:, None] * (waves.dented_normal - waves.normal))
         return np.asarray(self._change.harmonic(m)[:, self.moved] @ waves.reaction + of_faces)
 
     def unanswered(self, m: int, waves: Waves) -> FloatArray:
-        """Δa(U_f, U_d) − F(η) between n waves of one harmonic, shape (n, n)."""
+        """Δa(U_f, U_d) − F(η) between waves of one harmonic.
+
+        Shape (n, n).
+        """
         weights, gained = self._faces.weights[:, None], waves.dented_normal - waves.normal
         own = (waves.dented + 2 * waves.reflected).T @ (weights * gained)
         own += (waves.dented - waves.flat).T @ (weights * waves.normal)
@@ -317,12 +336,15 @@ class DentedSpace:
         return np.asarray((own + own.T) / 2 + waves.reaction.T @ (change @ waves.reaction))
 
     def air(self) -> Blocks:
-        """Energies of the same elements, moved alike, without any permeability."""
+        """Energies of the same moved elements in air."""
         air = _Forms(self.basis, *self._mapping, self.dent.symmetry)
         return self._blocks(air.gradient, air.around)
 
     def energies(self, m: int, forces: FloatArray, blocks: Blocks | None = None) -> FloatArray:
-        """fᵀ a⁻¹ f of forces (nodes, n) on one harmonic, shape (n, n), a those of the dent or given ones."""
+        """fᵀ a⁻¹ f of forces on one harmonic.
+
+        The forces have the shape (nodes, n), the result (n, n). a are the energies of the dent, or given energies.
+        """
         gradient, around = blocks or self._dented
         # on the axis the potential is zero, unless it is the same all round
         parts = self._parted.forces(forces)[: self._parted.columns - 1 - min(m, 1)]
@@ -331,10 +353,11 @@ class DentedSpace:
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Points on the flat faces that move, at the same `r` on one after the other.
+    """Points on the flat faces that move.
 
-    `z` where they are, how far `up` they move and its `slope`, and `weights` of an integral with the contrast: of all
-    points on all faces. `trace`, shape (points, nodes), gives the values of elements there.
+    They are at the same `r` on one face after the other. `z` is their height, `up` their displacement and `slope` its
+    slope. `weights` are the weights of an integral with the contrast. All are for all points on all faces. `trace`,
+    shape (points, nodes), gives the values of elements there.
     """
 
     r: FloatArray
@@ -346,10 +369,11 @@ class _Faces:
 
 
 def _faces(basis: Basis, dent: Dent) -> _Faces:
-    """Gauss points on the faces between the edges of elements and the places where the dent is known.
+    """Gauss points on the faces between elements and knots.
 
-    Between those its shape is a cubic. The sheets hardly change their volume: the elements' own points would add up to
-    so much of it that the energy would be 10 % off.
+    They are between the edges of elements and the radii at which the dent is known. Between these its shape is a cubic.
+    The sheets hardly change their volume. With the elements' own points the volume would be so inaccurate that the
+    energy would be 10 % off.
     """
     mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
     edges = np.unique(basis.mesh.p[0])
@@ -381,7 +405,10 @@ def _faces(basis: Basis, dent: Dent) -> _Faces:
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """∂w/∂Z and ∂w/∂r at points of z = Z + w(r, Z), which moves the contrasts and nothing beyond the anchors."""
+    """Slopes ∂w/∂Z and ∂w/∂r of the map.
+
+    The map z = Z + w(r, Z) moves the contrasts and nothing beyond the anchors.
+    """
     heights, faces = dent.anchors(deepest)
     w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
     stretch, shear = np.zeros_like(r), np.zeros_like(r)
@@ -397,7 +424,10 @@ def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -
 
 
 class _Forms:
-    """Energies ∫ μ (a ∂rU ∂rV + b (∂rU ∂zV + ∂zU ∂rV) + c ∂zU ∂zV + a m²/r² U V) r dr dz of all harmonics."""
+    """Energies of all harmonics.
+
+    ∫ μ (a ∂rU ∂rV + b (∂rU ∂zV + ∂zU ∂rV) + c ∂zU ∂zV + a m²/r² U V) r dr dz
+    """
 
     def __init__(
         self, basis: Basis, mu: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, symmetry: str
@@ -418,12 +448,15 @@ class _Forms:
         self.around: csr_matrix | None = around.assemble(basis, mu=mu, a=a) if axial else None
 
     def harmonic(self, m: int) -> csr_matrix:
-        """Energy of one harmonic; in plane strain of either parity."""
+        """Energy of one harmonic, in plane strain of either parity."""
         return self.gradient if self.around is None else self.gradient + m**2 * self.around
 
 
 def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """Lateral pattern: J_m(kr), or cos kx and sin kx in plane strain; shape (r, k)."""
+    """Lateral pattern of the waves, shape (r, k).
+
+    It is J_m(kr), or cos kx and sin kx in plane strain.
+    """
     kr = np.outer(r, wavenumbers)
     if symmetry == "axial":
         return _bessel(m, kr)
@@ -431,9 +464,10 @@ def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray
 
 
 def _bessel(m: int, x: FloatArray) -> FloatArray:
-    """J_m(x) for x ≥ 0; scipy's takes as long as twenty steps of J_{n+1} = (2n/x) J_n − J_{n−1}.
+    """J_m(x) for x ≥ 0 by a recurrence.
 
-    The steps lose no digits for n ≤ x (Abramowitz and Stegun, 9.1.27 and 9.12).
+    scipy's function takes as long as twenty steps of J_{n+1} = (2n/x) J_n − J_{n−1}. The steps lose no digits for n ≤ x
+    (Abramowitz and Stegun, 9.1.27 and 9.12).
     """
     if m < 2:
         return np.asarray(j1(x) if m else j0(x))
@@ -448,7 +482,10 @@ def _bessel(m: int, x: FloatArray) -> FloatArray:
 
 
 def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the `radial_pattern` and its derivative by r in 1/m, for r > 0."""
+    """Return the `radial_pattern` and its slope in 1/m.
+
+    The slope is by r, and r > 0.
+    """
     pattern = radial_pattern(symmetry, m, r, wavenumbers)
     if symmetry == "axial":
         return pattern, m * pattern / r[:, None] - wavenumbers * radial_pattern(symmetry, m + 1, r, wavenumbers)
@@ -456,16 +493,22 @@ def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> t
 
 
 def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Apply a function to the distinct values only: mesh lines share their coordinates."""
+    """Apply a function to the distinct values only.
+
+    Mesh lines share their coordinates.
+    """
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
     return np.asarray(function(distinct)[inverse])
 
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
-    """Rectangles in (r, Z): even over the dent and the moved heights, growing outside; from z = 0 where grounded."""
+    """Rectangles in (r, Z), small near the dent.
+
+    They are even over the dent and the moved heights and grow outside. They begin at z = 0 if it is grounded.
+    """
     heights, _ = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
-    around = np.flatnonzero(moved > moved.max() / 2)[-1] + np.arange(2)  # between them: the mesh then moves smoothly
+    around = np.flatnonzero(moved > moved.max() / 2)[-1] + np.arange(2)  # neighbours, for a smoothly changing mesh
     around = np.minimum(around, len(moved) - 1)
     half = float(np.interp(-moved.max() / 2, -moved[around], dent.radius[around]))
     fine = mesh.width * min(half, dent.clearance)
@@ -481,7 +524,10 @@ def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> Mes
 
 
 def _growing(start: float, stop: float, first: float, ratio: float) -> FloatArray:
-    """Points from start to stop whose distances begin with `first` and grow."""
+    """Points from start to stop with growing distances.
+
+    The distances begin with `first`.
+    """
     count = max(1, int(np.ceil(np.log1p((stop - start) * (ratio - 1) / first) / np.log(ratio))))
     steps = ratio ** np.arange(count)
     return np.concatenate(([start], start + (stop - start) * np.cumsum(steps) / steps.sum()))

@@ -1,8 +1,8 @@
-"""Two approximations of a dent that are often made, for comparison only.
+"""Two common approximations of a dent, for comparison only.
 
-Neither is right for dents of the size of the sheet: `first_order` takes the slope of the energy at the flat face, where
-the field changes fast with depth; `born` takes the magnetisation by the incident field alone and leaves out that the
-sheet demagnetises itself. `coilarray.elastomer.scattering.scatter` solves the dented sheet.
+Neither is accurate for dents of the size of the sheet. `first_order` takes the slope of the energy at the flat face,
+where the field changes fast with depth. `born` takes the magnetisation by the incident field alone and ignores the
+demagnetisation of the sheet. `coilarray.elastomer.scattering.scatter` solves the dented sheet.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength
 
 
 def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
-    """Change of energy of a dent about an axis, to first order in the displacement of its faces.
+    """Change of energy to first order in the displacement.
 
-    Hadamard's formula: a face with μ1 below and μ2 above that moves up by f changes the energy at constant currents by
-    ∫ f [(μ1 − μ2) H_t² + (1/μ2 − 1/μ1) B_n²] dS with the fields of the flat sheets. Wavenumbers and weights in 1/m are
-    those of `coilarray.elastomer.scattering.wavenumber_rule`.
+    The dent is about an axis, and its faces are displaced. Hadamard's formula: if a face with μ1 below and μ2 above
+    moves up by f, the energy at constant currents changes by ∫ f [(μ1 − μ2) H_t² + (1/μ2 − 1/μ1) B_n²] dS with the
+    fields of the flat sheets. Wavenumbers and weights in 1/m follow from
+    `coilarray.elastomer.scattering.wavenumber_rule`.
     """
     r, rule = _radii(dent, wavenumbers)
     moved = dent.faces(r) * (r * rule)[:, None]
@@ -44,9 +45,10 @@ def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highes
 
 
 def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
-    """Change of energy as in `first_order`, but with the sheets magnetised by the incident field alone.
+    """Change of energy with the sheets magnetised by incident waves.
 
-    ∫ (μ − 1) H_s·H_s dV of the dented minus the flat sheets, with the field H_s in free space.
+    The magnetisation is by the incident field alone, otherwise as in `first_order`. It is ∫ (μ − 1) H_s·H_s dV of the
+    dented minus the flat sheets, with the field H_s in free space.
     """
     r, rule = _radii(dent, wavenumbers)
     both = wavenumbers[:, None] + wavenumbers
@@ -54,7 +56,7 @@ def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int)
     mu = (1.0, *dent.permeabilities, 1.0)
     energies = [np.zeros_like(both) for _ in range(highest + 1)]
     patterns = [_radial(m, r, wavenumbers) for m in range(highest + 1)]
-    for face in dent.contrasts:  # ∫ e^{−(k + k')z} dz from where the face was to where it is
+    for face in dent.contrasts:  # ∫ e^{−(k + k')z} dz from the old to the new position of the face
         jump = mu[face] - mu[face + 1]
         for here, weight, height in zip(range(len(r)), r * rule, displaced[:, face], strict=True):
             change = jump * weight * (np.exp(-both * dent.heights[face]) - np.exp(-both * height)) / both
@@ -65,7 +67,10 @@ def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int)
 
 
 def _radii(dent: Dent, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights of an integral over the dent's radius, fine enough for the shortest wave."""
+    """Nodes and weights of an integral over the dent's radius.
+
+    They are fine enough for the shortest wave.
+    """
     panels = int(np.ceil(dent.extent * wavenumbers[-1] / np.pi))
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     edges = np.linspace(0, dent.extent, panels + 1)
@@ -74,12 +79,15 @@ def _radii(dent: Dent, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _radial(m: int, r: FloatArray, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """J_m(kr), its slope in 1/m and m/r times it, each of shape (r, k)."""
+    """J_m(kr), its slope in 1/m and m/r times it.
+
+    Each has the shape (r, k).
+    """
     kr = np.outer(r, wavenumbers)
     value = jv(m, kr)
     return value, jvp(m, kr) * wavenumbers, m * value / r[:, None]
 
 
 def _weighted(weight: FloatArray, *parts: FloatArray) -> FloatArray:
-    """Σ over radii of weight × part × part', shape (k, k)."""
+    """Sum weight × part × part' over radii, (k, k)."""
     return np.asarray(sum((part * weight[:, None]).T @ part for part in parts))

@@ -1,7 +1,7 @@
-"""Energies on a grid of columns and rows, where a node meets those of its own and of the next two columns alone.
+"""Energies on a grid whose nodes couple only to their own and the next two columns.
 
-The nodes of one column are eliminated after the other, all rows at once: a block Cholesky decomposition A = L Lᵀ. Of a
-force f it needs the half L⁻¹f alone, for fᵀA⁻¹f = |L⁻¹f|². With some hundred rows the blocks are so large that this
+The nodes of the columns are eliminated column by column, all rows at once: a block Cholesky decomposition A = L Lᵀ. For
+a force f only the half L⁻¹f is needed, as fᵀA⁻¹f = |L⁻¹f|². With some hundred rows the blocks are so large that this
 takes half the time of a sparse decomposition and its solutions.
 """
 
@@ -15,13 +15,14 @@ from scipy.sparse import csr_matrix
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import ElastomerError
 
-_REACH = 2  # columns that meet: the nodes of a quadratic element
+_REACH = 2  # columns that couple: the nodes of a quadratic element
 
 
 class TensorGrid:
-    """Nodes of a grid of columns and rows at points of shape (2, nodes), without the first and the last row.
+    """Nodes of a grid of columns and rows.
 
-    The columns are numbered from the outermost one, which is left out too, to that in the middle.
+    They are at points of shape (2, nodes), without the first and the last row. The columns are numbered from the
+    outermost, which is left out too, to the column in the middle.
     """
 
     def __init__(self, nodes: FloatArray) -> None:
@@ -30,7 +31,10 @@ class TensorGrid:
         self.columns, self.rows = len(radii), len(heights)
 
     def blocks(self, matrix: csr_matrix) -> FloatArray:
-        """Parts of a symmetric matrix (nodes, nodes) by column, distance of the other column, and the rows of both."""
+        """Parts of a symmetric matrix (nodes, nodes).
+
+        They are by column, distance of the other column, and the rows of both.
+        """
         entries = matrix.tocoo()
         distance = self._column[entries.row] - self._column[entries.col]
         at = distance >= 0
@@ -47,13 +51,14 @@ class TensorGrid:
 
 
 def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return fᵀA⁻¹f of a positive definite matrix and forces, as a `TensorGrid` parts them; shape (forces, forces).
+    """Return fᵀA⁻¹f of a positive definite matrix, (forces, forces).
 
-    Nodes of columns that are left out at the end are held. ElastomerError where the matrix is not positive definite.
+    Matrix and forces are in the parts of a `TensorGrid`. Nodes of columns that are left out at the end are held. Raises
+    ElastomerError if the matrix is not positive definite.
     """
     columns, count, rows = forces.shape
     near, far = rows + rows, rows + rows + count
-    # of every column: itself, what it does to the next one, the forces, and what it does to the one after that
+    # for every column: itself, its coupling to the next column, the forces, and its coupling to the column after that
     parts = np.concatenate((blocks[:columns, 0], blocks[:columns, 1], forces, blocks[:columns, 2]), axis=1)
     total = np.zeros((count, count))
     for k, part in enumerate(parts):

@@ -1,12 +1,12 @@
-"""A wide stack of sheets under a pressure about an axis: displacement and stress at any depth, by Hankel's transform.
+"""Displacement and stress in a wide stack under an axisymmetric pressure, by Hankel transform.
 
-Each wavenumber k of the pressure, p = p̂(k) J_0(kr), makes u_z = W(z) J_0(kr) and u_r = U(z) J_1(kr). In the elements of
-`coilarray.elastomer.box` over the height, the profiles are the stationary point of
+Each wavenumber k of the pressure, p = p̂(k) J_0(kr), makes u_z = W(z) J_0(kr) and u_r = U(z) J_1(kr). In the elements
+of `coilarray.elastomer.box` over the height, the profiles are the stationary point of
 
     ½ ∫ 2μ (k²U² + W'²) + μ (U' − kW)² − ⅔ μ (W' + kU)² + K (Π(W' + kU))² dz + ½ (n W² + s U²)(bottom) + p̂ W(top)
 
-with the seat's stiffness n and shear s: a small system for each k. I. N. Sneddon, Fourier Transforms, McGraw-Hill 1951,
-section 54. Lengths and stresses are in units of the stack.
+with the seat's stiffness n and shear s. This is a small system for each k. I. N. Sneddon, Fourier Transforms,
+McGraw-Hill 1951, section 54. Lengths and stresses are in units of the stack.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from coilarray.geometry import Seat
 from coilarray.geometry.sheet import Base
 
 _DEGREE = 8  # of the profiles in an element
-_SMOOTH = 1 / 3  # of the contact radius: a pressure is smoothed by so much, which decides the highest wavenumber
+_SMOOTH = 1 / 3  # of the contact radius, over which a pressure is smoothed, which determines the highest wavenumber
 _CUT = 5.0  # highest wavenumber times that radius, where 5e-5 of the pressure is left
 _SPARE = 40  # wavenumbers above two a period
-_RATIO = 0.1  # of the distance of wavenumbers to themselves in tables of the profiles: good to 1e-5
+_RATIO = 0.1  # distance of wavenumbers relative to themselves in tables of the profiles, accurate to 1e-5
 _FINEST, _GROWTH = 0.03, 0.03  # distance of the radii of the tables, and its growth with the radius
 
 
 @dataclass(frozen=True, eq=False)
 class WideField:
-    """Displacement and stress about the axis at some heights, as splines over the radius.
+    """Displacement and stress about the axis at some heights.
 
-    `moved` gives u_r and u_z, shape (…, 2, cases, heights), and `stress` σ_rr, the hoop stress and σ_rz, shape (…, 3,
-    cases, heights), at radii of shape (…).
+    They are splines over the radius. `moved` gives u_r and u_z, shape (…, 2, cases, heights). `stress` gives σ_rr, the
+    hoop stress and σ_rz, shape (…, 3, cases, heights). Both take radii of shape (…).
     """
 
     moved: CubicSpline
@@ -47,7 +47,10 @@ class WideField:
 
 
 def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """∫ p J_0(kr) r dr of pressures (cases, n) that are linear between radii (n,), shape (cases, k)."""
+    """∫ p J_0(kr) r dr of pressures, shape (cases, k).
+
+    The pressures (cases, n) are linear between radii (n,).
+    """
     x, w = legendre.leggauss(4)
     width = np.diff(r)[:, None]
     at = r[:-1, None] + width * (x + 1) / 2
@@ -61,9 +64,10 @@ def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> F
 def wide_field(
     stack: Stack, base: Base, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
 ) -> WideField:
-    """Field of a wide stack under pressures (cases, n) that are linear between the radii r (n,).
+    """Field of a wide stack under pressures (cases, n).
 
-    At heights from that of the board, −1, to that of the top, 0, and up to the radius `extent`.
+    The pressures are linear between the radii r (n,). The field is at heights from −1, the board, to 0, the top, and up
+    to the radius `extent`.
     """
     loaded = np.flatnonzero((pressure > 0).any(axis=0))
     contact = float(r[min(loaded[-1] + 1, len(r) - 1)]) if len(loaded) else 1.0
@@ -72,7 +76,7 @@ def wide_field(
     x, w = legendre.leggauss(count)
     k, rule = (x + 1) / 2 * highest, w / 2 * highest
     spread = (k * _SMOOTH * contact) ** 2 / 2
-    smooth = (1 + spread) * np.exp(-spread)  # leaves the force and its second moments as they are
+    smooth = (1 + spread) * np.exp(-spread)  # keeps the force and its second moments unchanged
     strength = transform(r, pressure, k) * smooth * rule * k
     few = graded(float(k[0]), float(k[-1]), lambda k: _RATIO * k)
     profiles = (CubicSpline(few, profile)(k) for profile in _profiles(stack, base, few, heights))
@@ -94,11 +98,14 @@ def wide_field(
 
 
 def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> tuple[FloatArray, ...]:
-    """W, U, −p − ⅔ μ div u, μU and μ(U' − kW) at some heights under unit pressures, each of shape (k, heights)."""
+    """Profiles at some heights under unit pressures.
+
+    They are W, U, −p − ⅔ μ div u, μU and μ(U' − kW), each of shape (k, heights).
+    """
     edges, sheet = _elements(stack)
     axis = Axis(edges, _DEGREE)
     n = len(axis.nodes)
-    constant, linear, square = (np.zeros((2 * n, 2 * n)) for _ in range(3))  # of the powers of k
+    constant, linear, square = (np.zeros((2 * n, 2 * n)) for _ in range(3))  # coefficients of the powers of k
     bulk = []
     for element, width in enumerate(np.diff(edges)):
         part, own = element_matrices(axis, float(width)), axis.of(element)
@@ -144,12 +151,15 @@ def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> t
 
 
 def _elements(stack: Stack) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Edges of the elements over the height, finer towards the top, and the number of each one's sheet."""
+    """Edges of the elements over the height.
+
+    They are finer towards the top. Also returns the index of each element's sheet.
+    """
     edges, sheets = [stack.levels[0]], []
     for sheet, (lower, upper) in enumerate(zip(stack.levels[:-1], stack.levels[1:], strict=True)):
         cuts = [lower]
         while (gap := upper - cuts[-1]) > 0:
-            step = max(0.35 * (0.05 - cuts[-1]), 0.05)  # nearer to the top the waves that matter are shorter
+            step = max(0.35 * (0.05 - cuts[-1]), 0.05)  # shorter waves matter closer to the top
             cuts.append(upper if gap < 1.5 * step else cuts[-1] + step)
         edges += cuts[1:]
         sheets += [sheet] * (len(cuts) - 1)

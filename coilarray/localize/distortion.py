@@ -40,10 +40,10 @@ _BALLS = ("steel", "aluminium", "ferrite")  # materials that a hemisphere may ha
 
 @dataclass(frozen=True, eq=False)
 class EllipseCurves:
-    """x0, A and B over δ of every state, in m.
+    """Ellipse parameters over δ of every state, in m.
 
-    Shape (states, deltas), NaN if the map has no such level. `undetermined` of the same shape marks levels whose points
-    do not determine the ellipse, see `coilarray.localize.ellipse`.
+    They are x0, A and B of shape (states, deltas), NaN if the map has no such level. `undetermined` of the same shape
+    marks levels whose points do not determine the ellipse, see `coilarray.localize.ellipse`.
     """
 
     x0: FloatArray
@@ -225,9 +225,9 @@ def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
 
 
 class _Maps:
-    """Maps of a design on its grid or a larger or finer grid.
+    """Maps of a design on several grids.
 
-    They are counted for a progress bar.
+    The grid is its own or a larger or finer grid. The maps are counted for a progress bar.
     """
 
     def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None, draws: int = 0) -> None:
@@ -332,7 +332,7 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
 
 
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
-    """Fit the ellipses of a map and read them at levels.
+    """Fit the ellipses of a map at given levels.
 
     The map is the map of the first depth. Between the steps of the sweep the interpolation in δ is linear.
     """
@@ -349,9 +349,9 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Middle of the level curve of each state on y = 0, in m.
+    """Middle of the level curves on y = 0, in m.
 
-    It is the middle of the two places where the hill falls to the level.
+    It is the middle of the two places where the hill of a state falls to the level.
     """
     middles = np.full((len(states), len(levels)), np.nan)
     for row, state in enumerate(states):
@@ -395,7 +395,7 @@ def _dataset(
     opened: EllipseCurves,
     effects: dict[str, FloatArray],
 ) -> xr.Dataset:
-    """Dataset of x0, A and B, the published values and all effects."""
+    """Dataset of ellipses, published values and all effects."""
     origin = indentation_of(design).origin_point
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}

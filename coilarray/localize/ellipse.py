@@ -79,9 +79,10 @@ _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic 
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Ellipse (x − x0)²/A² + y²/B² = 1, all in m.
+    """Ellipse with its centre on y = 0, in m.
 
-    Raises LocalizeError for a centre that is not finite, or a semi-axis that is not positive and finite.
+    (x − x0)²/A² + y²/B² = 1. Raises LocalizeError for a centre that is not finite, or a semi-axis that is not positive
+    and finite.
     """
 
     x0: float
@@ -106,13 +107,13 @@ class Ellipse:
 
 
 def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
-    """Fit an ellipse (x − x0)²/A² + y²/B² = 1 to points.
+    """Fit an ellipse to points by least squares.
 
-    The centre is on y = 0 and the axes are along x and y. At least three points (n,) in m are needed. The fit is by
-    least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB Central File Exchange
-    3215, 2003) without its terms in xy and y. The mean matters: if the points are on no ellipse, an equation whose
-    constant is set to 1 gives another fit about another origin. Raises LocalizeError for points that are too few or not
-    finite, or whose conic is not an ellipse.
+    (x − x0)²/A² + y²/B² = 1: the centre is on y = 0 and the axes are along x and y. At least three points (n,) in m are
+    needed. The fit is by least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB
+    Central File Exchange 3215, 2003) without its terms in xy and y. The mean matters: if the points are on no ellipse,
+    an equation whose constant is set to 1 gives another fit about another origin. Raises LocalizeError for points that
+    are too few or not finite, or whose conic is not an ellipse.
     """
     if np.shape(x) != np.shape(y):
         raise LocalizeError(f"x and y must have the same shape; got {np.shape(x)} and {np.shape(y)}.")
@@ -136,12 +137,12 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
 
 
 def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent: int) -> tuple[float, float, float]:
-    """Return the standard errors of x0, A and B in m.
+    """Return the standard errors of an ellipse in m.
 
-    The ellipse was fitted by `fit_ellipse` to points (n,) in m. The errors are of first order, with the scale of the
-    residuals estimated. `independent`, at least four, is the number of independent points that the n points represent,
-    as points interpolated from the same samples have common errors. The errors are infinite if the points do not
-    determine all three.
+    They are the errors of x0, A and B. The ellipse was fitted by `fit_ellipse` to points (n,) in m. The errors are of
+    first order, with the scale of the residuals estimated. `independent`, at least four, is the number of independent
+    points that the n points represent, as points interpolated from the same samples have common errors. The errors are
+    infinite if the points do not determine all three.
     """
     length = max(float(np.ptp(x)), float(np.ptp(y)))
     mean = float(x.mean())
@@ -283,9 +284,9 @@ def fit_ellipses(
 
 @dataclass(frozen=True)
 class _Level:
-    """Step of the sweep with its mean δ and its ellipse.
+    """Step of the sweep with its ellipse.
 
-    If there is no ellipse it holds the reason.
+    It holds the mean δ. If there is no ellipse it holds the reason.
     """
 
     points: int
@@ -440,9 +441,9 @@ def _require_few_levels(largest: float, first: float, step: float, points: int) 
 
 
 def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:
-    """Refuse a map whose y does not count from the coils.
+    """Refuse a map with another axis than the coils'.
 
-    The response may state where the coils are.
+    Its y must count from the coils. The response may state where they are.
     """
     if not {"coil", "coil_y"} <= set(response.coords):
         return

@@ -98,9 +98,10 @@ class ForwardModel(ResponseSpline):
         return found
 
     def select(self, states: Sequence[str]) -> ForwardModel:
-        """Return the model of some of the states, in given order.
+        """Return the model of some of the states.
 
-        It serves for example to leave out a broken coil. Raises LocalizeError as `chosen_states`.
+        The states are in the given order. It serves for example to leave out a broken coil. Raises LocalizeError as
+        `chosen_states`.
 
         Returns
         -------
@@ -153,10 +154,10 @@ class ForwardModel(ResponseSpline):
         )  # fmt: skip
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Compute δ of every state at points (…, 3) in m.
+        """Compute δ of every state at points in m.
 
-        The result has the shape (…, states). The coordinates are x, y and depth. Raises LocalizeError for another
-        shape, or a point that is not in the table.
+        The points have the shape (…, 3), with the coordinates x, y and depth. The result has the shape (…, states).
+        Raises LocalizeError for another shape, or a point that is not in the table.
 
         Returns
         -------
@@ -191,7 +192,7 @@ class ForwardModel(ResponseSpline):
         return self.values_at(points), np.stack(slopes, axis=-1)
 
     def _checked(self, points: npt.ArrayLike) -> FloatArray:
-        """Return points in the table as an array, or refuse them."""
+        """Return points as an array, or refuse them."""
         array = np.asarray(points, dtype=np.float64)
         if array.ndim < 1 or array.shape[-1] != 3:
             raise LocalizeError(f"points must have x, y and depth on their last axis; got shape {array.shape}.")

@@ -346,9 +346,9 @@ def _press(design: Design) -> xr.Dataset | None:
 
 
 def _or_reason(compute: Callable[[], T]) -> tuple[T | None, str]:
-    """Return the result of a computation, or the reason of failure.
+    """Return a result or the reason of failure.
 
-    After a success the reason is empty. After a failure the result is None.
+    After a successful computation the reason is empty. After a failure the result is None.
     """
     try:
         return compute(), ""
@@ -401,10 +401,10 @@ def _circuit_tables(scan: xr.Dataset, sweep: xr.Dataset) -> list[tables.Table]:
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
-    """Field B on a line and on a plane above the board.
+    """Compute the field B above the board, in T.
 
-    The line runs along x through the active coil. The field is computed with the others open and terminated. A single
-    coil has one field of each.
+    It is computed on a line along x through the active coil and on a plane. The field is computed with the others open
+    and terminated. A single coil has one field of each.
     """
     x_min, y_min, x_max, y_max = design.array.bounds
     place = design.array.placements[design.array.names.index(active)]
