@@ -49,7 +49,7 @@ def dent_amplitudes(
     tolerance: float,
     motion: Motion = STILL,
 ) -> DentAmplitudes:
-    """Compute the amplitudes of coils at offsets from the indenter's axis.
+    """Compute the amplitudes of coils at given offsets.
 
     The spectra are at the wavenumbers of the dent, for coils turned by the slope of its `motion`. Offsets, shape
     (offsets, 2) for each shape of coil, are the position of the indenter minus the centre of the coil in m, within the

@@ -218,7 +218,7 @@ def sample_correction(
 
 
 def _shift(mean: FloatArray, slope: float) -> FloatArray:
-    """Shift of the depth, s = w̄ (1 + s F'/F)."""
+    """Shift s = w̄ (1 + s F'/F) in thicknesses."""
     _require_small(mean, slope)
     return np.asarray(mean / (1 - mean * slope))
 

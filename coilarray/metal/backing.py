@@ -1,4 +1,4 @@
-"""Fields that plates below the coils reflect up to the sheets: by infinite plates, and by plates with an outline."""
+"""Fields that infinite and finite plates below the coils reflect up to the sheets."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ from coilarray.metal.flat_plates import stack_below
 from coilarray.metal.layered_air import LayeredAir
 
 _SAME_PLACE = 1e-9  # of the plate's size
-_SHORT = 1e-3  # of the plate's size: pieces that stand for the current at one point
+_SHORT = 1e-3  # of the plate's size: length of the pieces that carry the current at one point
 
 
 def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indentation") -> None:
-    """Refuse plates beside which no indentation, or `what` else is above the sheets, is computed: MetalError."""
+    """Raise MetalError for plates beside which nothing is computed.
+
+    `what` is the body above the sheets, by default an indentation.
+    """
     for k, plate in enumerate(plates):
         name = f"plate.{k} {plate.name!r}"
         if plate.heights[1] > 0:
@@ -42,11 +45,12 @@ def backings_of(
     fineness: float = 1.0,
     outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
-    """Return what plates below the coils reflect upwards at each of the frequencies in Hz; empty if there are none.
+    """Return the reflections by plates below the coils.
 
-    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`, where those with an outline are
-    not `outlined` already, as `outlined_below` solves them. MetalError for plates beside which nothing above is
-    computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
+    There is one for each of the frequencies in Hz, or none without plates. The `fineness` is the fineness of the mesh
+    of `coilarray.metal.finite_plates.moving_plate`, unless the finite plates are `outlined` already, as
+    `outlined_below` solves them. Raises MetalError for plates beside which nothing above is computed, and the errors of
+    `coilarray.metal.finite_plates.eddy_currents`.
     """
     require_below(plates, "an indentation or a sphere")
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
@@ -72,9 +76,10 @@ def outlined_below(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates | None:
-    """Solve the plates with an outline below the coils; None if there are none, or a magnetic one.
+    """Solve the finite plates below the coils, or return None.
 
-    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. Errors as of `backings_of`.
+    None without finite plates, or if one is magnetic. The `fineness` is the fineness of the mesh of
+    `coilarray.metal.finite_plates.moving_plate`. Errors as for `backings_of`.
     """
     require_below(plates, "an indentation or a sphere")
     outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
@@ -85,9 +90,10 @@ def outlined_below(
 
 @dataclass(frozen=True, eq=False)
 class _Share:
-    """What layers at one frequency let pass of the waves from a gap to the highest one, by one of the four ways.
+    """Share of the waves that pass from a gap upwards.
 
-    A value and no function, as it is part of the key of a map.
+    It is the share through layers at one frequency, from the gap to the highest gap, by one of the four ways. It is a
+    value instead of a function because it is part of the key of a map.
     """
 
     air: LayeredAir
@@ -99,7 +105,10 @@ class _Share:
 
 
 def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple[Segments, tuple[PassedWaves, ...]]:
-    """Return the currents above all layers, and what passes of those behind some; the air has one frequency."""
+    """Return the currents above all layers, and the passed waves.
+
+    The passed waves belong to the currents behind some layers. The air has one frequency.
+    """
     gaps = [air.gap(float(z.min()), float(z.max()), "a plate") for z in (one.corners[..., 2] for one in currents)]
     pieces = [_pieces(one) for one in currents]
     start, stop = (np.concatenate(ends) for ends in zip(*((one.start, one.stop) for one in pieces), strict=True))
@@ -113,14 +122,17 @@ def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple
         behind = Segments(start, stop, those_in(gap))
         floor = air.gap_faces(gap)[0]
         passed.append(PassedWaves(behind, _Share(air, gap, 2)))
-        if math.isfinite(floor):  # also what the next layer below sends up
+        if math.isfinite(floor):  # also the reflection by the next layer below
             (mirrored,) = mirrored_segments([behind], floor)
             passed.append(PassedWaves(mirrored, _Share(air, gap, 1)))
     return Segments(start, stop, those_in(highest)), tuple(passed)
 
 
 def _pieces(currents: EddyCurrents) -> Segments:
-    """Short pieces along x and y in the middles of all edges, whose rule integrates quadratic fields exactly."""
+    """Short pieces along x and y at all edges.
+
+    They lie in the middles of the edges, and their rule integrates quadratic fields exactly.
+    """
     corners = currents.corners
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     points = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2

@@ -1,7 +1,7 @@
-"""Plates with an outline in the air between infinite layers: their matrices, and the fluxes of coils in them.
+"""Matrices and fluxes of finite plates in the air between infinite layers.
 
-Every pair of plates couples by its own field and by the images of one of them, which infinite layers make of it
-(`coilarray.metal.layered_air`); so do coils and plates. A plate's own images add to its own matrix.
+Every pair of plates couples by its own field and by the images of one of them in the infinite layers
+(`coilarray.metal.layered_air`). Coils and plates couple in the same way. A plate's own images add to its own matrix.
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ _POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
 
 @dataclass(frozen=True, eq=False)
 class PosedPlate:
-    """A plate on the board, with its centres (places, 3) in m, all at one height, and its impedances by frequency."""
+    """Plate on the board, with its impedances by frequency.
+
+    Its centres (places, 3) in m are all at one height.
+    """
 
     body: EddyBody
     plate: FinitePlate
@@ -56,7 +59,10 @@ class PosedPlate:
 
 @dataclass(frozen=True, eq=False)
 class SolvedPlates:
-    """Factors of the matrices of plates by frequency, and their fluxes (f, unknowns, 1, paths) in Wb/A."""
+    """Factors of the matrices of plates, and their fluxes.
+
+    The factors are by frequency. The fluxes (f, unknowns, 1, paths) are in Wb/A.
+    """
 
     factors: Sequence[tuple[ComplexArray, IntArray]]
     b: ComplexArray
@@ -94,7 +100,10 @@ class PlatesInAir:
         return SolvedPlates(run_blocks(factorised, whole), np.concatenate([self.linked(one) for one in plates], axis=1))
 
     def matrices(self, plate: PosedPlate) -> ComplexArray:
-        """Matrices (f, u, u) in H of a plate with what the layers reflect of its own field."""
+        """Matrices of a plate between layers, in H.
+
+        Shape (f, u, u). They include the reflections of its own field at the layers.
+        """
         own = np.array([both_parities(plate.body, impedance) for impedance in plate.impedances])
         images = self.images_of(plate, plate)
         if not images:
@@ -113,7 +122,7 @@ class PlatesInAir:
         return own
 
     def mutual(self, one: PosedPlate, other: PosedPlate) -> ComplexArray:
-        """Mutual inductance (f, u, v) in H of the currents of two plates."""
+        """Mutual inductance of two plates' currents in H, (f, u, v)."""
         images = self.images_of(other, one)
         if self._gap(one)[0] == self._gap(other)[0]:
             images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
@@ -130,19 +139,22 @@ class PlatesInAir:
         return self.linked_with((plate,))[0]
 
     def linked_with(self, meshes: Sequence[PosedPlate]) -> list[ComplexArray]:
-        """Fluxes of the coils in one plate with several meshes, each (f, u, places, paths) in Wb/A."""
+        """Fluxes of the coils in one plate with several meshes.
+
+        Each has the shape (f, u, places, paths), in Wb/A.
+        """
         plate, bodies = meshes[-1], [one.body for one in meshes]
         images = self.images_of_coils(plate)
         counts = [sum(parity.unknowns.shape[1] for parity in body.parities) for body in bodies]
         frequencies = len(self.air.frequencies)
         shapes = [(frequencies, count, len(plate.where), len(self.paths)) for count in counts]
         require_memory(32.0 * sum(map(math.prod, shapes)), f"a plate at {len(plate.where)} places", "compute fewer")
-        if not images:  # behind a plate that nothing passes
+        if not images:  # behind a plate that no wave passes
             return [np.zeros(shape, dtype=np.complex128) for shape in shapes]
         weights, number = distinct_sums(images)
         used = weights.any(axis=1)
         real, imaginary = np.split(number, 2)
-        alike = not (np.ptp(real) or np.ptp(imaginary))  # at all frequencies, as behind sheets
+        alike = not (np.ptp(real) or np.ptp(imaginary))  # at all frequencies, as for sheets
         every = []
         for shape, fluxes in zip(
             shapes, linked_fluxes(bodies, self.paths, plate.plate, plate.where, images, weights[used]), strict=True
@@ -156,7 +168,10 @@ class PlatesInAir:
         return every
 
     def images_of_coils(self, plate: PosedPlate) -> list[Image]:
-        """Images of the coils that a plate sees, with themselves where nothing lies between."""
+        """Images of the coils as a plate sees them.
+
+        They include the coils themselves if nothing lies between.
+        """
         low, high = self._coils
         gap, place = self.air.gap(low, high, "the coils"), self._gap(plate)
         images = self.air.images((gap, low, high), place, self._wide(plate))
@@ -173,12 +188,18 @@ class PlatesInAir:
         return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
 
     def images_of(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
-        """Images of a plate's currents that another one sees, or itself, without those that reach it directly."""
+        """Images of a plate's currents as another plate sees them.
+
+        The other plate may be the same. Images whose field arrives directly are left out.
+        """
         wide = max(self._wide(source), self._wide(place))
         return self.air.images(self._gap(source), self._gap(place), wide)
 
     def _wide(self, plate: PosedPlate) -> float:
-        """Greatest horizontal distance in m between coils and a plate at all its places."""
+        """Greatest horizontal distance in m between coils and a plate.
+
+        The plate is at all its places.
+        """
         points = np.concatenate([path.vertices[:, :2] for path in self.paths])
         moved = plate.where[:, :2] - plate.where[0, :2]
         low, high = plate.corners.min(axis=(0, 1))[:2], plate.corners.max(axis=(0, 1))[:2]
@@ -187,9 +208,10 @@ class PlatesInAir:
 
 
 def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
-    """Distinct real weights (sums, images), and which are the real parts, then the imaginary parts, of the shares.
+    """Return the distinct real weights of images, (sums, images).
 
-    What sheets alone reflect is the same at all frequencies, and real.
+    Also returns the index of the real parts, then of the imaginary parts, of the shares. The reflection by sheets alone
+    is the same at all frequencies, and real.
     """
     shares = np.array([image.shares for image in images]).T
     parts = np.concatenate((shares.real, shares.imag))
@@ -205,9 +227,10 @@ def linked_fluxes(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Fluxes b of the even and the odd unknowns, each (sums, u, positions, paths), in Wb/A, by images of paths.
+    """Fluxes of the even and the odd unknowns, in Wb/A.
 
-    Those of several meshes with the same points; the sums of the images have `weights` (sums, images).
+    The fluxes b have the shape (sums, u, positions, paths), by images of paths. They are given for several meshes with
+    the same points. The sums of the images have `weights` (sums, images).
     """
     count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)
@@ -229,17 +252,18 @@ def fields_on(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
 ) -> Iterator[FloatArray]:
-    """Yield B in T along a plate's own axes at the points of its body, by images of 1 A in each of the paths.
+    """Yield B in T at the points of a body.
 
-    Shape (sums · places · paths, points, 3), for as many of the centres `where` (places, 3) in m at once as memory
-    allows; `weights` (sums, images) are those of `FieldOfImages`.
+    B is along the plate's own axes, by images of 1 A in each of the paths. The shape is (sums · places · paths, points,
+    3), for as many of the centres `where` (places, 3) in m at once as memory allows. `weights` (sums, images) are the
+    weights of `FieldOfImages`.
     """
     offsets = body.points @ plate.axes
     field = field_of_images(paths, where, offsets, images, weights)
     for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // (len(offsets) * len(weights)), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
         B = field.at(points).reshape(stop - start, len(offsets), len(weights), len(paths), 3)
-        # every component of a point at all places side by side, as they are summed over the points
+        # the component of a point at all places is contiguous, because the sums run over the points
         along = np.ascontiguousarray(B.transpose(4, 1, 2, 0, 3)).reshape(3, len(offsets), -1)
         yield (along if plate.tilt == 0 else np.tensordot(plate.axes, along, axes=1)).T
 

@@ -1,7 +1,7 @@
-"""The coils' field in air where a plate is, or where the image of one is.
+"""The coils' field in air at a plate or at its image.
 
-Many places of a plate parallel to the board share a few heights, so there the field is taken from a grid by splines of
-the fifth order, as far from the copper as it is smooth.
+The positions of a plate parallel to the board share a few heights. There the field is interpolated on a grid by splines
+of the fifth order, if it is smooth enough for its distance from the copper.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from coilarray.metal.layered_air import ITSELF, Image
 
 ALONE = np.ones((1, 1))
 """Weights of one image."""
-_STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field
-_MARGIN = 4  # steps around the places
-_AT_ONCE = 16384  # places of the splines a task
+_STEP = 0.25  # step of the grid over its height above the copper, with an error of some 1e-5 of the field
+_MARGIN = 4  # steps of the grid beyond the places
+_AT_ONCE = 16384  # places of the splines per task
 _IMAGES_AT_ONCE = 2**17  # places in all images together
 _SAME_HEIGHT = 1e-9  # of the height
 
 
 @dataclass(frozen=True, eq=False)
 class FieldOfImages:
-    """B of 1 A in each path's images, which lie beyond the copper and are summed with `weights` (sums, images).
+    """Field B of 1 A in each path's images.
 
-    At heights of many places it comes from `splines`, by their height in units of `unit` in m.
+    The images lie beyond the copper and are summed with `weights` (sums, images). At heights of many places the field
+    comes from `splines`, by their height in units of `unit` in m.
     """
 
     paths: Sequence[Conductor]
@@ -43,7 +44,10 @@ class FieldOfImages:
     splines: Mapping[int, NdBSpline]
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Return B in T at points (n, 3) in m, (n, sums, paths, 3)."""
+        """Return B in T at points (n, 3) in m.
+
+        Shape (n, sums, paths, 3).
+        """
         levels = _levels(points[:, 2], self.unit)
         total = np.zeros((len(points), len(self.weights), len(self.paths), 3))
         direct = np.ones(len(points), dtype=bool)
@@ -66,7 +70,10 @@ def field_of_images(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
 ) -> FieldOfImages:
-    """Prepare the field at points with `offsets` (k, 3) in m from all of the `places` (n, 3)."""
+    """Prepare the field at points around many places.
+
+    The points have `offsets` (k, 3) in m from all of the `places` (n, 3).
+    """
     corners = np.concatenate([path.vertices for path in paths])
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
     heights = (places[:, None, 2] + offsets[:, 2]).ravel()
@@ -96,12 +103,12 @@ def _levels(heights: FloatArray, unit: float) -> npt.NDArray[np.int64]:
 
 
 def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Image], weights: FloatArray) -> FloatArray:
-    """B (n, sums, paths, 3) in T by sums over the segments."""
+    """Sum B in T over the segments, (n, sums, paths, 3)."""
     total = np.zeros((len(points), len(weights), len(paths), 3))
     # B is an axial vector
     turned = np.array([[image.sign, image.sign, 1.0] for image in images])[:, None]
     for start, stop in ranges(len(points), max(_IMAGES_AT_ONCE // len(images), 1)):
-        # where the image sends its field is where the path sends it, mirrored
+        # the field of an image at a place is the mirrored field of the path at the mirrored place
         seen = np.stack([image.back.of(points[start:stop]) for image in images])
         for number, path in enumerate(paths):
             B = np.tensordot(weights, magnetic_field(path, seen) * turned, axes=1)

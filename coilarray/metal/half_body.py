@@ -1,13 +1,13 @@
-"""Eddy currents on the surface of a body that is its own mirror image at z = 0, by a stream function.
+"""Eddy currents by a stream function on a body that is symmetric about z = 0.
 
 The currents K = ∇ψ × n of linear elements ψ are free of sources and constant on each triangle: e_i/2A for node i, e_i
 the side opposite to it. With E = −jω(A + A_K) = Z K tested by such currents (Galerkin), and λ = Z/jω,
 
     (λ G + M) ψ = −b,   M_ij = µ0/4π ∫∫ K_i·K_j/r,   G_ij = ∫ K_i·K_j,   b_i = ∫ ψ_i B·n,
 
-ψ = 0 on the outer rim at mid-height and one constant on each hole's, with the flux through the hole in b. Currents that
-are even about the mid-plane (K_z odd) do not couple to odd ones, so the upper half carries two problems of half the
-size, with the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
+ψ = 0 on the outer rim at mid-height and a constant on each hole's rim, with the flux through the hole in b. Currents
+that are even about the mid-plane (K_z odd) do not couple to odd currents, so the upper half carries two problems of
+half the size, with the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from coilarray.metal.plate_mesh import HalfBody
 from coilarray.metal.surface_impedance import SurfaceImpedance
 
 ROWS = 32
-"""Triangles of one task of a pair integral."""
+"""Triangles in one task of a pair integral."""
 _AT_ONCE = 128  # rows, which stay in the cache
 MIRROR = np.array([1.0, 1.0, -1.0])
 """Signs of the coordinates in the mirror image at the mid-plane."""
-# ∫ λ_i φ_j dA over the area of a triangle, λ_i linear and φ_j quadratic: those of its corners, then of the middles of
-# the opposite sides
+# ∫ λ_i φ_j dA over the area of a triangle, with λ_i linear and φ_j quadratic: first the functions of its corners, then
+# of the middles of the opposite sides
 _SHARES = np.hstack((np.eye(3) / 20 - 1 / 60, 2 / 15 - np.eye(3) / 15))
 
 
 @dataclass(frozen=True, eq=False)
 class Parity:
-    """One of the two problems: currents even (sign 1) or odd (−1) about the mid-plane.
+    """Problem of even (sign 1) or odd (−1) currents.
 
-    `unknowns` (n, u) takes the unknowns to the nodes. M in H is that of half the body; `faces`, `along` and `across`
-    are the parts of G of the faces, and of the rim for currents along and across it.
+    The parity is about the mid-plane. `unknowns` (n, u) maps the unknowns to the nodes. M in H is for half the body.
+    `faces`, `along` and `across` are the parts of G of the faces, and of the rim for currents along and across it.
     """
 
     sign: int
@@ -53,7 +53,10 @@ class Parity:
     across: FloatArray
 
     def matrix(self, impedance: SurfaceImpedance) -> ComplexArray:
-        """λ G + M of the whole body, complex (u, u) in H."""
+        """Matrix λ G + M of the whole body, in H.
+
+        Complex, shape (u, u).
+        """
         face = impedance.even if self.sign > 0 else impedance.odd
         G = face * self.faces + impedance.along * self.along + impedance.across * self.across
         return np.asarray(2 * (self.M + G))
@@ -61,9 +64,10 @@ class Parity:
 
 @dataclass(frozen=True, eq=False)
 class EddyBody:
-    """The matrices of a body, made once for all fields, places and frequencies.
+    """Matrices of a body, computed once.
 
-    Fields are integrated over the triangles of the `finer` body, if there is one, whose nodes lie between this one's.
+    They serve for all fields, places and frequencies. If there is a `finer` body, fields are integrated over its
+    triangles. Its nodes lie between the nodes of this body.
     """
 
     mesh: HalfBody
@@ -76,7 +80,10 @@ class EddyBody:
 
     @cached_property
     def onto_finest(self) -> sp.csr_array:
-        """Linear functions of this body at the nodes of the finest one, of shape (nodes there, nodes)."""
+        """Linear functions of this body at the finest nodes.
+
+        Shape (nodes of the finest body, nodes).
+        """
         n = len(self.mesh.nodes)
         if self.finer is None or self.finer.mesh.parents is None:
             return sp.eye_array(n, format="csr")
@@ -87,7 +94,10 @@ class EddyBody:
 
     @cached_property
     def currents(self) -> tuple[sp.csr_array, ...]:
-        """K_x, K_y and K_z in 1/m of every triangle for ψ = 1 at each node, each of shape (k, n)."""
+        """Currents K_x, K_y and K_z of every triangle, in 1/m.
+
+        They are for ψ = 1 at each node, each of shape (k, n).
+        """
         corners = self.mesh.corners
         opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         K = opposite / (2 * self.areas)[:, None, None]
@@ -100,17 +110,20 @@ class EddyBody:
 
     @cached_property
     def _edges(self) -> tuple[IntArray, IntArray]:
-        """Nodes (e, 2) at the ends of all edges, and the edges (k, 3) opposite to the corners of each triangle."""
+        """Nodes of all edges, and edges of all triangles.
+
+        The nodes at their ends have the shape (e, 2). The edges (k, 3) are opposite to the corners of each triangle.
+        """
         ends = np.stack((np.roll(self.mesh.triangles, -1, axis=1), np.roll(self.mesh.triangles, -2, axis=1)), axis=-1)
         edges, number = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
         return edges, number.reshape(-1, 3)
 
     @cached_property
     def fluxes(self) -> tuple[sp.csr_array, ...]:
-        """∫ ψ_i φ_j n dA in m², component by component, each of shape (n, n + e).
+        """∫ ψ_i φ_j n dA in m², component by component.
 
-        φ_j are the quadratic functions of the nodes and the middles of the edges, between which a field is
-        interpolated: linear ones would err by 1 to 3 % of ΔL.
+        Each has the shape (n, n + e). φ_j are the quadratic functions of the nodes and the middles of the edges,
+        between which a field is interpolated. With linear functions the error would be 1 to 3 % of ΔL.
         """
         (edges, opposite), n, parts = self._edges, len(self.mesh.nodes), []
         rows = np.repeat(self.mesh.triangles, 6, axis=1).ravel()
@@ -126,7 +139,7 @@ class EddyBody:
         return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2)
 
     def _by_corner(self, values: FloatArray) -> sp.csr_array:
-        """Sparse matrix of values (k, 3) at the corners of the triangles."""
+        """Sparse matrix of values (k, 3) at the triangles' corners."""
         k = len(self.mesh.triangles)
         rows = np.repeat(np.arange(k), 3)
         shape = (k, len(self.mesh.nodes))
@@ -134,20 +147,29 @@ class EddyBody:
 
     @cached_property
     def integrals(self) -> tuple[FloatArray, FloatArray]:
-        """∫∫ 1/r in m³ of all pairs of triangles, and of each with the mirror image of each."""
+        """∫∫ 1/r in m³ of all pairs of triangles.
+
+        Also for each triangle with the mirror image of each.
+        """
         corners = self.mesh.corners
         image = pair_integrals(corners, np.ascontiguousarray(corners * MIRROR), mirrored=True)
         return pair_integrals(corners), image
 
     @cached_property
     def inductances(self) -> tuple[FloatArray, FloatArray]:
-        """M in H of the nodes' currents, and of these with their mirror images, shape (n, n)."""
+        """Inductances M in H of the nodes' currents, (n, n).
+
+        Also with the mirror images of the currents.
+        """
         own, image = self.integrals
         return inductance(self.currents, own, np.ones(3)), inductance(self.currents, image, MIRROR)
 
     @cached_property
     def gradients(self) -> list[sp.csr_array]:
-        """∇ψ = n × K in 1/m of every triangle for ψ = 1 at each node, component by component, each of shape (k, n)."""
+        """∇ψ = n × K in 1/m of every triangle.
+
+        It is for ψ = 1 at each node, component by component, each of shape (k, n).
+        """
         normals, K = self._area_vectors / self.areas[:, None], self.currents
         after = [(1, 2), (2, 0), (0, 1)]
         return [
@@ -156,9 +178,10 @@ class EddyBody:
         ]
 
     def linked_to(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
-        """∫ ψ B·n and ∫ ∇ψ·B over the whole body for potentials that are even (sign 1) or odd about the mid-plane.
+        """∫ ψ B·n and ∫ ∇ψ·B over the whole body.
 
-        In Wb and T·m, each of shape (nodes, fields), for fields B (fields, points, 3) in T at `points`.
+        They are for potentials that are even (sign 1) or odd about the mid-plane, in Wb and T·m. Each has the shape
+        (nodes, fields), for fields B (fields, points, 3) in T at `points`.
         """
         if self.finer is not None:
             down = self.onto_finest.T.tocsr()
@@ -173,7 +196,7 @@ class EddyBody:
 
     @cached_property
     def parities(self) -> tuple[Parity, Parity]:
-        """The even and the odd problem."""
+        """Even and odd problem."""
         k, n = len(self.mesh.triangles), len(self.mesh.nodes)
         require_memory(8.0 * (2 * k * k + 6 * n * n), f"the eddy currents on {k} triangles", "use a coarser mesh")
         K, M = self.currents, self.inductances
@@ -182,7 +205,7 @@ class EddyBody:
         ones = [sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1)) for ring in
                 self.mesh.hole_rings]  # fmt: skip
         everything = sp.eye_array(n, format="csr")
-        bases = (sp.hstack((everything[:, free], *ones), format="csr"), everything[:, 1:])  # odd: but for a constant
+        bases = (sp.hstack((everything[:, free], *ones), format="csr"), everything[:, 1:])  # odd: all but a constant
         face, rim = self.areas * ~self.mesh.rim, self.areas * self.mesh.rim
         parts = [
             sum(K[axis].T @ sp.diags_array(areas) @ K[axis] for axis in axes)
@@ -197,9 +220,10 @@ class EddyBody:
 
     @property
     def points(self) -> FloatArray:
-        """Places in m about the centre at which a field is wanted.
+        """Points in m at which a field is needed.
 
-        Nodes and middles of the edges, the mirror images of both, and those of the holes.
+        They are about the centre: nodes and middles of the edges, the mirror images of both, and the points of the
+        holes.
         """
         mesh, edges = self.finest.mesh, self.finest._edges[0]
         caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in mesh.caps]
@@ -208,11 +232,17 @@ class EddyBody:
 
     @property
     def all_corners(self) -> FloatArray:
-        """Corners in m of the triangles of the upper half and of its mirror image, shape (2k, 3, 3)."""
+        """Corners in m of the triangles of both halves.
+
+        The upper half comes first, then its mirror image, of shape (2k, 3, 3).
+        """
         return np.concatenate((self.mesh.corners, self.mesh.corners * MIRROR))
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
-        """Fluxes b for fields B (fields, points, 3) in T at `points`; those of even and odd currents, (u, fields)."""
+        """Fluxes b for fields B in T at `points`.
+
+        B has the shape (fields, points, 3). The fluxes are for even and odd currents, each (u, fields).
+        """
         fluxes, caps = self.finest.fluxes, self.finest.mesh.caps
         n = fluxes[0].shape[1]
         starts = np.cumsum([2 * n, *(len(weights) for _, weights in caps)])
@@ -234,9 +264,10 @@ class EddyBody:
         return made
 
     def all_currents(self, axes: FloatArray) -> list[sp.csr_array]:
-        """K on all triangles of both halves for 1 A of every unknown, even ones first, along the board's axes.
+        """K on all triangles of both halves for unit unknowns.
 
-        Each component is of shape (2k, u); `axes` (3, 3) has the body's own axes on the board in its rows.
+        It is for 1 A of every unknown, even unknowns first, along the board's axes. Each component is of shape (2k, u).
+        `axes` (3, 3) has the body's own axes on the board in its rows.
         """
         even, odd = self.parities
         parts = []
@@ -247,9 +278,10 @@ class EddyBody:
 
 
 def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:
-    """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, or of each with all `other` ones (l, 3, 3).
+    """∫∫ 1/r in m³ of all pairs of triangles.
 
-    Shape (k, k) or (k, l); `mirrored` says that the others are mirror images of the same triangles.
+    The triangles (k, 3, 3) are in m. With `other` triangles (l, 3, 3) the pairs are of each with each of these. Shape
+    (k, k) or (k, l). With `mirrored` the others are mirror images of the same triangles.
     """
     second = corners if other is None else other
     integrals = np.zeros((len(corners), len(second)))
@@ -259,7 +291,7 @@ def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirr
         first = rows[0] if symmetric else len(second)
         triangle_pairs(corners[rows[0] : rows[1]], second, first, integrals[rows[0] : rows[1]])
 
-    run_blocks(work, ranges(len(corners), ROWS)[::-1])  # the longest first
+    run_blocks(work, ranges(len(corners), ROWS)[::-1])  # the longest rows first
     if symmetric:
         for start, stop in ranges(len(corners), _AT_ONCE):
             integrals[start:stop, stop:] = integrals[stop:, start:stop].T
@@ -274,9 +306,10 @@ def inductance(
     signs: FloatArray,
     others: Sequence[sp.csr_array] | None = None,
 ) -> FloatArray:
-    """µ0/4π Σ signs K K' times integrals (k, l) in m³, for K_x, K_y and K_z (k, n) and (l, m) in 1/m: (n, m) in H.
+    """Inductances of currents on triangles, (n, m) in H.
 
-    Without `others` the integrals are of the same triangles, or of their images.
+    They are µ0/4π Σ signs K K' times integrals (k, l) in m³, for K_x, K_y and K_z (k, n) and (l, m) in 1/m. Without
+    `others` the integrals are of the same triangles, or of their images.
     """
     second = currents if others is None else others
     total = np.zeros((currents[0].shape[1], second[0].shape[1]))

@@ -1,4 +1,4 @@
-"""What an indenter of metal or ferrite does to the coils besides its dent: a ball over the sheets, or in the dent."""
+"""Effect of a metal or ferrite ball on the coils, in a dent or over the sheets."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ def indenter_inductance(
     mesh: LayerMesh | None = None,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball in its dents, or over sheets that it does not touch, as an inductance.
+    """Change of the impedance matrix by a ball, in H.
+
+    The ball is in its dents, or over sheets that it does not touch. The change is a complex inductance.
 
     Parameters
     ----------
@@ -47,18 +49,18 @@ def indenter_inductance(
     ball : Ball
         The indenter.
     dents : sequence of Dent
-        The same sheets as the ball dents them, for example one for each depth.
+            The same sheets, dented by the ball, for example one dent for each depth.
     places : ndarray, shape (places, 2)
         Positions of its axis in m.
     frequency : float
         Frequency in Hz.
     distances : sequence of float, optional
-        Height in m of its lowest point over the sheets of each dent, above zero where they are not dented; inf for none
-        of it. 0 by default.
+            Height in m of its lowest point over the sheets of each dent, above zero if they are not dented, inf without
+            the ball. 0 by default.
     backing : Backing, optional
         Plates below the coils, at this frequency.
     outlined : OutlinedPlates, optional
-        Plates with an outline below the coils, at this frequency, which reflect the field of the ball's dipole too.
+            Finite plates below the coils, at this frequency, which also reflect the field of the ball's dipole.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
@@ -67,7 +69,7 @@ def indenter_inductance(
     Returns
     -------
     ndarray, shape (dents, places, coils, coils)
-        ΔL − jΔR/ω in H against the dented sheets without the ball.
+            ΔL − jΔR/ω in H relative to the dented sheets without the ball.
 
     Raises
     ------
@@ -76,14 +78,14 @@ def indenter_inductance(
 
     Notes
     -----
-    In its dent the ball is solved together with the dented sheets (`coilarray.elastomer.dent_sphere`), within 0.5 % of
-    finite elements at 1 mm in the sheets of gast2020 (tests/metal/test_indenter.py). Measured: flat sheets as thick as
-    they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 0.5 to 2 % too small at
-    0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
+    In its dent the ball is solved together with the dented sheets (`coilarray.elastomer.dent_sphere`). This agrees
+    within 0.5 % with finite elements at 1 mm in the sheets of gast2020. In that case flat sheets as thick as under the
+    tip would make the effect of aluminium 9 % too large and the effect of ferrite 0.5 to 2 % too small at 0.5 mm.
+    Sheets that the tip just touches would make them 8 to 25 % too small.
 
     Over a backing the reflected field of the coils is included completely. The reflected field of ball and dent is left
-    out, except that of a ball over flat sheets and layers and, by plates with an outline, that of its dipole, as if the
-    sheets were flat.
+    out, except for a ball over flat sheets and layers. The reflection of the ball's dipole by finite plates is
+    included, as if the sheets were flat.
     """
     coils = len(as_conductors(source))
     change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)
@@ -106,6 +108,7 @@ def indenter_inductance(
         change[flat] = found.reshape(len(flat), *change.shape[1:])
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
+        """Multipoles of the ball in the nearest dent."""
         dent, orders = dents[pressed[np.abs(heights[pressed] - height).argmin()]], alpha.shape[1]
         seen = sphere_in_dent(dent, ball.radius, height, wavenumbers, orders, mesh or LayerMesh())
         fields, answers = [], []
@@ -126,7 +129,7 @@ def indenter_inductance(
 
 
 def _flat_sheets(dent: Dent) -> list[Sheet]:
-    """Return the sheets of a dent before it was pressed."""
+    """Return the sheets of a dent in their flat state."""
     return [
         Sheet(f"sheet {k + 1}", thickness, mu)
         for k, (thickness, mu) in enumerate(zip(dent.thicknesses, dent.permeabilities, strict=True))

@@ -1,17 +1,17 @@
-"""What infinite plates and magnetic sheets reflect and let pass, as images of the currents between them.
+"""Reflection and transmission by infinite plates and magnetic sheets, as images.
 
-A source at the height s in one gap of air and a place at z in the same or a higher one, z_l the lower face of the lower
-gap and z_u the upper face of the upper one: waves leave the source upwards or downwards and arrive from below or from
-above, by the ways
+The images are of currents between the layers. A source is at the height s in one gap of air and a place at z in the
+same or a higher gap. z_l is the lower face of the lower gap and z_u the upper face of the upper gap. Waves leave the
+source upwards or downwards and arrive from below or from above, by the ways
 
     2 z_u − s − z,   s + z − 2 z_l,   z − s,   2 (z_u − z_l) + s − z,
 
-the first two by an odd number of reflections, as from a mirror image of the source, the last two by an even one. In one
-gap the third is 2 (z_u − z_l) + z − s: the direct wave goes its own way. Each comes with the weight w(k) e^{−k·way};
-with ρ_u and ρ_l the reflections at the faces of the source's gap of height D, w has 1/(1 − ρ_u ρ_l e^{−2kD}) for all
-that go up and down in it. A sum Σ c e^{−2kd} with a few real distances d stands for w: images farther away by 2d,
-real for currents of any shape in any body. Horizontal currents keep their direction in every image, vertical ones turn
-round in mirror images.
+the first two by an odd number of reflections, as from a mirror image of the source, the last two by an even number. In
+a single gap the third is 2 (z_u − z_l) + z − s, as the direct wave is not included. Each way has the weight w(k)
+e^{−k·way}. With ρ_u and ρ_l the reflections at the faces of the source's gap of height D, w contains 1/(1 − ρ_u ρ_l
+e^{−2kD}) for all waves that go up and down in it. A sum Σ c e^{−2kd} with a few real distances d approximates w. These
+are images farther away by 2d, real for currents of any shape in any body. Horizontal currents keep their direction in
+every image, vertical currents reverse in mirror images.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Plate, Sheet
 from coilarray.geometry.plate import TOUCHING
 
-_DIGITS = 14.0  # −ln of the amplitude of the shortest waves that count
-_LONGEST = 0.1  # radians across all bodies; longer waves carry 1e-4 of a coupling
+_DIGITS = 14.0  # −ln of the amplitude of the shortest waves that are included
+_LONGEST = 0.1  # radians across all bodies, longer waves carry 1e-4 of a coupling
 _WAVES = 120  # of a fit
 _TOLERANCE = 2e-4  # of the largest wave
-_RATIOS = (math.inf, 4.0, 2.8, 2.0, 1.6, 1.3)  # of the distances; inf: one image alone
+_RATIOS = (math.inf, 4.0, 2.8, 2.0, 1.6, 1.3)  # of the distances (inf for a single image)
 _SMALLEST = 1e-7  # singular value of a fit
-_LEFT_OUT = 5e-5  # of the largest wave: images so weak at all frequencies
-_NOTHING = 1e-6  # of the wave with nothing in its way: what passes a thick plate, and acts by its square
+_LEFT_OUT = 5e-5  # of the largest wave: weaker images are left out
+_NOTHING = 1e-6  # of the unobstructed wave: passes a thick plate, and acts by its square
 
 
 def layer_of(plate: Plate) -> Layer:
@@ -45,8 +45,9 @@ def layer_of(plate: Plate) -> Layer:
 
 
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
-    """Put plates and the magnetic ones of the sheets upwards from z = 0 in order: lower and upper face in m, and layer.
+    """Order plates and magnetic sheets by height.
 
+    The sheets are upwards from z = 0. Returns the lower and upper face in m, and the layer, of each. Raises
     GeometryError if they overlap.
     """
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
@@ -68,9 +69,10 @@ def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Where a source seems to be, at `sign` times its height plus `offset` in m; complex `shares` (f,) of its current.
+    """Image of a source.
 
-    A `sign` of −1 is a mirror image.
+    It is at `sign` times the source's height plus `offset` in m, with complex `shares` (f,) of its current. A `sign` of
+    −1 is a mirror image.
     """
 
     sign: int
@@ -83,7 +85,7 @@ class Image:
 
     @property
     def back(self) -> Image:
-        """The same image for source and place exchanged."""
+        """Same image with source and place exchanged."""
         return self if self.sign < 0 else Image(self.sign, -self.offset, self.shares)
 
 
@@ -93,7 +95,10 @@ ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))
 
 @dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Infinite layers, upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz."""
+    """Infinite layers and the air between them.
+
+    The layers go upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz.
+    """
 
     layers: tuple[Layer, ...]
     faces: FloatArray
@@ -101,13 +106,19 @@ class LayeredAir:
 
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Put plates and the sheets upwards from z = 0 together; GeometryError if they overlap."""
+        """Combine plates and the sheets upwards from z = 0.
+
+        Raises GeometryError if they overlap.
+        """
         bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
-        """Find the gap, by its number from below, in which heights from `low` to `high` in m lie, or MetalError."""
+        """Find the gap that contains heights from `low` to `high`.
+
+        The heights are in m, and the gap is counted from below. Raises MetalError if there is none.
+        """
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
         if low < floor - TOUCHING or high > roof + TOUCHING:
@@ -119,19 +130,24 @@ class LayeredAir:
         return number
 
     def gap_faces(self, number: int) -> tuple[float, float]:
-        """Heights in m of the lower and the upper face of a gap; infinite without a body there."""
+        """Heights in m of the faces of a gap.
+
+        They are the lower and the upper face. A height is infinite if there is no body.
+        """
         floor = self.faces[number - 1, 1] if number else -math.inf
         return float(floor), float(self.faces[number, 0]) if number < len(self.faces) else math.inf
 
     def images(self, source: tuple[int, float, float], place: tuple[int, float, float], extent: float) -> list[Image]:
-        """Find the images of a source, all but itself in its own gap.
+        """Find the images of a source.
+
+        In its own gap the source itself is left out.
 
         Parameters
         ----------
         source, place : tuple
-            Number of the gap, least and greatest height in m of the source, and of where its field is wanted.
-        extent : float
-            Greatest horizontal distance in m from one to the other.
+                Index of the gap, least and greatest height in m of the source, and of the place of the field.
+            extent : float
+                Greatest horizontal distance in m between them.
         """
         if not self.layers:
             return []
@@ -141,7 +157,7 @@ class LayeredAir:
         same = source[0] == place[0]
         through = 2 * (roof - floor)
         nearest = max(place[1] - source[2], 0.0)
-        ways = (  # shortest way, sign, offset, and the direction in which images farther away lie
+        ways = (  # shortest way, sign, offset, and the direction of images farther away
             (2 * roof - source[2] - place[2], -1, 2 * roof, 1),
             (source[1] + place[1] - 2 * floor, -1, 2 * floor, -1),
             (through + place[1] - source[2] if same else nearest, 1, -through if same else 0.0, -1),
@@ -159,7 +175,10 @@ class LayeredAir:
         return found
 
     def weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
-        """Weights (f, k) of the four ways from one gap to the same or a higher one, at wavenumbers (k,) in 1/m."""
+        """Weights (f, k) of the four ways between two gaps.
+
+        The ways lead from one gap to the same or a higher gap, at wavenumbers (k,) in 1/m.
+        """
         omega = 2 * np.pi * self.frequencies[:, None]
         floor, roof = self.gap_faces(source)
         up, down = (layer_waves(self._outwards(source, up=side), k, omega) for side in (True, False))
@@ -190,8 +209,11 @@ class LayeredAir:
 
 
 def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> list[tuple[float, ComplexArray]]:
-    """Distances in m and shares (f,) of images that stand for weights (f, k)."""
-    # two loops couple by the square of the wave that both see; waves beyond the extent less
+    """Distances in m and shares of images.
+
+    The shares (f,) sum up to the weights (f, k).
+    """
+    # two loops couple by the square of the wave that both see, and less for waves beyond the extent
     counted = np.exp(-k * way) * np.minimum(k * (extent + way), 1.0) ** 2
     wanted = weights * counted
     largest = np.abs(wanted).max()

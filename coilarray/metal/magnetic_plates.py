@@ -1,7 +1,7 @@
-"""Magnetic metal with an outline whose skin depth is small: steel targets.
+"""Finite magnetic plates with a small skin depth, such as steel targets.
 
-Currents that run in the metal's skin leave no field deep inside, but iron also leads flux along its surface. With
-k = (1 + j)/δ the field in the skin falls as e^{−kζ}, and div B = 0 gives at the surface, n outwards,
+Currents in the metal's skin leave no field deep inside, but iron also guides flux along its surface. With k = (1 + j)/δ
+the field in the skin falls as e^{−kζ}, and div B = 0 gives at the surface, with n outwards,
 
     H_n = −∇·(ℓ H_t),   ℓ = µr/k = µr δ (1 − j)/2
 
@@ -11,22 +11,23 @@ With the exterior's Λ = −∂/∂n on the closed surface, and linear functions
     (Λ + ℓ S) φ = ℓ t − b/µ0,   S = ∫ ∇v·∇v',  t = ∫ ∇v·H_c,  b = ∫ v B_c·n,
     Λ = W + (½ − K)ᵀ V⁻¹ (½ − K),
 
-V and K the single layer and the double layer of 1/4πr, W = M/µ0 the energy of the currents ∇v × n
-(`coilarray.metal.half_body`); M. Costabel's symmetric coupling, for which O. Steinbach, Numerical Approximation Methods
-for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's place H_c = −∇u, with S u = −t, and by reciprocity
+with V and K the single layer and the double layer of 1/4πr, and W = M/µ0 the energy of the currents ∇v × n
+(`coilarray.metal.half_body`). This is M. Costabel's symmetric coupling, see O. Steinbach, Numerical Approximation
+Methods for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's place H_c = −∇u, with S u = −t, and by
+reciprocity
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
-Between sheets and infinite plates, G = 1/4πr has the images of `coilarray.metal.layered_air` too: shares of charges
-and double layers, of the other sign in mirror images; H_c is what the coils send there between them.
+Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray.metal.layered_air`: shares of charges
+and double layers, of the other sign in mirror images. H_c is then the coils' field between the layers.
 
 The skin depth is at most a third of the thickness, and small against the width. A hole would need a cut.
 
-Near an edge the field enters from both sides, and the condition knows nothing of it. With the same H along the edge on
+Near an edge the field enters from both sides, which the condition does not include. With the same H along the edge on
 both faces the strip of `coilarray.metal.surface_impedance` has, for t ≫ δ, F = (1 − 8/πkt)/k: at each of its two edges
 the surface is short of 8/(2√2 π) = 0.9 skin depths, about a half on either side. A change of ℓ on a part of the surface
-changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t there. The error of the edges is the size of this for |δℓ| = |ℓ| within half a
-skin depth of them. There H_t is as far as |ℓ| from the edge about the same, and falls farther away as that along a
+changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t there. The error of the edges is estimated as this change for |δℓ| = |ℓ| within
+half a skin depth of them. H_t is about constant up to the distance |ℓ| from the edge. Farther away it falls as along a
 perfect conductor, with the third root of the distance.
 """
 
@@ -59,7 +60,10 @@ _AT_EDGE = 0.5  # skin depths on either side of an edge
 
 
 def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[FinitePlate]) -> None:
-    """Refuse magnetic plates with which this is not computed: MetalError; `others` are those with an outline beside."""
+    """Raise MetalError for magnetic plates that are not computed.
+
+    `others` are the finite plates beside.
+    """
     depth = max(plate.material.skin_depth(f) for f in frequencies.tolist())
     if plate.thickness < _DEPTHS * depth:
         raise MetalError(
@@ -78,9 +82,9 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
 
 
 def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
-    """ΔZ/jω in H by a magnetic plate at its places, (places, f, paths, paths), and what its edges err in each path.
+    """ΔZ/jω in H by a magnetic plate at its places.
 
-    The latter in H, (places, f, paths).
+    Shape (places, f, paths, paths). Also returns the error by its edges for each path in H, (places, f, paths).
     """
     problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies).tolist()
     places, paths, count = len(plate.where), len(around.paths), len(lengths)
@@ -97,10 +101,11 @@ def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArr
 
 
 def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = False) -> list[ComplexArray]:
-    """N × H in A/m for 1 A in each path at the plate's only place, (paths, 2k, 3) along the board's axes, by frequency.
+    """Compute n × H in A/m for unit currents.
 
-    On the triangles of the upper half and of its mirror image. With `alone` those which, without magnetic charges, make
-    the plate's field outside.
+    They are 1 A in each path, and the plate is at its only place. There is one array (paths, 2k, 3) along the board's
+    axes for each frequency, on the triangles of the upper half and of its mirror image. With `alone` they are the
+    currents that, without magnetic charges, produce the plate's field outside.
     """
     lengths = _lengths(plate.plate, around.air.frequencies).tolist()
     currents, n = _currents(plate), len(plate.body.mesh.nodes)
@@ -115,18 +120,18 @@ def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = F
 
 
 def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
-    """ℓ in m at frequencies in Hz."""
+    """Length ℓ in m at frequencies in Hz."""
     depths = np.array([plate.material.skin_depth(f) for f in frequencies.tolist()])
     return np.asarray(plate.material.relative_permeability * depths * (1 - 1j) / 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Potentials:
-    """Λ and S in m for potentials on a body, with b/µ0, t and u of shape (unknowns, places, paths).
+    """Operators and loads for potentials on a body.
 
-    `basis` takes the unknowns to the nodes of the upper half, then those of the lower one. Over the triangles `means`
-    are the integrals of the functions, `rest` is ½ − K, both in m², and `known` are the unknowns but for one where a
-    constant is free.
+    Λ and S are in m, and b/µ0, t and u of shape (unknowns, places, paths). `basis` maps the unknowns to the nodes of
+    the upper half, then of the lower half. `means` are the integrals of the functions over the triangles and `rest` is
+    ½ − K, both in m². `known` are all unknowns, except for one of them if a constant is free.
     """
 
     basis: sp.csr_array
@@ -150,9 +155,10 @@ class Potentials:
         return np.asarray(x.reshape(c.shape))
 
     def double_layer(self, outside: ComplexArray) -> ComplexArray:
-        """Return ν in A with (½ + K) ν = φ for potentials φ (unknowns, paths): its double layer has φ outside.
+        """Return the density ν in A of a double layer.
 
-        Tested by the means of the linear functions over the triangles.
+        (½ + K) ν = φ for potentials φ (unknowns, paths), so that the double layer has φ outside. It is tested by the
+        means of the linear functions over the triangles.
         """
         known, weighed = self.known, self.means.T @ sp.diags_array(1 / np.asarray(self.means.sum(axis=1)))
         matrix = np.asarray(weighed @ np.asarray(self.means - self.rest))[known, known]
@@ -161,7 +167,10 @@ class Potentials:
         return found
 
     def energy(self, stiff: sp.csr_array, outside: ComplexArray) -> FloatArray:
-        """µ0 ∫ |H_t|² in H/m, (places, paths), by the `stiffness` of a part of the surface and φ in A."""
+        """µ0 ∫ |H_t|² in H/m, (places, paths).
+
+        It follows from the `stiffness` of a part of the surface and φ in A.
+        """
         total, n = self.u + outside, stiff.shape[0]
         on_nodes = np.asarray(self.basis @ total.reshape(len(total), -1))
         halves = (on_nodes[:n], on_nodes[n:])
@@ -169,7 +178,10 @@ class Potentials:
         return np.asarray(MU_0 * found).reshape(total.shape[1:])
 
     def change(self, length: complex, outside: ComplexArray) -> ComplexArray:
-        """ΔZ/jω in H, (places, paths, paths), for ℓ in m and φ in A."""
+        """ΔZ/jω in H for given ℓ and φ.
+
+        ℓ is in m and φ in A. Shape (places, paths, paths).
+        """
         inside = np.einsum("npi,npj->pij", self.u, self.b, optimize=True)
         along = np.einsum("npi,npj->pij", self.u, self.t, optimize=True)
         both = np.einsum("npi,npj->pij", self.load(length), outside, optimize=True)
@@ -178,9 +190,10 @@ class Potentials:
 
 
 def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potentials:
-    """Potentials that are even (sign 1) or odd about the mid-plane, on a body in air.
+    """Even or odd potentials on a body in air.
 
-    `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths), are those of `EddyBody.linked_to`.
+    The parity is even (sign 1) or odd about the mid-plane. `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths),
+    come from `EddyBody.linked_to`.
     """
     used, basis = _basis(body, sign)
     V, rest, W = exterior(body, sign)
@@ -191,38 +204,44 @@ def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potent
 
 
 def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
-    """Shares of ∫ H² on the triangles, (k,), within a depth in m of an edge, for |ℓ| in m."""
+    """Shares of ∫ H² near an edge, (k,).
+
+    On each triangle the part within a depth in m of an edge counts, for |ℓ| in m.
+    """
     nodes, edge = body.mesh.nodes, shapely.LinearRing(body.mesh.nodes[body.mesh.ring, :2])
 
     def grown(away: FloatArray | float) -> FloatArray:
-        """∫ H² from an edge to places away from it in m."""
+        """∫ H² from an edge to a distance in m."""
         return np.minimum(away, length) + 3 * length * (np.cbrt(np.maximum(np.asarray(away) / length, 1.0)) - 1)
 
     away = shapely.distance(edge, shapely.points(nodes[:, :2])) + nodes[:, 2].max() - nodes[:, 2]
     corners = grown(away)[body.mesh.triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
     reached, span = grown(depth) - low, high - low
-    # a triangle whose three corners are equally far from the edge, as in a corner of the outline, is within it or not
+    # a triangle with three corners at the same distance from the edge, as in a corner of the outline, is inside or
+    # outside
     return np.asarray(np.clip(np.divide(reached, span, out=np.sign(reached), where=span > 0), 0.0, 1.0))
 
 
 def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
-    """∫ ∇v·∇v' over both halves of a body for equal potentials on both, dimensionless, shape (n, n).
+    """∫ ∇v·∇v' over both halves of a body.
 
-    Of each triangle only its share counts.
+    The potentials on both halves are equal. It is dimensionless, of shape (n, n). Only the share of each triangle
+    counts.
     """
     areas = sp.diags_array(2 * body.areas * shares)
     return sp.csr_array(sum(G.T @ areas @ G for G in body.gradients))
 
 
 def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """V in m³, ½ − K in m² and W in m of both halves for what is even (sign 1) or odd about the mid-plane.
+    """Exterior operators V, ½ − K and W.
 
+    V is in m³, ½ − K in m² and W in m. They are for both halves, for even (sign 1) or odd values about the mid-plane.
     Shapes (k, k), (k, n) and (n, n), by the triangles and the nodes of the upper half.
     """
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
     corners, n = mesh.corners, len(mesh.nodes)
-    mirrored = np.ascontiguousarray((corners * MIRROR)[:, ::-1])  # their normals point outwards too
+    mirrored = np.ascontiguousarray((corners * MIRROR)[:, ::-1])  # the normals point outwards too
     K = _double_layers(corners, corners, mesh.triangles, n)
     K += sign * _double_layers(corners, mirrored, mesh.triangles[:, ::-1], n)
     rest = _means(body).toarray() / 2 - 2 * K
@@ -230,20 +249,26 @@ def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def _means(body: EddyBody) -> sp.csr_array:
-    """Integrals in m² of the linear functions over both halves' triangles, (k, n)."""
+    """Integrals in m² of linear functions over triangles, (k, n).
+
+    The triangles are on both halves.
+    """
     triangles = body.mesh.triangles
     where = (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())
     return sp.csr_array((np.repeat(2 * body.areas / 3, 3), where), shape=(len(triangles), len(body.mesh.nodes)))
 
 
 def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
-    """Potentials at every frequency: even and odd ones, or between layers, which couple these, all in one."""
+    """Potentials at every frequency.
+
+    Even and odd potentials are separate, but together between layers, which couple them.
+    """
     body, count = plate.body, len(around.air.frequencies)
     if not around.air.layers:
         loads = _loads(around.paths, plate, [ITSELF], ALONE)
         return [[of_parity(body, sign, b[0], t[0]) for sign, (b, t) in zip((1, -1), loads, strict=True)]] * count
     images = around.images_of_coils(plate)
-    if not images:  # behind a plate that nothing passes
+    if not images:  # behind a plate that no wave passes
         return [[]] * count
     weights, number = distinct_sums(images)
     loads = _loads(around.paths, plate, images, weights)
@@ -272,7 +297,7 @@ def _potentials(
     t: FloatArray | ComplexArray,
     known: slice,
 ) -> Potentials:
-    """Potentials with what follows from S and t."""
+    """Potentials with all values that follow from S and t."""
     u, loads = np.zeros_like(t), t[known].reshape(-1, t[0].size) / MU_0
     u[known] = -splu(S[known, known].tocsc().astype(t.dtype)).solve(loads).reshape(t[known].shape)
     return Potentials(basis, means, rest, outer, known, S.toarray(), b / MU_0, t / MU_0, u)
@@ -283,7 +308,10 @@ def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
 
 
 def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
-    """Nodes of the upper half that count, an odd potential being 0 on the rim, and the nodes of both halves by them."""
+    """Return the upper half's free nodes and their map.
+
+    The map leads to the nodes of both halves. An odd potential is 0 on the rim.
+    """
     n = len(body.mesh.nodes)
     used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
     upper = sp.eye_array(n, format="csr")[:, used]
@@ -291,7 +319,11 @@ def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
 
 
 def _currents(plate: PosedPlate) -> list[sp.csr_array]:
-    """∇v × n along the board's axes on the triangles of both halves, for their nodes: each of shape (2k, 2n) in 1/m."""
+    """∇v × n on all triangles, in 1/m.
+
+    They are along the board's axes on the triangles of both halves, for the nodes of both halves, each of shape (2k,
+    2n).
+    """
     halves = [
         sp.block_diag((K, -mirror * K), format="csr")
         for K, mirror in zip(plate.body.currents, MIRROR.tolist(), strict=True)
@@ -302,7 +334,10 @@ def _currents(plate: PosedPlate) -> list[sp.csr_array]:
 def _between_layers(
     around: PlatesInAir, plate: PosedPlate
 ) -> list[tuple[FloatArray | ComplexArray, FloatArray | ComplexArray]]:
-    """½ − K (2k, u) in m² and Λ (u, u) in m of even and odd potentials with what layers reflect, by frequency."""
+    """Operators ½ − K and Λ between layers, by frequency.
+
+    ½ − K (2k, u) is in m² and Λ (u, u) in m. They are for even and odd potentials, with the reflections at the layers.
+    """
     body, images = plate.body, around.images_of(plate, plate)
     k, n = len(body.mesh.triangles), len(body.mesh.nodes)
     shares = np.array([image.shares for image in images]).T.reshape(len(around.air.frequencies), -1)
@@ -341,7 +376,10 @@ def _between_layers(
 
 
 def _parities(values: FloatArray) -> FloatArray:
-    """Add and subtract the values on both halves, (2k, n), for even and odd charges."""
+    """Add and subtract the values on both halves, (2k, n).
+
+    The results are for even and odd charges.
+    """
     upper, lower = np.split(values, 2)
     return np.concatenate((upper + lower, upper - lower))
 
@@ -349,13 +387,19 @@ def _parities(values: FloatArray) -> FloatArray:
 def _outer(
     V: FloatArray | ComplexArray, rest: FloatArray | ComplexArray, W: FloatArray | ComplexArray
 ) -> FloatArray | ComplexArray:
-    """Λ = W + (½ − K)ᵀ V⁻¹ (½ − K), symmetric."""
+    """Outer operator Λ, made symmetric.
+
+    Λ = W + (½ − K)ᵀ V⁻¹ (½ − K).
+    """
     made = W + rest.T @ lu_solve(lu_factor(V, check_finite=False), rest, check_finite=False)
     return np.asarray((made + made.T) / 2)
 
 
 def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, count: int) -> FloatArray:
-    """K (triangles, count) in m² of layers on other triangles, whose corners have the numbers `nodes`."""
+    """K (triangles, count) in m² of layers on other triangles.
+
+    Their corners have the indices `nodes`.
+    """
     K = np.zeros((len(corners), count))
 
     def work(rows: tuple[int, int]) -> None:
@@ -371,9 +415,10 @@ def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, coun
 def _loads(
     paths: Sequence[Conductor], plate: PosedPlate, images: Sequence[Image], weights: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """`EddyBody.linked_to` of even and of odd potentials, each of shape (sums, nodes, places, paths).
+    """`EddyBody.linked_to` for even and odd potentials.
 
-    The fields are sums of the images of the paths with `weights` (sums, images).
+    Each has the shape (sums, nodes, places, paths). The fields are sums of the images of the paths with `weights`
+    (sums, images).
     """
     body, n = plate.body, len(plate.body.mesh.nodes)
     count = len(weights) * len(plate.where) * len(paths)

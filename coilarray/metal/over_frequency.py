@@ -1,4 +1,4 @@
-"""Frequencies at which the effect of metal is computed, and its interpolation between them."""
+"""Frequencies at which the effect of metal is computed, and its interpolation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _ROUNDING = 1e-9  # of a frequency
 
 @dataclass(frozen=True)
 class FrequencyBand:
-    """Frequencies from `low` to `high` in Hz, in which ΔL − jΔR/ω is computed at Chebyshev points of log f.
+    """Frequencies from `low` to `high` in Hz with Chebyshev nodes.
 
-    They are as many as the relative `error` needs. The change over log f has its nearest poles at ±jπ/2, those of one
-    time constant, and polynomials through n points of a band of the half width w err by ρ⁻ⁿ,
-    ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
+    ΔL − jΔR/ω is computed at Chebyshev points of log f, as many as the relative `error` needs. The change over log f
+    has its nearest poles at ±jπ/2, the poles of a single time constant. Polynomials through n points of a band of the
+    half width w have an error of ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
     """
 
     low: float
@@ -46,12 +46,15 @@ class FrequencyBand:
         return BarycentricInterpolator(np.log(self.nodes), np.eye(len(self.nodes)))
 
     def holds(self, frequencies: FloatArray) -> bool:
-        """Whether all frequencies in Hz lie in the band."""
+        """Test whether all frequencies in Hz lie in the band."""
         low, high = frequencies.min(), frequencies.max()
         return bool(low >= self.low * (1 - _ROUNDING) and high <= self.high * (1 + _ROUNDING))
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
-        """Weights (f, nodes) of the values at the nodes, for frequencies (f,) in Hz; MetalError outside the band."""
+        """Weights (f, nodes) of the values at the nodes.
+
+        The frequencies (f,) are in Hz. Raises MetalError outside the band.
+        """
         if not self.holds(frequencies):
             raise MetalError(
                 f"the effect of metal is known from {self.low:.6g} to {self.high:.6g} Hz; got {frequencies.min():.6g} "
@@ -64,19 +67,31 @@ class FrequencyBand:
 
 @dataclass(frozen=True, eq=False)
 class ChangeOverFrequency:
-    """ΔL − jΔR/ω in H of many cases: `values` (cases…, nodes, n, n) at the nodes of a band, constant beyond it."""
+    """Changes in H of many cases over frequency.
+
+    The change is ΔL − jΔR/ω. `values` (cases…, nodes, n, n) are at the nodes of a band, and constant beyond it.
+    """
 
     band: FrequencyBand
     values: ComplexArray
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
-        """Weights (f, nodes) of the values at the nodes, for frequencies (f,) in Hz."""
+        """Weights (f, nodes) of the values at the nodes.
+
+        The frequencies (f,) are in Hz.
+        """
         return self.band.shares(np.clip(frequencies, self.band.low, self.band.high))
 
     def at(self, frequency: float) -> ComplexArray:
-        """Change (cases…, n, n) of all cases at one frequency in Hz."""
+        """Change of all cases at a frequency in Hz.
+
+        Shape (cases…, n, n).
+        """
         return np.asarray(np.einsum("f,...fij->...ij", self.shares(np.array([frequency]))[0], self.values))
 
     def of_each(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
-        """Change (cases, n, n) of each case at its own frequency (cases,) in Hz."""
+        """Change of each case at its own frequency.
+
+        Shape (cases, n, n). The frequencies (cases,) are in Hz.
+        """
         return np.asarray(np.einsum("cf,cfij->cij", self.shares(frequencies), self.values[cases], optimize=True))

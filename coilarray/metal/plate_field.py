@@ -1,8 +1,8 @@
-"""Field and eddy currents of coils between infinite plates, on grids: what pictures show.
+"""Field and eddy currents of coils between infinite plates on grids, for pictures.
 
-From b, the vertical flux density of every plane wave in the layers, see `coilarray.electromagnetics.flat_stack`, the
-rest of the field follows: B along the layers is ∇(b'/k²); the induced E = ẑ × ∇(jω b/k²), so that the current through a
-layer is K = ẑ × ∇ψ, ψ = jωσ/k² ∫ b dz.
+b is the vertical flux density of every plane wave in the layers, see `coilarray.electromagnetics.flat_stack`. The rest
+of the field follows from b. B along the layers is ∇(b'/k²). The induced field is E = ẑ × ∇(jω b/k²), so that the
+current through a layer is K = ẑ × ∇ψ, ψ = jωσ/k² ∫ b dz.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import MetalError
 from coilarray.geometry import Plate, Sheet
 
-_DECAYS = 12.0  # of the fields at the highest wavenumber, which is left out: 6e-6
+_DECAYS = 12.0  # decay lengths of the fields at the highest wavenumber, which leaves out 6e-6
 _MOST_WAVENUMBERS = 1500
 _PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 µm
 
@@ -38,7 +38,10 @@ _PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 
 def _layers(
     plates: Sequence[Plate], sheets: Sequence[Sheet], lowest: float
 ) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
-    """Return the layers upwards from z = 0, and those downwards from the lowest copper at `lowest` in m."""
+    """Return the layers upwards and downwards.
+
+    They go upwards from z = 0, and downwards from the lowest copper at `lowest` in m.
+    """
     bodies = [
         (
             plate.z,
@@ -58,7 +61,10 @@ def _layers(
 
 @dataclass(frozen=True, eq=False)
 class _Waves:
-    """Both sides of the coils that carry currents in A, and these coils as seen from each side."""
+    """Waves on both sides of the coils.
+
+    They have the currents in A, and the coils as seen from each side.
+    """
 
     up: LayerWaves
     down: LayerWaves
@@ -67,7 +73,10 @@ class _Waves:
     between: FloatArray  # e^{−kD} between both reference planes
 
     def amplitudes(self, above: bool) -> tuple[ComplexArray, ComplexArray]:
-        """Return b at the first face of a side per wave that the coils send there, and per wave to the other side."""
+        """Return b at a side's first face per wave.
+
+        The first is per wave that the coils send to this side, the second per wave to the other side.
+        """
         own, other = (self.up, self.down) if above else (self.down, self.up)
         total = (1 + own.reflection) / (1 - own.reflection * other.reflection * self.between**2)
         return total, total * other.reflection * self.between
@@ -84,7 +93,9 @@ def plate_currents(
     *,
     blur: float,
 ) -> ComplexArray:
-    """Eddy currents through the thickness of infinite plates.
+    """Compute the eddy currents in infinite plates, in A/m.
+
+    They are integrated over the thickness of each plate.
 
     Parameters
     ----------
@@ -101,8 +112,8 @@ def plate_currents(
     sheets : sequence of Sheet
         Magnetic sheets upwards from z = 0.
     blur : float
-        Standard deviation in m of the Gaussian over which the currents are averaged: near a plate they repeat every
-        single turn.
+            Standard deviation in m of the Gaussian over which the currents are averaged. Near a plate they follow every
+            single turn.
 
     Returns
     -------
@@ -142,14 +153,16 @@ def plate_field(
     z: FloatArray,
     sheets: Sequence[Sheet] = (),
 ) -> ComplexArray:
-    """B of coils between infinite plates and magnetic sheets, also inside and behind these.
+    """Compute B between plates and magnetic sheets, in T.
+
+    B is the field of coils between infinite plates. It is also given inside and behind plates and sheets.
 
     Parameters
     ----------
     source, currents, plates, frequency, x, y, sheets
         See `plate_currents`.
     z : ndarray, shape (nz,)
-        Heights in m: none between the lowest copper and the top of the board, and none at its very faces.
+            Heights in m, not between the lowest copper and the top of the board or exactly at its faces.
 
     Returns
     -------
@@ -163,11 +176,11 @@ def plate_field(
 
     Notes
     -----
-    Before the first plate or sheet the waves that come back are added to the field of the coils, which is exact. From
-    there on the waves are all of it: a field of 1e-17 behind a thick plate would be lost in a difference. The coils are
-    those of free space, while their waves close coils whose ends lie apart by a straight line: at the first face B
-    jumps by the field of that line, near it, by up to 7 % of the largest there in the bundled boards at 0.3 mm from the
-    copper, 3 % at 1 mm and 0.9 % at 3 mm.
+    Before the first plate or sheet the returning waves are added to the field of the coils, which is exact. From there
+    on the field consists of waves only, because a field of 1e-17 behind a thick plate would be lost in a difference.
+    The coils are the coils in free space. Their waves close coils whose ends lie apart by a straight line. So at the
+    first face B jumps by the field of this line, near it, by up to 7 % of the largest value there in the bundled boards
+    at 0.3 mm from the copper, 3 % at 1 mm and 0.9 % at 3 mm.
     """
     paths = as_conductors(source)
     segments = coil_segments(paths)
@@ -217,6 +230,7 @@ def _waves(
     k: FloatArray,
     frequency: float,
 ) -> _Waves:
+    """Waves of coils and their reflections between both sides."""
     up, down = _layers(plates, sheets, lowest)
     amount = np.asarray(currents, dtype=np.complex128)
     carrying = [one for one, current in zip(segments, amount.tolist(), strict=True) if current]
@@ -235,9 +249,10 @@ def _on_grid(
     weights: FloatArray,
     free: tuple[FloatArray, FloatArray] | None = None,
 ) -> ComplexArray:
-    """Sum ∇ along the plane of the waves times `profiles` and the waves times `slopes`, each (n, k), less `free`.
+    """Sum the waves on a grid with profiles over height.
 
-    Shape (3, n, nx, ny), per unit of b at the side's first face.
+    The result is ∇ along the plane of the waves times `profiles` and the waves times `slopes`, each (n, k), less
+    `free`. Shape (3, n, nx, ny), per unit of b at the side's first face.
     """
     total = np.zeros((3, len(profiles), len(x), len(y)), dtype=np.complex128)
     mine, others = waves.amplitudes(above)
@@ -255,27 +270,36 @@ def _on_grid(
 
 
 def _least_way(side: Sequence[Layer], other: Sequence[Layer], beyond: float) -> float:
-    """Least way in m of a wave from the copper to a place `beyond` it, by way of the nearest body on either side."""
+    """Least way of a wave from copper, in m.
+
+    It leads to a place `beyond` the copper, by the nearest body on either side.
+    """
     near, far = (_gap(one) for one in (side, other))
     return beyond if beyond >= near else min(2 * near - beyond, 2 * far + beyond)
 
 
 def _gap(side: Sequence[Layer]) -> float:
-    """Thickness in m of the air before the first body; inf where there is none."""
+    """Thickness in m of the air before the first body.
+
+    It is inf if there is no body.
+    """
     if not side:
         return math.inf
     return side[0].thickness if side[0] == Layer(side[0].thickness) else 0.0
 
 
 def _extent(points: FloatArray, x: FloatArray, y: FloatArray) -> float:
-    """Largest horizontal distance in m of a place from a coil's corner."""
+    """Largest horizontal distance from place to coil, in m."""
     ends = np.array([x[[0, -1]], y[[0, -1]]])
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     return float(np.hypot(*np.maximum(ends[:, 1] - low, high - ends[:, 0])))
 
 
 def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights in 1/m from 0 to the highest wavenumber that resolve an extent in m."""
+    """Gauss–Legendre nodes and weights over wavenumbers, in 1/m.
+
+    They reach from 0 to the highest wavenumber and resolve an extent in m.
+    """
     count = wave_count(highest, extent)
     if count > _MOST_WAVENUMBERS:
         raise MetalError(

@@ -1,9 +1,10 @@
-"""Triangles on the upper half of a plate: its upper face, and its rim down to the middle of its thickness.
+"""Triangles on the upper half of a plate: the upper face and the rim to mid-thickness.
 
 A plate is its own mirror image at its mid-plane, so this half is enough. Currents follow the local width and crowd at
-the rim: strips from every place of the rim inwards, whose widths grow as the squares of their numbers towards the
-middle of the largest circle that touches the rim there, then a lattice, joined by Delaunay's triangulation. Both meshes
-of a plate are one: every triangle of the coarse one is four of the fine one, so that their results can be extrapolated.
+the rim. Strips lead inwards from every place of the rim. Their widths grow as the squares of their numbers towards the
+middle of the largest circle that touches the rim there. Inside them is a lattice, joined by Delaunay's triangulation.
+The two meshes of a plate are nested: every triangle of the coarse mesh is four of the fine mesh, so that their results
+can be extrapolated.
 """
 
 from __future__ import annotations
@@ -25,37 +26,38 @@ from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.plate import Outline
 
-# lengths of the coarse one of both meshes of fineness 1
-_ALONG = 28  # pieces of all rims together, where the plate is not narrow
+# lengths in the coarse mesh for fineness 1
+_ALONG = 28  # pieces of all rims together, if the plate is not narrow
 _WIDEST, _FINEST = 1.7, 0.17  # largest and smallest piece of the rim, of the radius of the circle that touches it
-_OF_HEIGHT = 0.6  # of the height of the copper: piece of the rim of a narrow plate, along which its field varies
-_TURN = 0.7  # radians of a disc's rim in a piece; else as far from its chord, 6 % of the radius of the circle
+_OF_HEIGHT = 0.6  # of the height of the copper: piece of a narrow plate's rim, along which its field varies
+_TURN = 0.7  # radians of a disc's rim in a piece, otherwise as far from its chord, 6 % of the radius of the circle
 _AT_CORNERS = 0.4  # piece beside a convex corner, of half the width of the plate there
-_AT_REENTRANT = 0.15  # the same of a reentrant one, from which currents turn sharply
+_AT_REENTRANT = 0.15  # piece beside a reentrant corner, where currents turn sharply
 _GRADING = 0.4  # growth of the pieces with the distance
-_STRIPS, _DEPTH = 4, 0.8  # strips from the rim inwards, and what they fill of the radius of the circle
+_STRIPS, _DEPTH = 4, 0.8  # strips from the rim inwards, and the part of the circle's radius that they fill
 _LATTICE = 0.6  # step of the lattice inside, of the radius of the circles nearby
 _THIN = 0.03  # of the inscribed radius: half thickness below which the rim is one strip
 _UPPER = 0.25  # of half the thickness: upper strip of the rim
 _OF_DISTANCE = 0.8  # of the distance from the copper: largest side of a triangle
-_NEAR_COILS = 0.35  # of the windings' width or distance: smallest side wanted by that
-_MOST_BELOW = 430  # squares of the smallest side on what copper covers of a plate
-_SAMPLES = 300  # of all rims, where the widths are measured
+_NEAR_COILS = 0.35  # of the windings' width or distance: smallest side that these require
+_MOST_BELOW = 430  # squares of the smallest side on the area of a plate that copper covers
+_SAMPLES = 300  # of all rims, at which the widths are measured
 _CORNER = 0.35  # radians: sharper turns of an outline are corners
-_TRIED = (1.0, 1.3, 1.7, 2.2)  # of the fineness, where triangles of the coarser ones would overlap
+_TRIED = (1.0, 1.3, 1.7, 2.2)  # of the fineness, if triangles of the coarser meshes would overlap
 _COARSEST = 0.5  # fineness by which pieces of curves and narrow places are never longer
-_SAGITTA = 2e-4  # of the inscribed radius: deviation from the outline that is let pass
+_SAGITTA = 2e-4  # of the inscribed radius: allowed deviation from the outline
 _MOST_NODES = 6000
 
 
 @dataclass(frozen=True, eq=False)
 class HalfBody:
-    """Upper half of a body that is its own mirror image at z = 0.
+    """Upper half of a symmetric body.
 
-    `nodes` (n, 3) in m about the centre; `triangles` (k, 3), anticlockwise seen from outside; `rim` (k,) marks those of
-    the rim. `ring` has the nodes at z = 0 of the outer rim, `hole_rings` those of each hole. `caps` has, for each hole,
-    points (m, 2) in m and their share of its area in m². `inscribed` is the radius in m of the largest circle in it.
-    Each node of the finer one of two meshes lies in the middle between its `parents` (n, 2), nodes of the coarser one.
+    The body is its own mirror image at z = 0. `nodes` (n, 3) are in m about the centre. `triangles` (k, 3) are
+    anticlockwise seen from outside, and `rim` (k,) marks the triangles of the rim. `ring` has the nodes at z = 0 of the
+    outer rim, `hole_rings` the nodes of each hole. `caps` has, for each hole, points (m, 2) in m and their share of its
+    area in m². `inscribed` is the radius in m of the largest circle in it. Each node of the finer of two meshes lies in
+    the middle between its `parents` (n, 2), nodes of the coarser mesh.
     """
 
     nodes: FloatArray
@@ -75,10 +77,10 @@ class HalfBody:
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """Where copper is, seen from a plate that moves: its outlines `area` in the plate's plane in m.
+    """Area of the copper as seen from a moving plate.
 
-    `height` in m is the least distance from it across the plane, and `spread` in m the least width of any winding, from
-    its innermost to its outermost turn.
+    `area` has its outlines in the plate's plane in m. `height` in m is the least distance from it across the plane.
+    `spread` in m is the least width of any winding, from its innermost to its outermost turn.
     """
 
     area: BaseGeometry
@@ -86,13 +88,13 @@ class Footprint:
     spread: float
 
     def distances(self, points: FloatArray) -> FloatArray:
-        """Distances in m of points (n, 2) of the plate from the copper."""
+        """Distances in m of points (n, 2) to the copper."""
         return np.asarray(np.hypot(shapely.distance(self.area, shapely.points(points)), self.height))
 
 
 Number = TypeVar("Number", np.float64, np.int64)
 Sizes: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Gives the wanted side of a triangle in m at points (n, 2) in m, shape (n,)."""
+"""Function that gives the required side of a triangle in m at points (n, 2) in m, shape (n,)."""
 
 
 def inscribed_radius(outline: Outline) -> float:
@@ -101,17 +103,21 @@ def inscribed_radius(outline: Outline) -> float:
 
 
 def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None) -> HalfBody:
-    """Mesh the upper half of a plate with an outline about its centre: the finer one of `plate_meshes`."""
+    """Mesh the upper half of a plate about its centre.
+
+    It is the finer mesh of `plate_meshes`.
+    """
     return plate_meshes(outline, thickness, fineness, above)[1]
 
 
 def plate_meshes(
     outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None
 ) -> tuple[HalfBody, HalfBody]:
-    """Mesh the upper half of a plate with an outline about its centre twice, the second time with half the lengths.
+    """Mesh the upper half of a plate twice.
 
-    `fineness` 2 has half the lengths of 1; the meshes are finer where the plate is near the copper `above` or below it.
-    GeometryError for a fineness that is not positive and finite, and for an outline too large or narrow.
+    The plate is about its centre. The second mesh has half the lengths. `fineness` 2 has half the lengths of 1. The
+    meshes are finer if the plate is near the copper `above` or below it. Raises GeometryError for a fineness that is
+    not positive and finite, and for an outline too large or narrow.
     """
     require_positive("fineness of a mesh", fineness, "")
     plane = _plane(outline)
@@ -134,12 +140,12 @@ def plate_meshes(
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Places of a mesh's nodes on the face of a plate, and its triangles.
+    """Places of a plate's nodes, and its triangles.
 
-    Nodes of the rims lie at `places` (n,) in m along each of the `rims`; from each a row of nodes goes inwards by
+    Nodes of the rims lie at `places` (n,) in m along each of the `rims`. From each a row of nodes goes inwards by
     `depths` of its way (n, 2) in m. `core` has the triangles of the rows' ends and the `inner` points (m, 2) in m.
-    `heights` are those of the rim's nodes, of half the thickness. Triangles in holes, over which the coils' flux is
-    integrated, are of the `sizes`, at most a `step` in m.
+    `heights` are the heights of the rim's nodes over half the thickness. Triangles in holes, over which the coils' flux
+    is integrated, are of the `sizes`, at most a `step` in m.
     """
 
     rims: tuple[_Rim, ...]
@@ -157,23 +163,32 @@ class _Layout:
 
     @cached_property
     def loops(self) -> list[FloatArray]:
-        """Nodes (n, 2) in m of each rim, between which lies the same area as within it."""
+        """Nodes (n, 2) in m of each rim.
+
+        The polygon through them has the same area as the rim.
+        """
         return [rim.chords(place) for rim, place in zip(self.rims, self.places, strict=True)]
 
     @property
     def levels(self) -> list[FloatArray]:
-        """Nodes (n, 2) in m of all rings at every depth."""
+        """Nodes of all rings at every depth, in m.
+
+        Each has the shape (n, 2).
+        """
         start, way = np.concatenate(self.loops), np.concatenate(self.ways)
         return [start + depth * way for depth in self.depths.tolist()]
 
     @property
     def order(self) -> list[IntArray]:
-        """Numbers of each ring's nodes at one depth."""
+        """Indices of each ring's nodes at one depth."""
         starts = np.cumsum([0, *map(len, self.places)]).tolist()
         return [np.arange(first, stop) for first, stop in itertools.pairwise(starts)]
 
     def refined(self) -> _Layout:
-        """Divide every triangle in four; new nodes of the rims follow the outline."""
+        """Divide every triangle in four.
+
+        New nodes of the rims follow the outline.
+        """
         places, ways, deepest = [], [], self.depths[-1]
         for rim, place, loop, way in zip(self.rims, self.places, self.loops, self.ways, strict=True):
             after = np.append(place[1:], place[0] + rim.length)
@@ -182,7 +197,7 @@ class _Layout:
             ends = _interleaved(ends, (ends + np.roll(ends, -1, axis=0)) / 2)
             ways.append((ends - rim.chords(places[-1])) / max(deepest, 1e-9))
         on_rings = sum(map(len, self.places))
-        number = np.arange(on_rings + len(self.inner))  # of the old nodes among the new ones
+        number = np.arange(on_rings + len(self.inner))  # of the old nodes among the new
         number[:on_rings] *= 2
         number[on_rings:] += on_rings
         sides = np.sort(np.stack((self.core, np.roll(self.core, -1, axis=1)), axis=-1), axis=-1)
@@ -208,7 +223,10 @@ class _Layout:
         )  # fmt: skip
 
     def _parents(self, edges: IntArray) -> IntArray:
-        """Two nodes of the body between which each node lies after refinement, `edges` those of new inner nodes."""
+        """Pair of nodes between which each node lies after refinement.
+
+        They are nodes of the body. `edges` has the pairs of new inner nodes.
+        """
         width, levels = sum(map(len, self.places)), len(self.depths)
         column = np.concatenate([_interleaved(loop, loop) for loop in self.order])
         after = np.concatenate([_interleaved(loop, np.roll(loop, -1)) for loop in self.order])
@@ -225,7 +243,10 @@ class _Layout:
 
     @cached_property
     def face(self) -> tuple[FloatArray, IntArray]:
-        """Nodes (n, 2) in m and triangles (k, 3) of the face."""
+        """Nodes in m and triangles of the face.
+
+        Shapes (n, 2) and (k, 3).
+        """
         levels = self.levels
         width = len(levels[0])
         bands = [
@@ -238,7 +259,7 @@ class _Layout:
 
     @property
     def meshed(self) -> bool:
-        """Whether the triangles cover the face once."""
+        """True if the triangles cover the face exactly once."""
         areas, expected = _areas(*self.face), sum(_loop_area(loop) for loop in self.loops)
         return bool((areas > 0).all()) and abs(areas.sum() - expected) < 1e-6 * expected
 
@@ -267,7 +288,7 @@ class _Layout:
 
 
 def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: Footprint | None) -> _Layout:
-    """Lay out the coarse one of two meshes."""
+    """Lay out the coarser of two meshes."""
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
     outer, *holes = (ring.simplify(_SAGITTA * inscribed).coords for ring in (plane.exterior, *plane.interiors))
     plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
@@ -275,7 +296,7 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     step = min(_WIDEST * inscribed, along) / fineness
 
     def least(area: float) -> float:
-        """Smallest size in m that is wanted by the distance of the copper."""
+        """Smallest size in m that the copper's distance requires."""
         if above is None:
             return step
         smallest = math.sqrt(min(area, above.area.area) / _MOST_BELOW)
@@ -299,7 +320,7 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     radii = _graded(points, np.minimum(_touching(points, normals, samples, np.concatenate(apart)), inscribed), 1.0)
     strips = max(round(_STRIPS * fineness), 2)
     depths = _DEPTH * (np.arange(strips + 1) / strips) ** 2
-    for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than wanted
+    for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than required
         radii = np.minimum(radii, wanted(points + share * radii[:, None] * normals, finest) / (depths[-1] - depths[-2]))
     radii = _graded(points, radii, 1.0)
     ends = np.cumsum([len(place) for place in places])[:-1]
@@ -330,10 +351,11 @@ def _plane(outline: Outline) -> shapely.Polygon:
 
 @dataclass(frozen=True, eq=False)
 class _Rim:
-    """A ring by its corners (n, 2) in m, with the places (n + 1,) in m of these along it.
+    """Ring by its corners (n, 2) in m.
 
-    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side, `middle` (n, 2) those of
-    the corners, `turns` (n,) the angles there in rad, to the left positive.
+    It also has the places (n + 1,) in m of the corners along it. `before` and `after` (n, 2) are the unit normals to
+    the left at both ends of every side, and `middle` (n, 2) the normals at the corners. `turns` (n,) are the angles
+    there in rad, positive to the left.
     """
 
     corners: FloatArray
@@ -345,6 +367,7 @@ class _Rim:
 
     @classmethod
     def of(cls, ring: shapely.LinearRing) -> _Rim:
+        """Make a ring from a shapely ring."""
         corners = np.array(ring.coords)[:-1]
         sides = np.roll(corners, -1, axis=0) - corners
         lengths = np.hypot(*sides.T)
@@ -364,11 +387,14 @@ class _Rim:
 
     @property
     def sharp(self) -> IntArray:
-        """Numbers of the corners where it turns sharply."""
+        """Indices of the corners where it turns sharply."""
         return np.flatnonzero(np.abs(self.turns) > _CORNER)
 
     def at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points (n, 2) in m and unit normals to the left at places (n,) in m."""
+        """Points and unit normals at places in m.
+
+        The places have the shape (n,). The points (n, 2) are in m. The normals point to the left.
+        """
         places = places % self.length
         side = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.corners) - 1)
         share = ((places - self.ends[side]) / np.diff(self.ends)[side])[:, None]
@@ -378,7 +404,11 @@ class _Rim:
         return points, normals / np.hypot(*normals.T)[:, None]
 
     def chords(self, places: FloatArray) -> FloatArray:
-        """Corners (n, 2) in m of a polygon of about the same area, at places (n,) in m: outside a curve."""
+        """Corners of a polygon at places in m.
+
+        The corners (n, 2) are in m, for places (n,). The polygon has about the same area as the ring, so that the
+        corners lie outside a curve.
+        """
         points, normals = self.at(places)
         side = np.searchsorted(self.ends, places % self.length, side="right") - 1
         start = self.corners[side]
@@ -393,7 +423,10 @@ class _Rim:
         return np.asarray(points - np.where(turned, 0.0, out)[:, None] * normals)
 
     def samples(self, step: float) -> FloatArray:
-        """Places in m at most a `step` apart, the corners among them, and some between two sharp ones."""
+        """Places in m at most a `step` apart.
+
+        The corners are among them, and some places between two sharp corners.
+        """
         sharp = self.ends[self.sharp]
         between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
         steps = np.minimum(step, (between / 6)[np.searchsorted(sharp, self.ends[:-1], side="right") - 1])
@@ -407,9 +440,10 @@ class _Rim:
 def _divided(
     rims: Sequence[_Rim], wanted: Sizes, fineness: float, height: float
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Places in m of the nodes on all rims, by the local width, corners and the wanted sizes.
+    """Places in m of the nodes on all rims.
 
-    Besides these, how near to each in m its own rim lies.
+    They follow from the local width, the corners and the required sizes. Also returns the distance in m of each node to
+    its own rim.
     """
     whole = sum(rim.length for rim in rims)
     places = [rim.samples(whole / _SAMPLES) for rim in rims]
@@ -446,7 +480,7 @@ def _divided(
 
 
 def _section_lengths(rim: _Rim, places: FloatArray) -> FloatArray:
-    """Length in m between the sharp corners around each of the places."""
+    """Length in m between the sharp corners around each place."""
     sharp = rim.ends[rim.sharp]
     if not len(sharp):
         return np.full(len(places), rim.length)
@@ -465,7 +499,10 @@ def _section(
     fewest: int,
     fineness: float,
 ) -> FloatArray:
-    """Divide a rim from one place in m to another one by sizes and radii (n,) in m at `places`, and by its turns."""
+    """Divide a rim between two places in m.
+
+    The pieces follow from sizes and radii (n,) in m at `places`, and from its turns.
+    """
     fine = np.linspace(start, stop, 1 + max(64, 4 * math.ceil((stop - start) / float(sizes.min()))))
     middles = (fine[1:] + fine[:-1]) / 2
     pieces = np.diff(fine) / np.interp(middles, places, sizes, period=rim.length)
@@ -485,9 +522,10 @@ def _section(
 
 
 def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apart: FloatArray) -> FloatArray:
-    """Radii in m of the largest circles on the left that touch a rim at points (n, 2), by samples of all rims.
+    """Radii in m of the largest touching circles.
 
-    Samples nearer than `apart` (n,) in m do not count.
+    The circles touch a rim on its left at points (n, 2), by samples of all rims. Samples nearer than `apart` (n,) in
+    m do not count.
     """
     away = samples[None] - points[:, None]
     squares, height = (away**2).sum(axis=2), np.einsum("nsi,ni->ns", away, normals)
@@ -496,7 +534,10 @@ def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apar
 
 
 def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> FloatArray:
-    """Distances in m from points (n, 2) of all rims, `counts` on each, to the next rim along the normals."""
+    """Distances in m from points to the next rim.
+
+    The distances are along the normals. The points (n, 2) are of all rims, `counts` on each.
+    """
     after, first = [], 0
     for count in counts:
         after.append(first + np.roll(np.arange(count), -1))
@@ -512,7 +553,10 @@ def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> F
 
 
 def _graded(points: FloatArray, values: FloatArray, growth: float) -> FloatArray:
-    """Lower values (n,) in m at points (n, 2) until they grow by at most `growth` times the distance."""
+    """Lower values (n,) in m until they grow slowly.
+
+    They are at points (n, 2) and then grow by at most `growth` times the distance.
+    """
     return _cone(points, points, values, growth)
 
 
@@ -521,13 +565,16 @@ def _cone(points: FloatArray, among: FloatArray, values: FloatArray, growth: flo
 
 
 def _spacing(loop: FloatArray) -> FloatArray:
-    """Mean of the distances in m of every node of a loop from its neighbours."""
+    """Mean distance in m of every node to its neighbours."""
     length = np.hypot(*(np.roll(loop, -1, axis=0) - loop).T)
     return np.asarray((length + np.roll(length, 1)) / 2)
 
 
 def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: float) -> bool:
-    """Whether the loops, moved inwards, stay simple, apart, and inside each other as they were."""
+    """Test whether loops moved inwards stay valid.
+
+    They must stay simple, apart, and inside each other as before.
+    """
     outer, *holes = moved = [loop + depth * way for loop, way in zip(loops, ways, strict=True)]
     flat = all(
         (_areas(np.concatenate((loop, inner)), _band(np.arange(len(loop)) + len(loop), np.arange(len(loop)))) > 0).all()
@@ -537,9 +584,10 @@ def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: fl
 
 
 def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
-    """Points of a triangular lattice inside loops, and the triangles of the loops' points followed by these.
+    """Points and triangles of a triangular lattice inside loops.
 
-    Each step divided by two has the points of the coarser one among its own.
+    The triangles are of the loops' points followed by the lattice's points. Each step divided by two keeps the points
+    of the coarser lattice.
     """
     plane = shapely.Polygon(loops[0], loops[1:])
     shapely.prepare(plane)
@@ -569,7 +617,10 @@ def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Si
 
 
 def _with_sides(points: FloatArray, triangles: IntArray, sides: Sequence[tuple[int, int]]) -> IntArray:
-    """Exchange diagonals of a triangulation until it has all `sides` among its own, S. W. Sloan's way (1993)."""
+    """Exchange diagonals of a triangulation until it has all `sides`.
+
+    The method is S. W. Sloan's (1993).
+    """
     found = [tuple(three) for three in triangles.tolist()]
     beside: dict[tuple[int, int], set[int]] = {}
     for k, three in enumerate(found):
@@ -594,7 +645,7 @@ def _with_sides(points: FloatArray, triangles: IntArray, sides: Sequence[tuple[i
             p, q = waiting.pop(0)
             one, other = beside[p, q]
             (r,), (s,) = {*found[one]} - {p, q}, {*found[other]} - {p, q}
-            if not crosses(p, q, r, s):  # the two do not make a convex quadrangle yet
+            if not crosses(p, q, r, s):  # the two triangles do not form a convex quadrangle yet
                 waiting.append((p, q))
                 continue
             for k in (one, other):
@@ -623,13 +674,19 @@ def _with_middles(values: FloatArray) -> FloatArray:
 
 
 def _band(upper: IntArray, lower: IntArray) -> IntArray:
-    """Triangles between two closed rows of as many nodes, `lower` to the right of `upper` in its direction."""
+    """Triangles between two closed rows of as many nodes.
+
+    `lower` is to the right of `upper` in its direction.
+    """
     after, below = np.roll(upper, -1), np.roll(lower, -1)
     return np.concatenate((np.column_stack((upper, lower, below)), np.column_stack((upper, below, after))))
 
 
 def _cap(loop: FloatArray, step: float, sizes: Sizes) -> tuple[FloatArray, FloatArray]:
-    """Points of a rule of the second degree over a hole's area, with their weights in m²."""
+    """Points and weights of a hole's integration rule.
+
+    The rule is of the second degree over the hole's area, with weights in m².
+    """
     finest = float(sizes(np.concatenate((loop, [loop.mean(axis=0)]))).min())
     points, triangles = _lattice([loop], step, finest, sizes)
     together = np.concatenate((loop, points))
@@ -638,12 +695,15 @@ def _cap(loop: FloatArray, step: float, sizes: Sizes) -> tuple[FloatArray, Float
 
 
 def _areas(points: FloatArray, triangles: IntArray) -> FloatArray:
-    """Areas in m², positive where the corners are seen anticlockwise."""
+    """Areas in m², positive for anticlockwise corners."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     return np.asarray(((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2)
 
 
 def _loop_area(loop: FloatArray) -> float:
-    """Area in m² to the left of a loop; negative for a hole."""
+    """Area to the left of a loop in m².
+
+    It is negative for a hole.
+    """
     x, y = loop.T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)

@@ -1,22 +1,24 @@
-"""Surface impedance of a plate of any thickness against its skin depth.
+"""Surface impedance of a plate for any ratio of thickness to skin depth.
 
-Currents on both faces of a plate in air stand for those in it. With k² = jωµ0σ and κ the wavenumber along the plate, a
-vector potential that is even about the mid-plane is A cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k², but would be
-A cosh(κz)/cosh(κt/2) in air, so that the current of each face, the jump of H from air within to air without, is
-A (γ tanh(γt/2) − κ tanh(κt/2))/µ0; an odd one has coth for tanh. The ratio of A to that current is
+Currents on both faces of a plate in air represent the currents in it. With k² = jωµ0σ and κ the wavenumber along the
+plate, a vector potential that is even about the mid-plane is A cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k². In air
+it would be A cosh(κz)/cosh(κt/2). So the current of each face, the jump of H from the air solution inside to the air
+outside, is A (γ tanh(γt/2) − κ tanh(κt/2))/µ0. An odd potential has coth in place of tanh. The ratio of A to the
+current is
 
     λ_even = µ0/(γ tanh(γt/2) − κ tanh(κt/2)),   λ_odd = µ0/(γ coth(γt/2) − κ coth(κt/2)),
 
-and Z = jωλ. For patterns that are wide against t or the skin depth (κ → 0) it depends no more on κ: for t ≪ δ the
-sheet's 2/σt on each face and 6/σt, for t ≫ δ both (1 + j)/σδ. One κ stands for all of them: that of the coils' field, 2
-by their radius and distance together. Where the skin depth is large the field in the metal is the coils', whatever the
-pattern of the currents; where it is small κ hardly counts. At the rim, in the corner of a strip of metal,
-p_n = (2n + 1)π/t,
+and Z = jωλ. For patterns that are wide compared with t or the skin depth (κ → 0) it no longer depends on κ. For t ≪ δ
+it is the sheet's 2/σt on each face and 6/σt, for t ≫ δ both are (1 + j)/σδ. A single κ is used for all patterns, the
+wavenumber of the coils' field, which is 2 over the sum of their radius and distance. If the skin depth is large, the
+field in the metal is the coils' field, for any pattern of the currents. If it is small, κ hardly counts. At the rim, in
+the corner of a strip of metal, p_n = (2n + 1)π/t,
 
     F = Σ 8 k²/((2n + 1)²π² (p_n² + k²)^{3/2}),   λ_along = µ0/(k² F),   λ_across = µ0 F/(1 − tanh(kt/2)/(kt/2)),
 
-are the current along the rim beyond that of the faces (A = 1 on all sides of the strip), and the flux beyond theirs
-(H = 1 on all sides): the same (1 + j)/σδ for t ≫ δ, and no current along it for t ≪ δ, where the faces carry all.
+are the current along the rim beyond the current of the faces (A = 1 on all sides of the strip), and the flux beyond the
+flux of the faces (H = 1 on all sides). For t ≫ δ both are the same (1 + j)/σδ. For t ≪ δ there is no current along the
+rim, as the faces carry all of it.
 """
 
 from __future__ import annotations
@@ -31,21 +33,24 @@ from coilarray.constants import MU_0
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves
 from coilarray.geometry.material import Material
 
-_TERMS = 4096  # of F, whose rest falls as their number squared, or in thick plates by itself
-_STIFF = 1e-6  # of the thickness: least |F|, beyond which the rim's current along it is none to double precision
-_WEAK = 1e-6  # |k²| by κ² + 4/t², below which differences are taken by the derivative
-# discs of copper within a loop, by finite elements: ΔL errs by 0.2 to 0.35 of the skin depth over the radius, ΔR by
-# −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4 and 13 % at 2, and less in thinner ones, whose currents
-# flow through the whole thickness and are taken at faces and rim. Of ΔL the first is of half the thickness, or of the
-# skin depth where that is less
+_TERMS = 4096  # of F, whose remainder falls as their number squared, or in thick plates by itself
+_STIFF = 1e-6  # of the thickness: below this |F| the rim carries no current along it, to double precision
+_WEAK = 1e-6  # |k²| over κ² + 4/t², below which differences are taken by the derivative
+# discs of copper within a loop, by finite elements: the error of ΔL is 0.2 to 0.35 of the skin depth over the radius,
+# the error of ΔR −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4 and 13 % at 2. It is less in thinner
+# discs, whose currents flow through the whole thickness and are taken at faces and rim. For ΔL the first value is of
+# half the thickness, or of the skin depth if that is less
 _AT_RIM = 0.5, 0.13
 _THIN = 2.0  # skin depths
-_DEEP = 20.0  # of the real part of γt/2, where tanh is 1
+_DEEP = 20.0  # real part of γt/2, beyond which tanh is 1
 
 
 @dataclass(frozen=True)
 class SurfaceImpedance:
-    """λ = Z/jω in H of the faces for even and odd fields, and of the rim for currents along it and across it."""
+    """λ = Z/jω in H of faces and rim.
+
+    The faces have values for even and odd fields, the rim for currents along it and across it.
+    """
 
     even: complex
     odd: complex
@@ -74,9 +79,10 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ka
 
 @dataclass(frozen=True)
 class ModelError:
-    """Estimated relative errors: of ΔL − jΔR/ω as a complex number, of ΔL and of ΔR.
+    """Estimated relative errors of a plate's ΔL and ΔR.
 
-    `depths` is the plate's thickness in skin depths; 0 of a perfect conductor, which has no errors.
+    `whole` is the error of ΔL − jΔR/ω as a complex number. `depths` is the plate's thickness in skin depths, 0 for a
+    perfect conductor, which has no errors.
     """
 
     whole: float = 0.0
@@ -91,7 +97,10 @@ class ModelError:
         )
 
     def or_worse(self, other: ModelError) -> ModelError:
-        """Return the larger one of each, and the thickness of the plate whose ΔR errs more."""
+        """Return the larger of each error.
+
+        The thickness is taken from the plate with the larger error of ΔR.
+        """
         return ModelError(
             max(self.whole, other.whole),
             max(self.inductance, other.inductance),
@@ -101,11 +110,12 @@ class ModelError:
 
 
 def model_error(material: Material, thickness: float, frequency: float, taken: float, kappa: float) -> ModelError:
-    """Errors of the reflection of an infinite plate, by the λ at the κ `taken`, at the wavenumber `kappa`, in 1/m.
+    """Errors of the reflection by an infinite plate.
 
-    With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both. Of a magnetic plate
-    R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and its errors are those of |R|, of the whole
-    |ΔL − jΔR/ω|; what its edges err comes with its solution.
+    They are due to λ at the κ `taken`, for the wavenumber `kappa`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1
+    + 2κλ/(µ0 (1 ± e))), as each face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ + 1) by
+    `coilarray.metal.magnetic_plates`, and its errors are the errors of |R|, of the whole |ΔL − jΔR/ω|. The error by its
+    edges comes with its solution.
     """
     if math.isinf(material.conductivity):
         return ModelError()
@@ -126,7 +136,10 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
 
 
 def own_share(material: Material, thickness: float, frequency: float, kappa: float) -> float:
-    """Share of its own field in the field that drives a current of κ in 1/m, 1 of a perfect conductor."""
+    """Share of a current's own field in its driving field.
+
+    The current has the wavenumber κ in 1/m. The share is 1 for a perfect conductor.
+    """
     if math.isinf(material.conductivity):
         return 1.0
     even, _ = _faces(material, thickness, frequency, kappa)
@@ -134,11 +147,11 @@ def own_share(material: Material, thickness: float, frequency: float, kappa: flo
 
 
 def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: float, margin: float) -> ModelError:
-    """Add what the sharp rim of a plate that is not magnetic errs, of which the model knows the mean current alone.
+    """Add the error by a plate's sharp rim.
 
-    `nearest` is the distance d in m between the planes of plate and coils, and `margin` how far, m, the plate goes on
-    beyond the coils, 0 where its rim lies within them. The eddy currents that a coil induces there fall as
-    d²/(d² + m²), and the losses as their square.
+    The plate is not magnetic. The model includes only the mean current of the rim. `nearest` is the distance d in m
+    between the planes of plate and coils. `margin`, m, is the extension of the plate beyond the coils, 0 if its rim
+    lies within them. The eddy currents that a coil induces there fall as d²/(d² + m²), and the losses as their square.
     """
     share = (1 + (margin / nearest) ** 2) ** -2
     L, R = _AT_RIM
@@ -148,7 +161,10 @@ def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: flo
 
 
 def _faces(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:
-    """λ in H of even and odd fields at κ in 1/m."""
+    """Impedances λ in H for even and odd fields.
+
+    κ is in 1/m.
+    """
     k2 = 2j / material.skin_depth(frequency) ** 2
     own, tanh_own = kappa * t / 2, math.tanh(kappa * t / 2)
     if abs(k2) < _WEAK * (kappa**2 + 4 / t**2):

@@ -1,4 +1,4 @@
-"""What a body that is moved over the board does to the coils, whichever body it is."""
+"""Effect of a moved body on the coils, for any kind of body."""
 
 from __future__ import annotations
 
@@ -32,44 +32,46 @@ def target_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> tuple[ComplexArray, PlateError | None]:
-    """Change of the impedance matrix of coils by a target, as a complex inductance.
+    """Change of the impedance matrix by a target, in H.
+
+    The change is a complex inductance.
 
     Parameters
     ----------
     source : Source
         The coils.
     target : Target
-        The body; its own places and distances do not count.
+            The body. Its own places and distances are not used.
     places : ndarray, shape (p, 2)
         Places of its centre on the board in m.
     distances : sequence of float, length d
-        Distances in m of its nearest point from the upper face of the sheets, or of the board without.
+            Distances in m of its nearest point from the upper face of the sheets, or from the board without sheets.
     frequencies : ndarray, shape (f,)
         Frequencies in Hz, rising.
     sheets : sequence of Sheet
         Sheets on the board, upwards.
     plates : sequence of Plate or FinitePlate
-        Metal that stays where it is.
+            Fixed metal.
     accuracy : {"full", "screen"}
         Accuracy of an infinite target, see `coilarray.metal.flat_plates.plate_inductance`.
     fineness : float
-        Fineness of the mesh of a plate with an outline, see `coilarray.metal.finite_plates.moving_plate`.
+            Fineness of the mesh of a finite plate, see `coilarray.metal.finite_plates.moving_plate`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray of complex, shape (d, p, f, n, n)
-        ΔZ/(jω) = ΔL − jΔR/ω in H, with the target less without.
-    PlateError or None
-        Errors of a plate with an outline; None for other bodies.
+            ΔZ/(jω) = ΔL − jΔR/ω in H, with the target minus without.
+        PlateError or None
+            Errors of a finite plate. None for other bodies.
 
     Raises
     ------
     MetalError
-        A sphere beside plates above the coils, and what the solver of the body refuses.
+            A sphere beside plates above the coils, and cases that the solver of the body refuses.
     GeometryError
-        A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
+            A target that reaches into metal, sheets or copper, and cases that the solver of the body refuses.
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
@@ -98,6 +100,6 @@ def target_inductance(
 
 
 def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse a target beside plates with which it is not computed: MetalError."""
+    """Raise MetalError for a target beside unsupported plates."""
     if isinstance(body, Ball):
         require_below(plates, "a sphere")
