@@ -1,9 +1,9 @@
-"""Alignment of one response map with another: the scale of δ and the shift in x and y that fit best.
+"""Alignment of two response maps by a scale of δ and a shift in x and y.
 
     measured(x, y) ≈ scale · other(x − shift_x, y − shift_y)
 
-by least squares over one and the same set of places for every shift that is tried, so that nothing is extrapolated and
-no place comes or goes while the shift is sought.
+by least squares over the same set of places for every trial shift, so that nothing is extrapolated and the set does not
+change while the shift is searched.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from coilarray.localize.forward import ForwardModel
 BoolArray = npt.NDArray[np.bool_]
 
 LEAST_PLACES = 8
-"""Places that must be left for a shift to be sought; with fewer the scale alone is."""
+"""Least number of places for a shift. With fewer places only the scale is determined."""
 
-_ROUNDING = 1e-9  # of a table's extent: by so much a place may lie outside and still count as on the edge
-_FLAT = 1e-9  # of the other columns: a slope by an unknown that is none
+_ROUNDING = 1e-9  # of a table's extent, by which a place may lie outside and still count as on the edge
+_FLAT = 1e-9  # of the other columns, below which the slope by an unknown counts as zero
 _CONDITION = 1e12  # of the equations, beyond which they determine nothing
-_AT_END = 1e-3  # of its range: the solver stays inside bounds and stops a little short of them
-_CLOSE = 1e-14  # relative: to where rounding ends it
+_AT_END = 1e-3  # of its range, as the solver stays inside bounds and stops a little before them
+_CLOSE = 1e-14  # relative, convergence to rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Scale and shift of one map onto another, with their errors.
+    """Scale and shift of one map onto another.
 
     Parameters
     ----------
     scale : float
-        Factor of the other map's δ; NaN where that map is flat.
-    shift : tuple of float
-        Shift of the other map along x and y in m; NaN along an axis that was not sought, or whose standard deviation is
-        greater than the largest shift: the map does not determine it, and it is taken as 0.
-    scale_std, shift_std
-        Standard deviations by the noise that was given; NaN with the value.
-    used : ndarray of bool, shape (places,)
-        Whether each place took part.
-    at_limit : bool
-        True if a shift stands at the end of the range that was searched: the true one is beyond.
-    scatter : float
-        Root of the residuals' sum of squares over the degrees of freedom, in δ; NaN where there are none.
+            Factor of the other map's δ. NaN if that map is flat.
+        shift : tuple of float
+            Shift of the other map along x and y in m. NaN along an axis without a search, or if its standard deviation
+            is greater than the largest shift. Then the map does not determine it, and it is taken as 0.
+        scale_std, shift_std
+            Standard deviations by the given noise. NaN with the value.
+        used : ndarray of bool, shape (places,)
+            True for each place that was used.
+        at_limit : bool
+            True if a shift is at the end of the searched range. The true shift is beyond.
+        scatter : float
+            Root of the residuals' sum of squares over the degrees of freedom, in δ. NaN without degrees of freedom.
     """
 
     scale: float
@@ -62,9 +62,10 @@ class Alignment:
 
 
 def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
-    """Tell which places (n, 3) lie in a model's table, by a margin along x and y in m; rounding puts no place outside.
+    """Test which places (n, 3) lie in a model's table.
 
-    Places are x, y and depth in m; the depth counts where the model has more than one.
+    A margin along x and y in m is kept. Rounding puts no place outside. Places are x, y and depth in m. The depth
+    counts if the model has more than one.
     """
     free = model.free
     room = np.array([*margin, 0.0])[free]
@@ -74,7 +75,10 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """δ (n,) of a model of one state and its slopes (n, 2) along x and y in 1/m, at places (n, 3) that are `inside`."""
+    """δ of a model of one state and its slopes.
+
+    δ has the shape (n,). The slopes (n, 2) are along x and y in 1/m. The places (n, 3) must be `inside`.
+    """
     delta, jacobian = model.linear(places)
     return delta[:, 0], jacobian[:, 0, :2]
 
@@ -87,7 +91,9 @@ def align(
     largest_shift: tuple[float, float],
     noise: npt.ArrayLike | None = None,
 ) -> Alignment:
-    """Find scale and shift of a model's map that bring it onto measured values.
+    """Fit the scale and shift of a map to measurements.
+
+    They bring the map of a model onto the measured values.
 
     Parameters
     ----------
@@ -98,10 +104,10 @@ def align(
     measured : array_like, shape (n,)
         δ there.
     largest_shift : tuple of float
-        Largest shift to either side along x and y in m. Only places stay that are in the model's table by it; where
-        they are fewer than 8, and along an axis where this is 0, no shift is sought.
+            Largest shift to either side along x and y in m. Only places that stay in the model's table under this shift
+            are used. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0.
     noise : array_like, scalar or shape (n,), optional
-        Standard deviation of every measured δ; from the scatter of the residuals by default.
+            Standard deviation of every measured δ. By default it follows from the scatter of the residuals.
 
     Raises
     ------
@@ -110,8 +116,8 @@ def align(
 
     Notes
     -----
-    All places count the same. The standard deviations are those of that estimate under the given noise,
-    (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is not part of them.
+    All places have the same weight. The standard deviations are those of this estimate under the given noise, (JᵀJ)⁻¹
+    Jᵀ diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
@@ -122,11 +128,11 @@ def align(
         used, axes = inside(model, at), []
     at, values = at[used], values[used]
     simulated = values_at(model, at)[0]
-    if not float(simulated @ simulated) > 0:  # a δ of 1e-200 is none
+    if not float(simulated @ simulated) > 0:  # a δ of 1e-200 counts as zero
         return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
     each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
     unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
-    while axes and not (deviations[1:] <= 1).all():  # NaN is not determined either
+    while axes and not (deviations[1:] <= 1).all():  # NaN is not determined
         axes = [axis for axis, known in zip(axes, deviations[1:] <= 1, strict=True) if known]
         unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
     shift, shift_std = np.full(2, np.nan), np.full(2, np.nan)
@@ -145,7 +151,10 @@ def _solve(
     axes: Sequence[int],
     sigma: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of the residuals."""
+    """Scale and shifts, standard deviations and residual scatter.
+
+    The shifts are along some axes, relative to the largest shifts.
+    """
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 
@@ -176,7 +185,10 @@ def _solve(
 
 
 def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Give the standard deviations of the unknowns; NaN of those that the places do not determine."""
+    """Compute the standard deviations of the unknowns.
+
+    They are NaN if the places do not determine an unknown.
+    """
     result = np.full(jacobian.shape[1], np.nan)
     lengths = np.linalg.norm(jacobian, axis=0)
     known = np.flatnonzero(lengths > _FLAT * lengths.max())
@@ -195,6 +207,7 @@ def _check(
     largest_shift: tuple[float, float],
     sigma: FloatArray | None,
 ) -> None:
+    """Check the arguments of `align`."""
     if len(model.states) != 1:
         raise LocalizeError(f"a map is aligned with a model of one state; this one has {', '.join(model.states)}.")
     if places.ndim != 2 or places.shape[1] != 3 or values.shape != places.shape[:1]:

@@ -1,8 +1,8 @@
-"""A measured response beside a simulated one: scale, shift, residuals, and the ellipses of both.
+"""Comparison of a measured with a simulated response: scale, shift, residuals, ellipses.
 
-Nothing is extrapolated. The simulated map is interpolated where the measured one has its positions; positions outside
-of it are left out and counted. The ellipses of both come from the same positions with the same settings, since window
-and spacing of a map enter them (`coilarray.localize.ellipse`).
+Nothing is extrapolated. The simulated map is interpolated at the measured positions. Positions outside of it are left
+out and counted. The ellipses of both come from the same positions with the same settings, since window and spacing of a
+map affect them (`coilarray.localize.ellipse`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""
 
 REPLICATES = 16
-"""Noisy maps from which the standard deviations of the ellipses come: they are then known to 18 %."""
+"""Number of noisy maps for the standard deviations of the ellipses, which are then known to 18 %."""
 
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
@@ -51,16 +51,19 @@ def compare_responses(
     Parameters
     ----------
     measured : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and coordinates in m; NaN where a position was not measured. Where
-        it has ``delta_std``, the standard deviation of δ, that is the noise; where the attribute ``repeats`` says that
-        δ is the mean of several, it is that of one.
-    simulated : xarray.Dataset
-        Response without NaN, at least four x and four y. Another measured response will do; its ``delta_std`` is then
-        added to the noise.
-    largest_shift : float, optional
-        Largest shift that is tried, in m; the measured map's own spacing along each axis by default. Shifts are sought
-        with the positions that are in the simulated map by this much: let it be larger than the measured one.
-    replicates : int
+            Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was not measured. If
+            it has ``delta_std``, the standard deviation of δ, this is the noise. If the attribute ``repeats`` gives the
+            number of readings in a mean δ, ``delta_std`` is for a single reading.
+        simulated : xarray.Dataset
+            Response without NaN, at least four x and four y. It may be another measured response, whose ``delta_std``
+            is then added to the noise.
+        largest_shift : float, optional
+            Largest shift of the search, in m. By default the measured map's own spacing along each axis. Shifts are
+            searched with the positions that are in the simulated map by this much, so let it be larger than the
+            measured map.
+        replicates : int
+            Number of noisy maps for the standard deviations of the ellipses, if there is ``delta_std``. 0 for no
+            standard deviations.
         Noisy maps for the standard deviations of the ellipses, where ``delta_std`` is there; 0 for none.
     seed : int
         Seed of their noise.
@@ -73,28 +76,31 @@ def compare_responses(
         Comparison of the common states and depths at the positions that both have: dimensions ``depth``, ``y``, ``x``,
         ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``. NaN for unknown values.
 
-        - ``delta`` (source, depth, y, x, state);
-        - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured less simulated, as it is, and scaled
-          and shifted;
-        - ``base_inductance`` (source, state): in H, where both have it.
+            - ``delta`` (source, depth, y, x, state)
+            - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as it is, and
+            scaled
+              and shifted
+            - ``base_inductance`` (source, state): in H, if both have it
 
         For every depth and state
 
-        - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the measured one;
-        - ``at_limit``: whether the best shift is beyond the largest one;
-        - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``;
-        - the standard deviation of each of these, whose name ends in ``_std``;
-        - ``noise``: its level in δ where it is known; ``points``: the number of positions.
+            - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the measured map
+            - ``at_limit``: whether the best shift is beyond the largest shift
+            - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``
+            - the standard deviation of each of these, whose name ends in ``_std``
+            - ``noise``: its level in δ if it is known
+            - ``points``: the number of positions
 
         For the ellipse of every level of δ (source, depth, state, level)
 
-        - ``x0``, ``A`` and ``B`` in m, and their standard deviations, whose names end in ``_std``;
-        - ``undetermined``: whether the points of the level do not determine its ellipse;
-        - ``ellipse_problem`` (source, depth, state): why there are no ellipses.
+            - ``x0``, ``A`` and ``B`` in m, and their standard deviations, whose names end in ``_std``
+            - ``undetermined``: whether the points of the level do not determine its ellipse
+            - ``ellipse_problem`` (source, depth, state): why there are no ellipses
 
-        Attributes: ``only_measured`` and ``only_simulated``, states that one alone has; ``depths_left_out`` in m and
-        ``points_left_out``, measured but not in the simulated map; ``points_missing``, not measured; ``noise_from``,
-        "delta_std" or "residuals"; the attributes of both, as ``measured_…`` and ``simulated_…``.
+            Attributes: ``only_measured`` and ``only_simulated`` are states of a single response. ``depths_left_out`` in
+            m and ``points_left_out`` were measured but are not in the simulated map. ``points_missing`` were not
+            measured. ``noise_from`` is "delta_std" or "residuals". The attributes of both are kept as ``measured_…``
+            and ``simulated_…``.
 
     Raises
     ------
@@ -104,9 +110,9 @@ def compare_responses(
 
     Notes
     -----
-    The standard deviations of scale, shift, rms and correlation are what the noise of the readings does to them, to
-    first order; where no noise is known, it is taken from the scatter of the residuals of the fit. Noise of the
-    simulated side (a second measurement) also draws the scale to zero, by noise² over the mean square of its map.
+    The standard deviations of scale, shift, rms and correlation are the effect of the noise of the readings on them, to
+    first order. If no noise is known, it is taken from the scatter of the residuals of the fit. Noise of the simulated
+    side (a second measurement) also biases the scale towards zero, by noise² over the mean square of its map.
 
     Examples
     --------
@@ -152,7 +158,10 @@ def compare_responses(
 def _compared(
     measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
 ) -> _Compared:
-    """Compare a map (y, x) with the model of its state; `sigma` is the noise of δ, of both."""
+    """Compare a map with the model of its state.
+
+    The map has the shape (y, x). `sigma` is the noise of δ of both together.
+    """
     shape = measured.delta.shape
     X, Y = np.meshgrid(measured.x.values, measured.y.values)
     places = np.column_stack((X.ravel(), Y.ravel(), np.full(X.size, float(measured.depth))))
@@ -194,9 +203,10 @@ def _compared(
 
 
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Root mean square of the difference and its standard deviation under noise.
+    """Root mean square of the difference, with standard deviation.
 
-    A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴, which r² estimates as 4r²σ² − 2σ⁴.
+    The standard deviation is under noise. A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴,
+    which r² estimates as 4r²σ² − 2σ⁴.
     """
     remains = measured - other
     if not remains.size or not np.isfinite(remains).all():
@@ -208,7 +218,10 @@ def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[fl
 
 
 def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Pearson's coefficient and its standard deviation under noise of the first, where 1 − ρ is as rms² above."""
+    """Pearson's coefficient and its standard deviation.
+
+    The standard deviation is under noise of the first map, where 1 − ρ is treated as rms² above.
+    """
     if measured.size < 2 or not np.isfinite(other).all():
         return np.nan, np.nan
     a, b = measured - measured.mean(), other - other.mean()
@@ -224,7 +237,10 @@ def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> 
 def _windows(
     measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, noise: FloatArray | None
 ) -> tuple[tuple[xr.Dataset, FloatArray | None], ...]:
-    """Both maps at those measured positions, a rectangle, that are in the simulated map; and the noise of each."""
+    """Both maps at the common positions, with their noise.
+
+    The positions are the measured positions, a rectangle, that are in the simulated map.
+    """
     x, y = measured.x.values, measured.y.values
     along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
     across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))
@@ -238,7 +254,10 @@ def _windows(
 
 
 def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Callable[..., LevelCurves]) -> xr.Dataset:
-    """Ellipses of every level of both maps: dimensions source, depth, state, level."""
+    """Ellipses of every level of both maps.
+
+    The dimensions are source, depth, state, level.
+    """
     dims = ("source", "depth", "state")
     shape = (len(windows), *(windows[0][0].sizes[name] for name in dims[1:]))
     curves = {}
@@ -266,12 +285,18 @@ def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Call
 
 
 def _measured(response: xr.Dataset) -> xr.Dataset:
-    """Check a response that may have gaps; its dimensions in the common order."""
+    """Check a response that may have gaps.
+
+    Its dimensions are put in the common order.
+    """
     return RESPONSE.checked(response, "a measured response").transpose(*_DIMS, ...)
 
 
 def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
-    """States that both have, in the measured order, and those that only one has."""
+    """States of both responses and states of only one.
+
+    The common states are in the measured order.
+    """
     first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
     common = [name for name in first if name in second]
     if not common:
@@ -286,7 +311,10 @@ def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[st
 
 
 def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Dataset, str]:
-    """Keep the measured depths that the simulated map has, or has around them; and list the others in m."""
+    """Keep the measured depths within the simulated map.
+
+    The simulated map must have a depth or enclose it. Also lists the other depths in m.
+    """
     depths = measured.depth.values
     if len(model.depth) > 1:
         slack = _SAME_DEPTH * model.depth[-1]
@@ -300,7 +328,10 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
-    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None if neither has any."""
+    """Noise of the difference of measured and simulated δ.
+
+    It is the standard deviation, of shape (depth, y, x, state). None if neither response has any noise.
+    """
     own, other = (own_noise(data) for data in (measured, simulated))
     if own is None and other is None:
         return None
@@ -309,9 +340,10 @@ def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
 
 
 def own_noise(response: xr.Dataset) -> FloatArray | None:
-    """Return the standard deviation of δ (depth, y, x, state); where a position has none, that of its state.
+    """Return the standard deviation of δ (depth, y, x, state).
 
-    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None if the response does not say.
+    A position without a value takes the value of its state. It is ``delta_std``, or with the attribute ``repeats`` the
+    standard deviation of the mean. None if the response does not have it.
     """
     if "delta_std" not in response:
         return None
@@ -327,7 +359,10 @@ def own_noise(response: xr.Dataset) -> FloatArray | None:
 
 
 def _largest_shifts(measured: xr.Dataset, largest_shift: float | None) -> tuple[float, float]:
-    """Largest shift along x and y in m; 0 along an axis with too few positions for one."""
+    """Largest shift along x and y in m.
+
+    It is 0 along an axis with too few positions.
+    """
     if largest_shift is not None and not (np.isfinite(largest_shift) and largest_shift >= 0):
         raise LocalizeError(f"largest_shift must be finite and not negative; got {largest_shift} m.")
     found = []
@@ -341,6 +376,8 @@ def _largest_shifts(measured: xr.Dataset, largest_shift: float | None) -> tuple[
 def _dataset(
     measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compared]], ellipses: xr.Dataset
 ) -> xr.Dataset:
+    """Dataset of all figures of the comparison."""
+
     def stacked(name: str) -> npt.NDArray[np.generic]:
         return np.array([[one[name] for one in row] for row in rows])
 
@@ -371,7 +408,7 @@ def _dataset(
         pair = [side.base_inductance.sel(state=states).values for side in (measured, simulated)]
         data["base_inductance"] = (("source", "state"), np.array(pair), {"units": "H", "long_name": "L_0"})
     coords = {name: measured[name] for name in _DIMS}
-    for name in ("depth", "y", "x"):  # a response of other programs may lack them
+    for name in ("depth", "y", "x"):  # a response of other programs may not have them
         coords[name] = coords[name].assign_attrs({"long_name": name, **measured[name].attrs, "units": "m"})
     places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
     result = xr.Dataset(data, {**coords, **places, "source": list(SOURCES), "axis": ["x", "y"]})

@@ -349,9 +349,9 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Middle of the level curves on y = 0, in m.
+    """Middle of the level curves in m.
 
-    It is the middle of the two places where the hill of a state falls to the level.
+    It is the middle of the two places on y = 0 where the hill of a state falls to the level.
     """
     middles = np.full((len(states), len(levels)), np.nan)
     for row, state in enumerate(states):

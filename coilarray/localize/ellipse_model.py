@@ -1,24 +1,24 @@
-"""The paper's ellipse model: from the readings of two coils to the x of an indentation.
+"""The paper's ellipse model: the x of an indentation from readings of two coils.
 
 x0, A and B of every coil are polynomials of the fourth degree of δ (Eq. 4). A reading puts the indentation on the
-coil's ellipse; two coils' ellipses meet in (x, ±y), and x is the position (Gast & Zimmermann 2020, Sect. 4 and 5).
-Subtracting the two equations leaves a quadratic equation for x.
+coil's ellipse. Two coils' ellipses intersect in (x, ±y), and x is the position (Gast & Zimmermann 2020, Sect. 4 and 5).
+The difference of the two equations is a quadratic equation for x.
 
-What the paper leaves open, and how it is read here:
+Details that the paper leaves open, and their interpretation here:
 
-- *The pair of coils*: the one with the largest δ and the greater of its two neighbours.
+- *The pair of coils*: the coil with the largest δ and the neighbour with the greater δ.
 - *Case three*, "in the area close to the coil center, the points of intersection are found by evaluating the two
-  adjacent inductances": where the largest δ is at least 1e-3 (Sect. 5) and both neighbours' readings are within
-  the model, their two ellipses are intersected. Where they do not meet, or one neighbour is missing at the end of the
-  row, the usual pair is taken. Without that, row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is
+  adjacent inductances": if the largest δ is at least 1e-3 (Sect. 5) and both neighbours' readings are within
+  the model, their two ellipses are intersected. If they do not intersect, or one neighbour is missing at the end of the
+  row, the usual pair is taken. Otherwise row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is
   1.25e-3 there, and no ellipse of coil 1 reaches it. For a model of another map the 1e-3 is taken in proportion, 1e-3
   of the 1.2e-3 beyond which the paper's polynomials vanish.
-- *One solution for x*: two ellipses can meet at two values of x. The one between their centres is taken; that there is
-  but one is checked.
-- *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`; nothing is added on its own accord.
-- *The steps*: one whose points do not determine its ellipse (`coilarray.localize.ellipse`) is left out where that lies
-  beyond the coil, twice its own semi-axis away from the centre of the highest step that is determined. An arc across
-  the window's end may hold such an ellipse, which would pull the polynomials at all δ.
+- *One solution for x*: two ellipses can intersect at two values of x. The value between their centres is taken, after a
+  check that there is only one.
+- *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`. Nothing is added by default.
+- *The steps*: a step whose points do not determine its ellipse (`coilarray.localize.ellipse`) is left out if the
+  ellipse lies beyond the coil, twice its own semi-axis away from the centre of the highest determined step. An arc
+  across the window's end may give such an ellipse, which would distort the polynomials at all δ.
 - *The range of δ* is not given. A fitted model reaches from the threshold below its first step to the threshold above
   the largest δ of the map.
 """
@@ -46,38 +46,38 @@ Case = Literal["two points", "touching", "adjacent coils"]
 """The paper's three cases (Fig. 6)."""
 
 DEGREE = 4
-"""Of the polynomials, Eq. 4."""
+"""Degree of the polynomials, Eq. 4."""
 
 SEMIAXIS_ADDITION = 0.2e-3
-"""What the paper adds to every A_i so that ellipses meet in spite of errors, in m (Sect. 5)."""
+"""Addition of the paper to every A_i so that ellipses intersect in spite of errors, in m (Sect. 5)."""
 
 CENTRE_SHARE = 1e-3 / 1.2e-3
-"""From which share of the largest δ a reading is one near the coil's centre (Sect. 5 and 6)."""
+"""Share of the largest δ from which a reading counts as near the coil's centre (Sect. 5 and 6)."""
 
 SCHEMA = 1
-"""Of the JSON file of a model."""
+"""Schema of the JSON file of a model."""
 
 _KIND = "coilarray ellipse model"
 _CHECKSUM = "checksum"  # key of the file
 _RANGE = ("lowest", "highest", "centre")
-_ASTRAY = 2.0  # semi-axes from the highest determined level's centre to that of an undetermined one: not the same hill
+_ASTRAY = 2.0  # semi-axes between the centres of the highest determined and of an undetermined level: another hill
 _FARTHEST = (
     1e3  # m, of a centre or semi-axis within the range of δ: a bound of their polynomials, which they rarely reach
 )
 _SHORTEST = 1e-9  # m, of a semi-axis
 _LARGEST_DELTA = 100.0
-_HUGE = 1e100  # of a coefficient, so that its bound stays a number
-_TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding; y is then within 3e-5 B of the axis
-_FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis: the equation is linear
+_HUGE = 1e100  # of a coefficient, so that its bound stays finite
+_TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding, y is then within 3e-5 B of the axis
+_FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis, where the equation is linear
 
 
 @dataclass(frozen=True)
 class CoilEllipses:
-    """The ellipses of one coil, named as the state in which it is measured, as polynomials of δ.
+    """Ellipses of one coil as polynomials of δ.
 
-    `x0`, `A` and `B` are coefficients p4 … p0 in m, for δ from `lowest` to `highest`; from `centre` on the indentation
-    counts as near the coil's centre. LocalizeError for coefficients that are not five finite numbers, or a range that
-    is none.
+    They are named after the state in which the coil is measured. `x0`, `A` and `B` are coefficients p4 … p0 in m, for δ
+    from `lowest` to `highest`. From `centre` on the indentation counts as near the coil's centre. Raises LocalizeError
+    for coefficients that are not five finite numbers, or an invalid range.
     """
 
     name: str
@@ -89,6 +89,7 @@ class CoilEllipses:
     centre: float
 
     def __post_init__(self) -> None:
+        """Check the coefficients and the range."""
         for key in PARAMETERS:
             p = getattr(self, key)
             if len(p) != DEGREE + 1 or not np.isfinite(p).all():
@@ -111,24 +112,33 @@ class CoilEllipses:
                 )
 
     def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return x0, A and B in m at any δ, each with the shape of `delta`; nothing is checked."""
+        """Return x0, A and B in m at any δ.
+
+        Each has the shape of `delta`. Nothing is checked.
+        """
         at = np.asarray(delta, dtype=np.float64)
         x0, A, B = (np.asarray(np.polyval(p, at)) for p in (self.x0, self.A, self.B))
         return x0, A, B
 
     def covers(self, delta: float) -> bool:
-        """Whether a reading is within the range of δ; NaN is not."""
+        """Test whether a reading is within the range of δ.
+
+        NaN is not.
+        """
         return self.lowest <= delta <= self.highest
 
     def check(self, delta: float) -> None:
-        """Raise a LocalizeError if a reading is beyond the range of δ."""
+        """Raise a LocalizeError beyond the range of δ."""
         if not self.covers(delta):
             raise LocalizeError(
                 f"δ of {self.name} must be within the model, {self.lowest:.4g} to {self.highest:.4g}; got {delta:.4g}."
             )
 
     def ellipse(self, delta: float) -> Ellipse:
-        """Return the ellipse of a reading; LocalizeError beyond the range, or where a semi-axis is not positive."""
+        """Return the ellipse of a reading.
+
+        Raises LocalizeError beyond the range, or if a semi-axis is not positive.
+        """
         self.check(delta)
         x0, A, B = (float(value) for value in self.curves(delta))
         if min(A, B) < _SHORTEST:
@@ -140,9 +150,10 @@ class CoilEllipses:
 
 @dataclass(frozen=True)
 class EllipseModel:
-    """Coils in the order of their row, where neighbours overlap, and their ellipses.
+    """Coils of a row and their ellipses.
 
-    LocalizeError for no coils, or two of one name.
+    They are in the order of the row, in which neighbours overlap. Raises LocalizeError for no coils, or two of one
+    name.
 
     Examples
     --------
@@ -164,18 +175,23 @@ class EllipseModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the coils, in the order of the row."""
+        """Names of the coils, in the order of the row."""
         return tuple(coil.name for coil in self.coils)
 
     def __getitem__(self, name: str) -> CoilEllipses:
-        """Return the coil of a name; LocalizeError if there is none."""
+        """Return the coil of a name.
+
+        Raises LocalizeError if there is none.
+        """
         for coil in self.coils:
             if coil.name == name:
                 return coil
         raise LocalizeError(f"the model has no coil {name!r}; it has {', '.join(self.names)}.")
 
     def with_semiaxis_addition(self, addition: float = SEMIAXIS_ADDITION) -> EllipseModel:
-        """Return the model with an `addition` in m to every A.
+        """Return the model with an `addition` to every A.
+
+        The addition is in m.
 
         Returns
         -------
@@ -187,9 +203,9 @@ class EllipseModel:
 
 @dataclass(frozen=True)
 class EllipsePosition:
-    """Where two coils' ellipses meet: x along the row and the distance y from it in m, by the paper's case.
+    """Intersection of two coils' ellipses, by the paper's case.
 
-    y is not negative: the indentation is at y or at −y.
+    x is along the row and y is the distance from it, in m. y is not negative: the indentation is at y or at −y.
     """
 
     x: float
@@ -199,10 +215,11 @@ class EllipsePosition:
 
 
 def ellipse_model(fits: xr.Dataset) -> EllipseModel:
-    """Fit the polynomials of an ellipse model to fits of `coilarray.localize.ellipse.fit_ellipses`.
+    """Fit the polynomials of an ellipse model.
 
-    The coils come in the order of their centres. Every step counts the same, as in the paper. LocalizeError for fewer
-    steps with an ellipse than a polynomial has coefficients.
+    The fits come from `coilarray.localize.ellipse.fit_ellipses`. The coils are in the order of their centres. Every
+    step has the same weight, as in the paper. Raises LocalizeError for fewer steps with an ellipse than a polynomial
+    has coefficients.
 
     Returns
     -------
@@ -216,7 +233,9 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
 
 
 def model_to_json(model: EllipseModel, source: str = "") -> str:
-    """Write a model and a free text on its origin as JSON, in SI units and full precision, with a checksum of it.
+    """Write a model as JSON with a checksum.
+
+    A free text on its origin is added. Numbers are in SI units and full precision.
 
     Examples
     --------
@@ -239,9 +258,9 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 def model_from_json(text: str) -> EllipseModel:
     """Read a model that `model_to_json` wrote.
 
-    LocalizeError for text that is not JSON, is of another kind or schema, or has keys that are missing or not numbers;
-    for what `EllipseModel` and `CoilEllipses` refuse; and for a wrong checksum, which a model that a person wrote need
-    not have.
+    Raises LocalizeError for text that is not JSON, is of another kind or schema, or has keys that are missing or not
+    numbers. The same holds for models that `EllipseModel` and `CoilEllipses` refuse, and for a wrong checksum. A model
+    that a person wrote need not have a checksum.
     """
     try:
         data = json.loads(text)
@@ -262,11 +281,12 @@ def model_from_json(text: str) -> EllipseModel:
 
 
 def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
-    """Return x and |y| in m of where two ellipses with centres on y = 0 meet; y is 0 where they touch on the axis.
+    """Return x and |y| in m where two ellipses intersect.
 
-    With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² − 2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² − B1² + B2² = 0 where k
-    = B²/A². Solved about the middle of the centres. LocalizeError for ellipses that do not meet, and those that meet at
-    two values of x of which not just one is between the centres.
+    Their centres are on y = 0. y is 0 if they touch on the axis. With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² −
+    2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² − B1² + B2² = 0 where k = B²/A². It is solved about the middle of the centres.
+    Raises LocalizeError for ellipses that do not intersect, and for ellipses that intersect at two values of x of which
+    not exactly one is between the centres.
     """
     middle = (first.x0 + second.x0) / 2
     length = max(first.A, second.A, first.B, second.B)
@@ -286,10 +306,11 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
 
 
 def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, second: str) -> EllipsePosition:
-    """Intersect the ellipses of two given coils by their readings δ.
+    """Intersect the ellipses of two given coils.
 
-    The case is "adjacent coils" where a coil lies between the two, else "two points" or "touching". LocalizeError for a
-    coil that the model lacks, a reading that is missing, not finite or beyond the model, ellipses that do not meet.
+    The ellipses follow from their readings δ. The case is "adjacent coils" if a coil lies between the two, else "two
+    points" or "touching". Raises LocalizeError for a coil that the model does not have, a reading that is missing, not
+    finite or beyond the model, ellipses that do not intersect.
     """
     if first == second:
         raise LocalizeError(f"two coils must be given; got {first} twice.")
@@ -304,10 +325,10 @@ def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, seco
 
 
 def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePosition:
-    """Locate an indentation by the readings δ of all coils of a model; those of other coils are not used.
+    """Locate an indentation by the readings δ of all coils.
 
-    LocalizeError for a reading that is missing, not finite, or beyond the model, ellipses that do not meet, a model of
-    one coil.
+    They are the coils of a model. Readings of other coils are not used. Raises LocalizeError for a reading that is
+    missing, not finite, or beyond the model, ellipses that do not intersect, a model of one coil.
 
     Examples
     --------
@@ -327,7 +348,7 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
         try:
             return intersect(model, readings, beside[0].name, beside[1].name)
         except LocalizeError:
-            pass  # the two do not meet: the usual pair
+            pass  # the two do not intersect, take the usual pair
     greater = max(beside, key=lambda c: readings[c.name])
     pair = sorted((coil.name, greater.name), key=model.names.index)
     return intersect(model, readings, pair[0], pair[1])
@@ -343,7 +364,7 @@ def _reading(deltas: Mapping[str, float], name: str) -> float:
 
 
 def _coil_from(data: object) -> CoilEllipses:
-    """One coil of a JSON file."""
+    """Read one coil of a JSON file."""
     keys = (*(f"{key}_m" for key in PARAMETERS), *_RANGE)
     if not isinstance(data, dict) or not isinstance(data.get("name"), str):
         raise LocalizeError("a coil of an ellipse model must have a name.")
@@ -363,7 +384,10 @@ def _coil_from(data: object) -> CoilEllipses:
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
-    """Return the steps of one state that have an ellipse about its centre; refuse a state with too few."""
+    """Return the steps of one state with a valid ellipse.
+
+    The ellipse must be about the coil's centre. Refuses a state with too few steps.
+    """
     kept = fit.isel(step=np.flatnonzero(fit.refused.values == ""))
     known = kept.x0.values[~kept.undetermined.values]
     if len(known):
@@ -400,7 +424,10 @@ def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:
 
 
 def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
-    """y² where both ellipses are at x, None if one of them is not there; 0 within rounding of it."""
+    """Return y² where both ellipses are at x.
+
+    None if one of them does not reach x, and 0 within rounding of it.
+    """
     squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in (first, second)]
     rounding = _TOUCHING * max(first.B, second.B) ** 2
     if min(squares) < -rounding:

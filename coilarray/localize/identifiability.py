@@ -1,12 +1,12 @@
-"""How well a reading determines position and depth: Fisher information, the Cramér–Rao bound, its map over the board.
+"""Fisher information and Cramér–Rao bound of position and depth, with a map over the board.
 
 For Gaussian noise of known covariance Σ in δ, and J the derivatives of the model by the unknowns,
 
     F = Jᵀ Σ⁻¹ J,      cov(θ̂) ≥ F⁻¹
 
 for every unbiased estimate (S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 1, sect. 3.9). The bound is
-of first order: on the middle line of a board that is symmetric, where δ has no slope across it, the information is
-singular and δ determines y² alone.
+of first order. On the middle line of a symmetric board δ has no slope across the line. The information is singular
+there, and δ determines y² alone.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, noise_of, whitening_of
 
-_SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are rounded to 1e-16
+_SINGULAR = 1e-13  # least eigenvalue of a scaled information, whose entries are rounded to 1e-16
 
 
 def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> FloatArray:
-    """Information of one reading of all states about x, y and, where it is unknown, the depth, in 1/m².
+    """Fisher information of one reading of all states, in 1/m².
 
-    Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state, which
-    is independent from state to state; by default the model's noise, with what is common. The table's error counts, and
-    states that the converter cannot read do not.
-    LocalizeError for what `ForwardModel.jacobian` and `noise_of` refuse.
+    It is about x, y and, if it is unknown, the depth. Shape (…, unknowns, unknowns), for points (…, 3). The noise is
+    the standard deviation of δ, one number or a number for each state, independent from state to state. By default it
+    is the model's noise, including its common part. The table's error counts, and states that the converter cannot read
+    do not. Raises LocalizeError for arguments that `ForwardModel.jacobian` and `noise_of` refuse.
     """
     at = np.asarray(points, dtype=np.float64)
     scaled = whitening_of(model, noise, model.delta(at), at).slopes(model.jacobian(at))
@@ -36,9 +36,10 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
 
 
 def covariance_of(information: FloatArray) -> FloatArray:
-    """Invert Fisher information (…, n, n) in 1/m² about x, y and, with n = 3, the depth, to covariances in m².
+    """Invert Fisher information to covariances in m².
 
-    Where the information is singular to rounding all variances are infinite and the covariances 0.
+    The information (…, n, n) in 1/m² is about x, y and, with n = 3, the depth. If the information is singular to
+    rounding, all variances are infinite and the covariances 0.
 
     Examples
     --------
@@ -70,20 +71,20 @@ def identifiability(
     model : ForwardModel
         Model of the board.
     depth : float
-        Depth in m; without effect where the model has one depth alone.
-    noise : array_like, scalar or shape (states,), optional
-        Standard deviation of δ; that of the model by default.
-    x, y : array_like, shape (n,), optional
-        Positions in m; those of the table by default.
+            Depth in m, without effect if the model has only one depth.
+        noise : array_like, scalar or shape (states,), optional
+            Standard deviation of δ. By default the noise of the model.
+        x, y : array_like, shape (n,), optional
+            Positions in m. By default the positions of the table.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions y and x. ``sigma_x``, ``sigma_y`` and, where the depth is unknown, ``sigma_h``: least standard
-        deviations in m, infinite where the information is singular. ``condition``: ratio of the largest to the least
-        eigenvalue of the information, x and y in one unit and the depth in its own, which shows how far the unknowns
-        can stand in for each other; infinite where singular. Attributes depth in m,
-        noise and common_noise of every state.
+            Dimensions y and x. ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are the least
+            standard deviations in m, infinite where the information is singular. ``condition`` is the ratio of the
+            largest to the least eigenvalue of the information, with x and y in one unit and the depth in its own. It
+            shows how far the unknowns can replace each other, and is infinite where singular. The attributes are depth
+            in m, noise and common_noise of every state.
 
     Raises
     ------
@@ -119,9 +120,10 @@ def identifiability(
 
 
 def _scaled_eigen(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rising eigenvalues and vectors of the scaled information, and the scale: one for x and y, one for the depth.
+    """Eigenvalues and vectors of the scaled information, rising.
 
-    With a scale of its own an unknown that leaves δ alone but for rounding would look like any other.
+    Also returns the scale: one for x and y, one for the depth. With a scale of its own an unknown that does not affect
+    δ beyond rounding would look like any other.
     """
     diagonal = np.diagonal(information, axis1=-2, axis2=-1).copy()
     diagonal[..., :2] = diagonal[..., :2].max(axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""x0, A and B over the levels of δ of one map, and their scatter under noise of the readings."""
+"""x0, A and B over the levels of δ of a map, and their scatter under noise."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import PARAMETERS, STEP, fit_ellipses
 
-_LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is NaN
+_LEAST_SHARE = 0.5  # of the noisy maps: if fewer have a level, its scatter is NaN
 
 
 @dataclass(frozen=True, eq=False)
 class LevelCurves:
-    """Ellipses of the levels STEP, 2·STEP, … of δ of one state at one depth.
+    """Ellipses of the levels STEP, 2·STEP, … of δ.
 
-    `values` and `deviations`, shape (3, levels), are x0, A and B in m and their standard deviations; NaN where a level
-    has no ellipse, deviations NaN too where no noise is known. `undetermined`, shape (levels,), marks the levels whose
-    points do not determine the ellipse, see `coilarray.localize.ellipse`. `problem` says why there is no
-    ellipse at all; empty if there are some.
+    They are for one state at one depth. `values` and `deviations`, shape (3, levels), are x0, A and B in m and their
+    standard deviations. They are NaN if a level has no ellipse, and the deviations are also NaN if no noise is known.
+    `undetermined`, shape (levels,), marks the levels whose points do not determine the ellipse, see
+    `coilarray.localize.ellipse`. `problem` is the reason why there is no ellipse at all, empty if there are some.
     """
 
     values: FloatArray
@@ -34,11 +34,12 @@ class LevelCurves:
 def level_curves(
     response: xr.Dataset, noise: npt.ArrayLike | None = None, *, replicates: int = 16, seed: int = 0
 ) -> LevelCurves:
-    """Fit the ellipses of a map of one depth and state, and of copies with noise for their standard deviations.
+    """Fit the ellipses of a map and of noisy copies.
 
-    `fit_ellipses` with its own settings. `noise`, shape (y, x), is the standard deviation of δ; fewer than 2
-    `replicates` give no standard deviations. The copies add noise to a map that may have it already; its scatter is
-    given all the same as long as noise is small beside the width of a level.
+    The map has one depth and one state. The copies give the standard deviations. `fit_ellipses` is used with its own
+    settings. `noise`, shape (y, x), is the standard deviation of δ. Fewer than 2 `replicates` give no standard
+    deviations. The copies add noise to a map that may already have it. Their scatter is still right if the noise is
+    small compared with the width of a level.
     """
     try:
         if not np.isfinite(response.delta.values).all():
@@ -57,7 +58,7 @@ def level_curves(
         try:
             shaken = response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape))
             noisy = _parameters(fit_ellipses(shaken).isel(state=0))
-        except LocalizeError:  # noise took the hill away
+        except LocalizeError:  # the noise has removed the hill
             continue
         run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
     count = np.isfinite(runs).sum(axis=0)
@@ -68,7 +69,7 @@ def level_curves(
 
 
 def level_axis(count: int) -> FloatArray:
-    """δ of so many levels."""
+    """Return the δ of the first `count` levels."""
     return np.asarray(STEP * np.arange(1, count + 1), dtype=np.float64)
 
 

@@ -1,7 +1,7 @@
-"""Press events in a stream of δ: when the sensor is touched and released, despite its noise and slow drift.
+"""Detection of press events in a stream of δ, despite noise and slow drift.
 
-At rest δ follows a straight line in time, fitted to the latest seconds, so that drift is no press. What deviates from
-that line by more than noise can is a press; it ends when little of it remains.
+At rest δ follows a straight line in time, fitted to the latest seconds, so that drift is not detected as a press. A
+deviation from the line beyond the noise is a press. It ends when little of the deviation remains.
 """
 
 from __future__ import annotations
@@ -17,36 +17,38 @@ from scipy.special import fdtri
 
 from coilarray.compute.arrays import FloatArray
 
-if TYPE_CHECKING:  # a second to load; without a model never needed
+if TYPE_CHECKING:  # takes a second to load and is not needed without a model
     from coilarray.localize.inverse import Location
 
 FALSE_ALARM = 1e-9
-"""Probability with which noise alone makes a scan the begin of a press: at 100 scans/s once in four months."""
+"""Probability that noise alone makes a scan the begin of a press, once in four months at 100 scans/s."""
 
 REMAINS = 0.25
-"""Part of the largest deviation of a press below which it has ended: it does not flicker where a finger wavers."""
+"""Part of the largest deviation of a press below which it has ended, so that an unsteady finger does not end it."""
 
-_MEMORY = 5.0  # s over which the line at rest is fitted, or as many scans as the baseline if they take longer
+_MEMORY = 5.0  # s over which the line at rest is fitted, or the number of scans in the baseline if they take longer
 _AVERAGED = 200  # scans over which the noise is averaged
 _PER_DIFFERENCE = 2 / 3  # degrees of freedom of a difference of successive values, which share one (von Neumann 1941)
-_SPREAD = 1e-12  # of times, relative: less is rounding
+_SPREAD = 1e-12  # of times, relative, below which it is rounding
 _CODE = 8e-8  # least step of δ: a code is 4e-8 of a frequency of 2 MHz at a reference of 21.7 MHz
-_ROUNDING = _CODE / math.sqrt(12)  # noise of δ that a rounded code has at least
+_ROUNDING = _CODE / math.sqrt(12)  # least noise of δ, by a rounded code
 
 
 @dataclass(frozen=True, eq=False)
 class Press:
-    """One press, from its begin on."""
+    """Press, from its begin on."""
 
     number: int  # from 1
     begin: float  # s since the first scan
-    end: float | None  # likewise; None while it lasts
+    end: float | None  # likewise, None while it lasts
     delta: float  # largest deviation of the δ of a state from rest, with its sign
-    location: Location | None  # at the largest deviation at which there was one
+    location: Location | None  # at the largest deviation with a location
 
 
 def baseline_text(scans: int) -> str:
-    """Return the text that δ is not known yet, as the baseline needs so many more scans.
+    """Return the text that the baseline needs more scans.
+
+    δ is not known until then.
 
     >>> baseline_text(2)
     'baseline: scans without an indentation still wanted: 2'
@@ -55,28 +57,29 @@ def baseline_text(scans: int) -> str:
 
 
 class PressDetector:
-    """Finds presses in the δ of successive scans.
+    """Detector of presses in the δ of successive scans.
 
     Parameters
     ----------
     baseline : sequence of (float, mapping of str to float)
-        Times in s and δ of scans at rest, at least two; their states are followed.
-    number : int
-        Number of the last press before.
+            Times in s and δ of scans at rest, at least two. Their states are followed.
+        number : int
+            Number of the last press before.
 
     Notes
     -----
     With n values in a scan, the mean of the n squared deviations from the line over their variance has Fisher's F
-    distribution of n and ν degrees of freedom where nothing presses and σ² is estimated with ν; the threshold is its
-    quantile at `FALSE_ALARM`. The variance is σ² (1 + h), with h that of the line itself, which grows while it is
+    distribution of n and ν degrees of freedom at rest, if σ² is estimated with ν. The threshold is its quantile at
+    `FALSE_ALARM`. The variance is σ² (1 + h), where h is the variance of the line itself, which grows while the line is
     continued through a press. σ² is estimated from differences of successive scans at rest, in which a drift cancels
-    (J. von Neumann, Ann. Math. Statist. 12, 1941, 367). The line is that of least squares with weights exp(−age/5 s)
-    (R. G. Brown, Smoothing, Forecasting and Prediction, 1963). Where a press ends off the line, it begins anew with as
-    many successive scans as the baseline has that lie on one; until then the next press must be four times as large as
-    what remains.
+    (J. von Neumann, Ann. Math. Statist. 12, 1941, 367). The line is fitted by least squares with weights exp(−age/5 s)
+    (R. G. Brown, Smoothing, Forecasting and Prediction, 1963). If a press ends off the line, the line restarts from as
+    many successive scans on a common line as the baseline has. Until then the next press must be four times as large as
+    the remaining deviation.
     """
 
     def __init__(self, baseline: Sequence[tuple[float, Mapping[str, float]]], number: int = 0) -> None:
+        """Start at rest with the baseline."""
         self.number = number
         self._scans = len(baseline)
         self._names = tuple(dict.fromkeys(name for _, delta in baseline for name in delta))
@@ -90,9 +93,10 @@ class PressDetector:
             self._add(self._row(delta))
 
     def take(self, time: float, delta: Mapping[str, float], location: Location | None = None) -> Press | None:
-        """Return the press during a scan, or the one that ends with it; None at rest.
+        """Return the press during a scan or ending with it.
 
-        `time` is in s; `delta` has the δ of all states with a value, `location` where they put the indentation.
+        None at rest. `time` is in s. `delta` has the δ of all states with a value, and `location` is the position that
+        they give.
         """
         values = self._row(delta)
         self._line.advance(time)
@@ -126,7 +130,10 @@ class PressDetector:
         return np.array([delta.get(name, math.nan) for name in self._names])
 
     def _deviation(self, line: _Line, values: FloatArray) -> tuple[FloatArray, float, float]:
-        """Return deviations from a line, their root mean square, and the one that noise does not reach."""
+        """Return deviations from a line, their rms and its limit.
+
+        Noise does not reach the limit.
+        """
         expected, uncertainty = line.now()
         known = np.isfinite(values) & np.isfinite(expected)
         off = (values - expected)[known]
@@ -137,7 +144,7 @@ class PressDetector:
         return off, math.sqrt(float(off @ off) / off.size), limit
 
     def _add(self, values: FloatArray) -> None:
-        """Add a scan at rest to the line and to the estimate of the noise."""
+        """Add a scan at rest to line and noise."""
         self._line.add(values, math.exp(-self._line.step / _MEMORY) if self._line.count >= self._scans else 1.0)
         steps = (values - self._before)[np.isfinite(values) & np.isfinite(self._before)]
         self._before = values
@@ -148,7 +155,10 @@ class PressDetector:
             self._freedom = before + more
 
     def _begin_anew(self, time: float, values: FloatArray) -> None:
-        """Take a scan off the line into a fresh one, which replaces it when it has enough of them."""
+        """Add a scan off the line to a new line.
+
+        The new line replaces the old line when it has enough scans.
+        """
         self._fresh.advance(time)
         _, deviation, limit = self._deviation(self._fresh, values)
         if deviation > limit:
@@ -160,7 +170,10 @@ class PressDetector:
 
 
 class _Line:
-    """Weighted straight lines in time through δ of some states, as sums about the present."""
+    """Weighted straight lines in time through δ of some states.
+
+    They are stored as sums about the present.
+    """
 
     def __init__(self, states: int) -> None:
         self.count = 0
@@ -169,7 +182,10 @@ class _Line:
         self._sums = np.zeros((5, states))  # of w, w u, w u², w δ and w u δ with u = time − present
 
     def advance(self, time: float) -> None:
-        """Go on to a time in s; one that is not later, as where the board began anew, counts as the same."""
+        """Advance to a time in s.
+
+        A time that is not later, for example after a restart of the board, counts as the same.
+        """
         self.step = step = max(time - self._time, 0.0) if math.isfinite(self._time) else 0.0
         self._time = time
         weight, first, second, one, moment = self._sums
@@ -178,7 +194,10 @@ class _Line:
         moment -= step * one
 
     def add(self, values: FloatArray, kept: float) -> None:
-        """Add the δ of the present, NaN for a state without; `kept` is what remains of all weights before."""
+        """Add the present δ of all states.
+
+        δ is NaN for a state without a value. `kept` is the factor of all earlier weights.
+        """
         self.count += 1
         known = np.isfinite(values)
         self._sums *= kept
@@ -186,7 +205,10 @@ class _Line:
         self._sums[3] += np.where(known, values, 0.0)
 
     def now(self) -> tuple[FloatArray, FloatArray]:
-        """Return the present values and their variances as multiples of that of a δ; NaN for less than two times."""
+        """Return the present values and their variances.
+
+        The variances are multiples of the variance of a δ. NaN for fewer than two times.
+        """
         weight, first, second, one, moment = self._sums
         spread = weight * second - first**2
         with np.errstate(divide="ignore", invalid="ignore"):

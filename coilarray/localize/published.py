@@ -1,4 +1,4 @@
-"""Published results of Gast & Zimmermann (2020): their tables, their model, and a map made from its ellipses."""
+"""Published results of Gast & Zimmermann (2020): tables, model, and a map of its ellipses."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ CENTRE_DELTA = 1e-3
 """δ from which an indentation is near a coil's centre (Sect. 5)."""
 
 _DEPTH, _SPACING, _X, _Y = 1e-3, 2e-3, 26e-3, 6e-3  # in m, Table 1
-_FLOOR = -2e-4  # of δ on `published_map`: well below the lowest level
-_HALVINGS = 50  # of a range of 2e-3 in δ: to 2e-18
+_FLOOR = -2e-4  # of δ on `published_map`, well below the lowest level
+_HALVINGS = 50  # of a range of 2e-3 in δ, down to 2e-18
 _ANGLES = 721  # points on an ellipse, half a degree apart
 _COILS = ("coil1", "coil2", "coil3")
-_SAME = 1e-3  # m: a coil so near to where Table A1 has it is that of the paper; the pitch is 13.3 mm
+_SAME = 1e-3  # m, within which a coil counts as the coil of Table A1 (the pitch is 13.3 mm)
 
 
 def published_rows(name: str) -> list[dict[str, str]]:
-    """Read the table of a `name` as the paper prints it.
+    """Read a table of the paper by its `name`.
 
     It is ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1`` (ellipses).
 
     Returns
     -------
     list of dict of str to str
-        One dictionary a row, the text of its cells by the names of the columns.
+            One dictionary for each row, with the text of its cells by the names of the columns.
 
     Examples
     --------
@@ -45,11 +45,13 @@ def published_rows(name: str) -> list[dict[str, str]]:
 
 
 def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, ...]]:
-    """Return the coefficients p4 … p0 of Table A1 in mm, by "A", "B" or "x0" and the name of the coil.
+    """Return the coefficients of Table A1 in mm.
+
+    They are p4 … p0. The keys are "A", "B" or "x0" and the name of the coil.
 
     Examples
     --------
-    The misprint of A3's p3 is kept where it is asked for.
+    The misprint of A3's p3 is kept on request.
 
     >>> table_a1()["A", "coil3"][1], table_a1(as_printed=True)["A", "coil3"][1]
     (-8811000000.0, -8811000000000.0)
@@ -62,9 +64,10 @@ def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, 
 
 
 def published_model() -> EllipseModel:
-    """Return the model of Table A1, of coils 1 to 3, without the misprint and without the added 0.2 mm.
+    """Return the model of Table A1.
 
-    The range of δ is not printed: it is taken from 0 to where A or B vanishes, 1.23e-3, 1.87e-3 and 1.24e-3.
+    It is for coils 1 to 3, without the misprint and without the added 0.2 mm. The range of δ is not printed. It is
+    taken from 0 to the zero of A or B, 1.23e-3, 1.87e-3 and 1.24e-3.
     """
     table = {key: tuple(p * 1e-3 for p in values) for key, values in table_a1().items()}
     coils = []
@@ -75,9 +78,10 @@ def published_model() -> EllipseModel:
 
 
 def require_published_board(design: Design) -> None:
-    """Refuse a design whose coils are not those of Table A1, by their names and by where they lie in its map.
+    """Refuse a design with coils other than Table A1's.
 
-    GoalError for a coil that is missing, or more than 1 mm from the published centre of its ellipses near its peak.
+    The coils are compared by their names and by their places in the map. Raises GoalError for a coil that is missing,
+    or more than 1 mm from the published centre of its ellipses near its peak.
 
     Examples
     --------
@@ -108,10 +112,11 @@ def undetermined_levels(
     x: tuple[float, float] = (-_X, _X),
     y: tuple[float, float] = (-_Y, _Y),
 ) -> npt.NDArray[np.bool_]:
-    """Whether too little of a coil's ellipses at δ (n,) lies in the window of the map to know them.
+    """Test which levels of a coil are undetermined.
 
-    The window reaches over `x` and `y` in m; the paper's, x ±26 and y ±6 mm, by default. The points of each ellipse
-    within it are judged as those of a computed level, by `coilarray.localize.ellipse.closes`.
+    A level is undetermined if too little of its ellipse at δ (n,) is in the window of the map. The window reaches over
+    `x` and `y` in m, by default the paper's window, x ±26 and y ±6 mm. The points of each ellipse within it are judged
+    like the points of a computed level, by `coilarray.localize.ellipse.closes`.
 
     Examples
     --------
@@ -128,11 +133,12 @@ def undetermined_levels(
 
 
 def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None) -> xr.Dataset:
-    """Return the response of coils 1 to 3 whose curves of equal δ are the ellipses of Table A1.
+    """Return the response whose level curves are Table A1's ellipses.
 
-    Not what was measured: what the paper's model says of it. Positions along x and y are in m; by default the paper's
-    grid, 2 mm apart over x ±26 and y ±6 mm. Each δ is found by bisection. Beyond the ellipse of δ = 0 the polynomials
-    are continued down to δ = -2e-4, so that the map runs smoothly through zero; further out it is flat.
+    It is the response of coils 1 to 3. It was not measured but follows from the paper's model. Positions along x and y
+    are in m, by default the paper's grid, 2 mm apart over x ±26 and y ±6 mm. Each δ is found by bisection. Beyond the
+    ellipse of δ = 0 the polynomials are continued down to δ = -2e-4, so that the map passes smoothly through zero.
+    Further out it is flat.
 
     Examples
     --------
@@ -159,6 +165,7 @@ def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 
 
 def _delta_at(coil: CoilEllipses, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Find δ on the map of a coil by bisection."""
     low, high = np.full_like(x, _FLOOR), np.full_like(x, coil.highest)
     for _ in range(_HALVINGS):
         middle = (low + high) / 2

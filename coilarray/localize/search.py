@@ -1,16 +1,16 @@
-"""The most likely positions of an indentation: a scan of the whole table for starts, and a least-squares refinement.
+"""Search for the most likely positions: a scan of the table and a refinement.
 
-Both minimise χ²(θ) = |W (δ − model(θ))|², which is −2 ln of the likelihood up to a constant, for many readings at once;
-W is that of `coilarray.localize.whitening`.
+Both minimise χ²(θ) = |W (δ − model(θ))|², which is −2 ln of the likelihood up to a constant, for many readings at once.
+W is the whitening of `coilarray.localize.whitening`. The refinement is by least squares.
 
-The scan looks at cells of the table. Around the centre θ_c of one the model is taken as linear, and a step u away from
-the centre, in sizes of the cell, costs |u|²; what is left has a closed form,
+The scan examines the cells of the table. Around the centre θ_c of a cell the model is taken as linear, and a step u
+away from the centre, in sizes of the cell, costs |u|². The minimum over u has a closed form,
 
     min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,      e = W (δ − model(θ_c)),      Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
 
-so narrow valleys are seen that pass between the centres. The refinement is the method of Levenberg and Marquardt with
-Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems,
-2004, sect. 3.2) inside the bounds of the table.
+so that the scan also finds narrow valleys that pass between the centres. The refinement is the method of Levenberg and
+Marquardt with Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least
+Squares Problems, 2004, sect. 3.2) inside the bounds of the table.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from coilarray.localize.whitening import Whitening
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
-_MOST_CELLS = 64  # along x and along y; more only where the table is finer
+_MOST_CELLS = 64  # along x and along y, more only if the table is finer
 _DEPTH_CELLS = 8
-_STARTS = 12  # of one reading: with them the least χ² of 200 random starts is found (tests/localize/test_inverse.py)
-_FARTHEST = 2.0  # step of the scan in sizes of a cell; the model is not linear much longer
-_BLOCK = 64  # readings scanned together; a few MB
-_UNIT = 0.1  # of the table's shorter side, and of its depths: the steps that the damping treats alike
+_STARTS = 12  # of one reading, enough to find the least χ² of 200 random starts
+_FARTHEST = 2.0  # step of the scan in sizes of a cell, the model is not linear much longer
+_BLOCK = 64  # readings scanned together, a few MB
+_UNIT = 0.1  # of the table's shorter side, and of its depths: steps that the damping treats alike
 _ITERATIONS = 100
-_SETTLED = 1e-6  # fall of χ² that a step promises; a standard deviation is a fall by 1
+_SETTLED = 1e-6  # predicted fall of χ² of a step (a standard deviation is a fall by 1)
 _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state without response leaves singular
 
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Cells of the table, with the linear model around each.
+    """Cells of the table, with a linear model around each.
 
-    `shape` counts the cells along x, y and depth, of which `free` are unknown; `size`, shape (unknowns,), is that of
-    one in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is W times the model at the centre,
-    `slopes` (cells, states, unknowns) W times its change over a cell, J, and `forms` (1 + unknowns,
-    states, cells) `scaled` and the columns of Q.
+    `shape` has the numbers of cells along x, y and depth, and `free` their unknowns. `size`, shape (unknowns,), is the
+    size of a cell in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is W times the model at the
+    centre. `slopes` (cells, states, unknowns) is W times its change over a cell, J. `forms` (1 + unknowns, states,
+    cells) has `scaled` and the columns of Q.
     """
 
     shape: tuple[int, int, int]
@@ -60,7 +60,10 @@ class Scan:
     forms: FloatArray
 
     def badness(self, readings: FloatArray) -> FloatArray:
-        """|e|² − |Qᵀe|² of every cell, shape (n, *shape), for W times readings, shape (n, states)."""
+        """Compute |e|² − |Qᵀe|² of every cell, shape (n, *shape).
+
+        The readings are multiplied by W, shape (n, states).
+        """
         offsets = np.einsum("fsc,cs->fc", self.forms, self.scaled)
         along = np.tensordot(readings, self.forms, axes=(1, 1))
         total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
@@ -75,7 +78,7 @@ def _kept_scan(model: ForwardModel, noise: tuple[float, ...] | None) -> Scan:
 
 
 def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
-    """Prepare the scan of a model's table for one covariance of δ."""
+    """Prepare the scan of a table for one covariance."""
     counts = [max(_even(min(len(axis) - 1, _MOST_CELLS)), 1) for axis in (model.x, model.y)]
     shape = (*counts, _DEPTH_CELLS if len(model.depth) > 1 else 1)
     span = model.upper - model.lower
@@ -99,19 +102,23 @@ def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
 
 
 def _even(count: int) -> int:
-    """Make a number of cells even: on the middle line a symmetric board has no slope across it."""
+    """Make a number of cells even.
+
+    On the middle line a symmetric board has no slope across it.
+    """
     return count + count % 2
 
 
 def starts(
     model: ForwardModel, readings: FloatArray, noise: FloatArray | None, weights: Whitening
 ) -> tuple[IntArray, FloatArray]:
-    """Positions to refine: the best of the cells that are better than their neighbours in x and y.
+    """Find positions to refine, the best local minima of cells.
 
-    For readings (n, states) with a noise and their weights it returns points (m, 3) in m, not yet inside the bounds,
-    and their owner (m,): the number of the reading that a start belongs to, rising; every reading has one at least.
+    A cell counts if it is better than its neighbours in x and y. Readings (n, states) come with a noise and their
+    weights. Returns points (m, 3) in m, not yet inside the bounds, and their owner (m,). The owner is the index of the
+    reading of a start, rising. Every reading has at least one start.
     """
-    alike = weights.deviations.ndim == 1  # else every reading has its own weights, and so its own scan
+    alike = weights.deviations.ndim == 1  # else every reading has its own weights and its own scan
     scaled, size = weights.residuals(readings), _BLOCK if alike else 1
     kept = _kept_scan(model, None if noise is None else tuple(noise.tolist())) if alike else None
     found = [
@@ -123,6 +130,7 @@ def starts(
 
 
 def _starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Find the starts of readings by one scan."""
     badness = scan.badness(readings)
     level = badness.argmin(axis=-1)
     least = np.take_along_axis(badness, level[..., None], axis=-1)[..., 0]
@@ -144,10 +152,11 @@ def _starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
 def refine(
     model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening
 ) -> tuple[FloatArray, FloatArray]:
-    """Go down to the least χ² near every start, one row of points (m, 3) in m and of readings (m, states) for each.
+    """Minimise χ² from every start.
 
-    `weights` is one for all, or has a row for each as well.
-    Starts outside the table begin on its border. Returns the points, inside the table or on its border, and their χ².
+    There is one row of points (m, 3) in m and of readings (m, states) for each start. `weights` is one for all, or has
+    a row for each as well. Starts outside the table begin on its border. Returns the points, inside the table or on its
+    border, and their χ².
     """
     free = model.free
     unit, low, high = _units(model), model.lower[free], model.upper[free]
@@ -181,7 +190,10 @@ def refine(
 def _step(
     A: FloatArray, e: FloatArray, damping: FloatArray, at_low: BoolArray, at_high: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Damped step in units, and the fall of χ² that the linear model promises; parameters stay at their bounds."""
+    """Damped step in units, and the predicted fall of χ².
+
+    The linear model gives the prediction. Parameters stay at their bounds.
+    """
     g, H = np.einsum("nsi,ns->ni", A, e), A.swapaxes(1, 2) @ A
     held = (at_low & (g < 0)) | (at_high & (g > 0))
     g[held] = 0
@@ -193,7 +205,10 @@ def _step(
 
 
 def _units(model: ForwardModel) -> FloatArray:
-    """Lengths in m in which the parameters are alike; x and y have the same."""
+    """Lengths in m in which the parameters are comparable.
+
+    x and y have the same length.
+    """
     span = model.upper - model.lower
     side = min((length for length in span[:2].tolist() if length), default=0.0)
     return _UNIT * np.array([side, side, span[2]])[model.free]
@@ -202,7 +217,10 @@ def _units(model: ForwardModel) -> FloatArray:
 def _residuals(
     model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening, unit: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """W times residuals, and W times the model's slopes per unit."""
+    """Whitened residuals, and whitened slopes per unit.
+
+    They are multiplied by W. The slopes are the model's.
+    """
     delta, jacobian = model.linear(points)
     return weights.residuals(readings - delta), weights.slopes(jacobian) * unit
 

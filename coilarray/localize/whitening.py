@@ -1,11 +1,11 @@
-"""Readings and slopes over the noise, where a part of the noise is common to all coils.
+"""Whitening of readings and slopes, with noise that is partly common to all coils.
 
-A clock or a capacitor of all coils that drifts changes every δ by one random number. With D the variances of what is
-independent from state to state, and C the drift of every state by every common cause,
+The drift of a clock or a capacitor of all coils changes every δ by one random number. With D the variances of the noise
+that is independent from state to state, and C the drift of every state by every common cause,
 
     Σ = D + C Cᵀ,      W = (1 − P Γ Pᵀ) D^(−1/2),      D^(−1/2) C = P S Qᵀ,      Γ = 1 − (1 + S²)^(−1/2),
 
-has W Σ Wᵀ = 1, so that χ² = |W e|² of residuals e, and the Fisher information is (W J)ᵀ (W J). For a single cause,
+has W Σ Wᵀ = 1, so that χ² = |W e|² for residuals e, and the Fisher information is (W J)ᵀ (W J). For a single cause,
 with u = D^(−1/2) c, it is P = u/|u| and Γ = 1 − 1/√(1 + |u|²).
 """
 
@@ -21,14 +21,16 @@ from coilarray.compute.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """W of one covariance, or of one for each of many readings on leading axes.
+    """Whitening W of one covariance or many.
+
+    Many covariances, one for each reading, are on leading axes.
 
     Parameters
     ----------
     deviations : ndarray, shape (…, states)
         Roots of D.
     directions : ndarray, shape (…, states, rank)
-        P, orthonormal; of rank 0 without common causes.
+            P, orthonormal. The rank is 0 without common causes.
     shares : ndarray, shape (…, rank)
         Γ.
     """
@@ -54,14 +56,19 @@ class Whitening:
         return np.asarray((self.residuals(values) ** 2).sum(axis=-1))
 
     def of(self, rows: Any) -> Whitening:
-        """Take some of many covariances, by an index of the leading axis; itself where there is one for all."""
+        """Take some of many covariances by an index.
+
+        The index is of the leading axis. A single covariance for all is returned as it is.
+        """
         if self.deviations.ndim == 1:
             return self
         return Whitening(self.deviations[rows], self.directions[rows], self.shares[rows])
 
 
 def whitening(deviations: FloatArray, common: FloatArray) -> Whitening:
-    """Make W from the independent standard deviations (…, states), positive, and common drifts (states, causes).
+    """Make W from independent deviations and common drifts.
+
+    The standard deviations (…, states) are positive. The common drifts have the shape (states, causes).
 
     Examples
     --------

@@ -122,7 +122,7 @@ class PlatesInAir:
         return own
 
     def mutual(self, one: PosedPlate, other: PosedPlate) -> ComplexArray:
-        """Mutual inductance of two plates' currents in H, (f, u, v)."""
+        """Mutual inductance of two plates in H, (f, u, v)."""
         images = self.images_of(other, one)
         if self._gap(one)[0] == self._gap(other)[0]:
             images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))

@@ -103,7 +103,10 @@ def _levels(heights: FloatArray, unit: float) -> npt.NDArray[np.int64]:
 
 
 def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Image], weights: FloatArray) -> FloatArray:
-    """Sum B in T over the segments, (n, sums, paths, 3)."""
+    """Sum B in T over all segments and images.
+
+    Shape (n, sums, paths, 3).
+    """
     total = np.zeros((len(points), len(weights), len(paths), 3))
     # B is an axial vector
     turned = np.array([[image.sign, image.sign, 1.0] for image in images])[:, None]

@@ -53,9 +53,9 @@ class Parity:
     across: FloatArray
 
     def matrix(self, impedance: SurfaceImpedance) -> ComplexArray:
-        """Matrix λ G + M of the whole body, in H.
+        """Matrix λ G + M of the body, in H.
 
-        Complex, shape (u, u).
+        It is for the whole body, complex, of shape (u, u).
         """
         face = impedance.even if self.sign > 0 else impedance.odd
         G = face * self.faces + impedance.along * self.along + impedance.across * self.across

@@ -1,1 +1,1 @@
-"""The coupling report: one self-contained HTML page, and every number of it as CSV, JSON and netCDF."""
+"""Coupling report: a self-contained HTML page, with all numbers as CSV, JSON and netCDF."""

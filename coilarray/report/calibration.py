@@ -1,4 +1,4 @@
-"""A calibration as tables and as a page, made of the dataset that `coilarray.studies.calibrate.calibrate` returns."""
+"""Tables and page of a calibration from `coilarray.studies.calibrate.calibrate`."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ from coilarray.report.tables import Table, dataset_table
 _PLAIN = DisplayUnit(significant=True)
 _FOUR = DisplayUnit(digits=4)
 _MOST_ALTERNATIVES = 20  # rows of the posterior's picture
-_LEAST_DOUBT = 1e-3  # of a larger χ² by chance; below, the data are not explained
+_LEAST_DOUBT = 1e-3  # probability of a larger χ² by chance, below which the data are not explained
 _ESTIMATED = "estimated"
 
 
 def ranking_table(result: xr.Dataset) -> Table:
-    """Return one row for each combination of choices, the most probable one first: how well it fits."""
+    """Return a table of all combinations of choices, by fit.
+
+    There is one row for each combination, with its fit, the most probable first.
+    """
     relative = {
         name: (result[name] - result[name][0]).assign_attrs(long_name=f"{text} − best", units="1")
         for name, text in (("log_evidence", "ln evidence"), ("log_likelihood", "ln likelihood"), ("bic", "BIC"))
@@ -38,7 +41,10 @@ def ranking_table(result: xr.Dataset) -> Table:
 
 
 def unknown_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return one row for each unknown of a combination, by its place: value, error, 95 % interval."""
+    """Return a table of the unknowns of a combination.
+
+    A row for each has its value, error and 95 % interval. `combination` is its place in the ranking.
+    """
     numbers = ("start", "value", "std", "low", "high")
     of = _own(result, combination)
     names = ("unknown", "unit", *numbers, "at_bound")
@@ -46,7 +52,10 @@ def unknown_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return one row for each unknown of a combination, by its place: its correlations with the others."""
+    """Return a table of the correlations between unknowns.
+
+    There is a row for each unknown of a combination. `combination` is its place in the ranking.
+    """
     of = _own(result, combination)
     columns = {
         f"correlation_{name}": of.correlation.sel(other=name, drop=True).assign_attrs(long_name=name)
@@ -57,9 +66,10 @@ def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return one row for each state and quantity: root mean square of what remains, before and after the fit.
+    """Return a table of the residuals of a fit.
 
-    In SI, and relative to the measured numbers. Rows that are not fitted are predictions. For ellipses the last row are
+    There is one row for each state and quantity with the root mean square of the residuals before and after the fit, in
+    SI, and relative to the measured numbers. Rows that are not fitted are predictions. For ellipses the last row is for
     their ends x0 ± A on y = 0, of all states and as far as the window shows them.
     """
     of = result.isel(combination=combination)
@@ -88,7 +98,10 @@ def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float, int, bool]:
-    """Row of `misfit_table` for the ends of the ellipses on y = 0 that are in the window."""
+    """Row of `misfit_table` for the ends of the ellipses.
+
+    The ends are on y = 0 and in the window.
+    """
     names = ("before", "model", "measured")
     ends = []
     for state in np.unique(of.state.values):
@@ -103,7 +116,10 @@ def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float,
 
 
 def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return one row for each measured or predicted number of a combination: where, measured, model, what remains."""
+    """Return a table of all numbers of a combination.
+
+    A row for each measured or predicted number has its place, measured value, model value and residual.
+    """
     of = result.isel(combination=combination, drop=True)
     where = [name for name in ("quantity", "state", "level", "depth", "y", "x") if name in of.coords]
     names = (*where, "measured", "noise", "weight", "before", "model", "model_std", "residual")
@@ -111,13 +127,19 @@ def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def calibration_tables(result: xr.Dataset) -> list[Table]:
-    """Return every table of a calibration, the long one of all numbers last; those of the best combination."""
+    """Return every table of a calibration.
+
+    They are for the best combination. The long table of all numbers is the last.
+    """
     makers = (ranking_table, unknown_table, correlation_table, misfit_table, residual_table)
     return [make(result) for make in makers]
 
 
 def calibration_notes(result: xr.Dataset) -> list[str]:
-    """Return sentences about what the data of the best combination do not determine, and what limits its figures."""
+    """Return sentences about the limits of a calibration.
+
+    They describe quantities of the best combination that the data do not determine, and limits of its figures.
+    """
     best = result.isel(combination=0)
     notes = []
     for name in best.unknown.values[best.at_bound.values].tolist():
@@ -131,7 +153,7 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
         scale = f"{float(best.noise_scale):.3g}"
         found = (
             f"The noise of δ is estimated from the residuals, a standard deviation of {scale}, as the data state none."
-            if (result.noise == 1).all()  # of a response without any
+            if (result.noise == 1).all()  # of a response without noise
             else f"The scale of the noise is estimated from the residuals: {scale} of the standard deviations given."
         )
         notes.append(f"{found} Whether the model fits at all, it cannot say.")
@@ -147,7 +169,10 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
 
 
 def calibration_pictures(result: xr.Dataset) -> list[Picture]:
-    """Draw data, model and what remains by position or level, and the posterior."""
+    """Draw data, model, residuals and posterior.
+
+    The residuals are by position or level.
+    """
     pictures = [draw("model", "Measured and fitted, and the residuals.", viz.calibration_figure(result))]
     drawn = viz.posterior_figure(result)
     caption = "Posterior of the unknowns between their bounds: draws, and the most probable point as a cross."
@@ -160,9 +185,10 @@ def calibration_pictures(result: xr.Dataset) -> list[Picture]:
 
 
 def write_calibration_page(result: xr.Dataset, path: Path, data: str) -> None:
-    """Write a calibration to `data`, as named on the page, as an HTML page that needs no other file.
+    """Write a calibration as a self-contained HTML page.
 
-    OutputError where it cannot be written; an earlier page stays as it was.
+    The calibration is to `data`, as named on the page. Raises OutputError if it cannot be written. An earlier page is
+    then left unchanged.
     """
     page = render_page(
         "calibration.html.j2",

@@ -1,4 +1,4 @@
-"""The circuit's numbers as tables: states, windings, limits of the converter, frequency sweep."""
+"""Tables of the circuit: states, windings, limits of the converter, frequency sweep."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.hardware import settle_count
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
-_ALIKE = 1e-6  # relative distance of frequencies that tells nothing but rounding
+_ALIKE = 1e-6  # relative distance of frequencies that is only rounding
 
 
 def winding_table(scan: xr.Dataset) -> Table:
-    """Return one row for each coil: what its winding adds to the inductance and the direct-current resistance."""
+    """Return a table of the coils' windings.
+
+    A row for each coil has the contribution of its winding to the inductance and the direct-current resistance.
+    """
     frequency = (
         (),
         scan.attrs["ac_resistance_frequency_Hz"],
@@ -33,7 +36,10 @@ def winding_table(scan: xr.Dataset) -> Table:
 
 
 def state_table(scan: xr.Dataset) -> Table:
-    """Return one row for each state of the scan, where the converter oscillates."""
+    """Return a table of all states of the scan.
+
+    The values of each row are where the converter oscillates.
+    """
     names = (
         "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
         "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
@@ -43,7 +49,10 @@ def state_table(scan: xr.Dataset) -> Table:
 
 
 def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
-    """Say what the pairs of `coilarray.circuit.impedance.close_channels` mean for a board; empty for none."""
+    """Describe the effect of channels with close frequencies.
+
+    The pairs are from `coilarray.circuit.impedance.close_channels`. Empty for no pairs.
+    """
     if not pairs:
         return ""
     one, other, distance = pairs[0]
@@ -63,7 +72,10 @@ def state_current_table(scan: xr.Dataset) -> Table:
 
 
 def limit_table(scan: xr.Dataset) -> Table:
-    """Return one row for each state and limit of an LDC1614; none for a design without a converter."""
+    """Return a table of states and limits of an LDC1614.
+
+    It has no rows for a design without a converter.
+    """
     four = DisplayUnit(digits=4)
     columns = (
         *map(Column, ("state", "limit")),
@@ -79,7 +91,10 @@ def limit_table(scan: xr.Dataset) -> Table:
 
 
 def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
-    """State, frequency, R_p, Q of the resonator and self-resonance, in SI; none without a converter."""
+    """State, frequency, R_p, Q and self-resonance of all resonators.
+
+    They are in SI. Empty without a converter.
+    """
     if "readable" not in scan:
         return []
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
@@ -88,7 +103,10 @@ def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]
 
 
 def drive_table(scan: xr.Dataset) -> Table:
-    """Return one row for each state: setting of the LDC1614's sensor drive and least settling count."""
+    """Return a table of the sensor drive settings.
+
+    A row for each state has the setting of the LDC1614's sensor drive and the least settling count.
+    """
     columns = (
         Column("state"),
         Column("idrive_code", "IDRIVE"),

@@ -1,6 +1,6 @@
-"""A comparison of a measured with a simulated response as tables and as a page.
+"""Tables and page of a comparison of a measured with a simulated response.
 
-Everything is made of the dataset that `coilarray.localize.comparison.compare_responses` returns. Cells are empty where
+The tables are made from the dataset that `coilarray.localize.comparison.compare_responses` returns. Cells are empty if
 a map does not determine the number.
 """
 
@@ -24,7 +24,10 @@ from coilarray.report.tables import Column, Table, Value, cell, dataset_table, r
 
 
 def scale_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth and state: scale and shift of the simulated map onto the measured one."""
+    """Return a table of scales and shifts.
+
+    A row for each depth and state has the scale and shift of the simulated map onto the measured map.
+    """
     shifts = {}
     for axis in ("x", "y"):
         for end in ("", "_std"):
@@ -36,7 +39,10 @@ def scale_table(comparison: xr.Dataset) -> Table:
 
 
 def remains_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth and state: root mean square of what remains and correlation, before and after."""
+    """Return a table of residuals before and after the fit.
+
+    A row for each depth and state has the root mean square of the residuals and the correlation.
+    """
     errors = ("noise", "rms_before", "rms_before_std", "rms_after", "rms_after_std")
     correlations = ("correlation_before", "correlation_before_std", "correlation_after", "correlation_after_std")
     five = DisplayUnit(digits=5)
@@ -45,9 +51,10 @@ def remains_table(comparison: xr.Dataset) -> Table:
 
 
 def ellipse_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both.
+    """Return a table of differences between ellipses.
 
-    Levels that one of the two maps does not determine are counted and left out.
+    A row for each depth, state and ellipse parameter has measured minus simulated over the levels of both. Levels that
+    one of the two maps does not determine are counted and left out.
     """
     columns = (
         Column("depth", unit="m"), Column("state"), Column("parameter"), Column("levels", "levels of both", "1"),
@@ -72,7 +79,10 @@ def ellipse_table(comparison: xr.Dataset) -> Table:
 
 
 def curve_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth, state and level that one of both has: x0, A and B with standard deviations."""
+    """Return a table of ellipses at all levels.
+
+    A row for each depth, state and level of either map has x0, A and B with standard deviations.
+    """
     curves = {
         f"{name}_{source}{end}": comparison[f"{name}{end}"]
         .sel(source=source, drop=True)
@@ -94,7 +104,10 @@ def curve_table(comparison: xr.Dataset) -> Table:
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:
-    """Return one row for each state: L_0 of both; None where one of them has none."""
+    """Return a table of L_0 of both responses by state.
+
+    None if one of them has no L_0.
+    """
     if "base_inductance" not in comparison:
         return None
     measured, simulated = (comparison.base_inductance.sel(source=one, drop=True) for one in ("measured", "simulated"))
@@ -113,13 +126,19 @@ def inductance_table(comparison: xr.Dataset) -> Table | None:
 
 
 def comparison_tables(comparison: xr.Dataset) -> list[Table]:
-    """Return every table of a comparison, the long one of all levels last."""
+    """Return every table of a comparison.
+
+    The long table of all levels is the last.
+    """
     makers = (scale_table, remains_table, ellipse_table, inductance_table, curve_table)
     return [table for table in (make(comparison) for make in makers) if table is not None]
 
 
 def comparison_notes(comparison: xr.Dataset) -> list[str]:
-    """Return sentences about what was not compared and what limits the figures; an empty list where nothing does."""
+    """Return sentences about the limits of a comparison.
+
+    They describe parts that were not compared and limits of the figures. The list is empty without limits.
+    """
     said = comparison.attrs
     notes = []
     for side in comparison.source.values.tolist():
@@ -160,11 +179,11 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
 def write_comparison_page(
     comparison: xr.Dataset, path: Path, names: tuple[str, str], outlines: Sequence[FloatArray] = ()
 ) -> None:
-    """Write a comparison of two responses as an HTML page that needs no other file, in a folder that exists.
+    """Write a comparison as a self-contained HTML page.
 
-    `names` are those of the measured and of the simulated response on the page; `outlines` the corners of the coils in
-    m from the map's origin, each of shape (m, 2). OutputError where it cannot be written; an earlier page stays as it
-    was.
+    The folder must exist. `names` are the names of the measured and of the simulated response on the page. `outlines`
+    are the corners of the coils in m from the map's origin, each of shape (m, 2). Raises OutputError if it cannot be
+    written. An earlier page is then left unchanged.
     """
     page = render_page(
         "comparison.html.j2",
@@ -190,7 +209,7 @@ _WHERE = ("depth", "state")
 
 
 def _each(comparison: xr.Dataset) -> list[tuple[float, str, xr.Dataset]]:
-    """Depth, state and the part of the comparison that is theirs."""
+    """Iterate over depths and states with their parts."""
     return [
         (depth, str(state), comparison.isel(depth=k, state=j))
         for k, depth in enumerate(comparison.depth.values.tolist())
@@ -199,7 +218,7 @@ def _each(comparison: xr.Dataset) -> list[tuple[float, str, xr.Dataset]]:
 
 
 def _problems(at: xr.Dataset) -> list[str]:
-    """Why the maps have no ellipses, said once where it is the same."""
+    """List the reasons why maps have no ellipses, each once."""
     texts = dict(zip(at.source.values.tolist(), map(str, at.ellipse_problem.values), strict=True))
     if len(set(texts.values())) == 1:
         return [text for text in set(texts.values()) if text]
@@ -207,6 +226,7 @@ def _problems(at: xr.Dataset) -> list[str]:
 
 
 def _provenance(attrs: Mapping[str, object]) -> dict[str, str]:
+    """Origin of a response for the page."""
     kept = ("source", "design", "design_hash", "coilarray_version", "recording")
     made = {
         f"{who}, {key.replace('_', ' ')}": str(attrs[f"{who}_{key}"])

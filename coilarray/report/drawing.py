@@ -1,7 +1,8 @@
-"""A second process that draws pictures while this one computes: Python draws and computes on one core at a time.
+"""Second process that draws pictures while this process computes.
 
-The process imports Matplotlib and PyVista while the caller imports and computes. It is this module, run with
-``python -m``, and not one of `multiprocessing`, which would run the caller's script again.
+Python draws and computes on one core at a time. The process imports Matplotlib and PyVista while the caller imports and
+computes. It runs this module with ``python
+-m``. A process of `multiprocessing` would run the caller's script again.
 """
 
 from __future__ import annotations
@@ -23,16 +24,18 @@ Result = TypeVar("Result")
 Task = tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]
 
 _OPEN: list[Drawing] = []  # one, while a block lasts
-_WORTH = 2  # tasks that the process beside has done by the time this one has imported Matplotlib
+_WORTH = 2  # tasks that the other process has done by the time this process has imported Matplotlib
 
 
 class Drawing:
-    """Tasks of the process beside, in their order; what it has not begun at the end, or cannot do, is done here.
+    """Tasks of the drawing process, in order.
 
-    On a computer of one core there is no such process.
+    Tasks that it has not begun at the end, or cannot do, are done in this process. On a computer of one core there is
+    no drawing process.
     """
 
     def __init__(self, process: subprocess.Popen[bytes] | None) -> None:
+        """Start the thread that feeds the process."""
         self._process = process
         self._todo: deque[Task] = deque()
         self._told = threading.Condition()
@@ -42,7 +45,10 @@ class Drawing:
             self._thread.start()
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
-        """Have a function of a module called; its arguments and its result are pickled."""
+        """Submit a function of a module.
+
+        Its arguments and its result are pickled.
+        """
         future: Future[Result] = Future()
         with self._told:
             self._todo.append((future, function, arguments))
@@ -50,7 +56,10 @@ class Drawing:
         return future
 
     def finish(self) -> None:
-        """Help where many tasks have not begun; afterwards all have results."""
+        """Finish all tasks.
+
+        This process helps if many tasks have not begun.
+        """
         while len(self._todo) > (_WORTH if self._process is not None else 0) and (task := self._take()) is not None:
             _fulfil(task)
         with self._told:
@@ -58,7 +67,7 @@ class Drawing:
             self._told.notify()
         if self._process is not None:
             self._thread.join()
-        while (task := self._take()) is not None:  # which the process could not do
+        while (task := self._take()) is not None:  # tasks that the process could not do
             _fulfil(task)
 
     def _take(self) -> Task | None:
@@ -66,7 +75,10 @@ class Drawing:
             return self._todo.popleft() if self._todo else None
 
     def _serve(self) -> None:
-        """Give the process one task after the other until there are no more, or the process has ended."""
+        """Give the process its tasks until none is left.
+
+        It also stops if the process has ended.
+        """
         assert self._process is not None
         while True:
             with self._told:
@@ -106,19 +118,20 @@ def _asked(process: subprocess.Popen[bytes], question: object) -> tuple[Any, Exc
 
 @contextmanager
 def drawing_beside() -> Iterator[Drawing]:
-    """Draw in another process while the block runs, where there is more than one core; it ends with the block.
+    """Draw in another process while the block runs.
 
-    A block within this one draws in the same process, which a command starts before its imports.
+    There is no other process on a single core. It ends with the block. A block within this block draws in the same
+    process, which a command starts before its imports.
     """
     if _OPEN or cores() == 1:
         yield _OPEN[0] if _OPEN else Drawing(None)
         return
-    # it finds what is found here, and nothing more: -P keeps the working folder off
+        # its search path is the same as here and no longer: -P keeps the working folder off
     path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": path, "COILARRAY_THREADS": "1"},
-        start_new_session=True,  # an interrupt from the keyboard is for this process, which ends the other one
+        start_new_session=True,  # an interrupt from the keyboard is for this process, which ends the drawing process
     )  # fmt: skip
     try:
         _OPEN.append(Drawing(process))
@@ -134,7 +147,7 @@ def drawing_beside() -> Iterator[Drawing]:
 
 
 def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
-    """Answer one task after the other until no more can come."""
+    """Answer tasks until no more can come."""
     from coilarray import viz
     from coilarray.compute.memory import collect_seldom
 
@@ -158,7 +171,7 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
 
 if __name__ == "__main__":
     replies = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # output of libraries is not an answer
     with suppress(BrokenPipeError, KeyboardInterrupt):
         _draw(sys.stdin.buffer, replies)
-    os._exit(0)  # ends at once, whatever threads still wait
+    os._exit(0)  # ends at once, even if threads still wait

@@ -1,4 +1,4 @@
-"""The pictures of a report, as data URIs that need no other file."""
+"""Pictures of a report as data URIs, without other files."""
 
 from __future__ import annotations
 
@@ -29,12 +29,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_SIZE = (1280, 720)  # pixels of what is rendered; the page is 1100 wide
+_SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture on the page: its unique name, a caption with units, and ``data:image/png;base64,…``."""
+    """Picture on the page.
+
+    It has a unique name, a caption with units, and ``data:image/png;base64,…``.
+    """
 
     name: str
     caption: str
@@ -42,7 +45,10 @@ class Picture:
 
 
 def board_picture(design: Design) -> list[Picture]:
-    """Show the board: rendered where this machine can, else drawn from above."""
+    """Show the board.
+
+    It is rendered if this machine can, else drawn from above.
+    """
     if viz.rendering_problem() is None:
         caption = "The board; lengths in mm."
         if design.plates:
@@ -56,7 +62,10 @@ def board_picture(design: Design) -> list[Picture]:
 
 
 def board_page(design: Design) -> str | None:
-    """Return a page on which the board can be turned; none where PyVista or trame-vtk is not installed."""
+    """Return a page on which the board can be turned.
+
+    None if PyVista or trame-vtk is not installed.
+    """
     from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_design
     from coilarray.viz.scenes.page import scene_page
 
@@ -77,7 +86,10 @@ def copper_pictures(design: Design) -> list[Picture]:
 
 
 def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
-    """Heat maps of L and k, L open against L as terminated, and the passive currents."""
+    """Draw the coupling between coils.
+
+    Heat maps of L and k, L open against L as terminated, and the passive currents.
+    """
     return [
         draw(
             "inductance",
@@ -97,7 +109,10 @@ def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
 def field_pictures(
     design: Design, active: str, line: dict[str, xr.Dataset], plane: dict[str, xr.Dataset]
 ) -> list[Picture]:
-    """B_z above the board: along a line through the active coil, and on the plane, one for each entry."""
+    """Draw B_z above the board.
+
+    It is shown along a line through the active coil, and on the plane, a picture for each entry.
+    """
     across = _outline(design, active)[:, 0]
     height = f"{design.field_height * 1e3:g} mm above the board"
     outlines = [_outline(design, name) for name in design.array.names]
@@ -120,7 +135,7 @@ def field_pictures(
 
 
 def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
-    """Apparent inductance and resistance of every state over frequency."""
+    """Draw apparent inductance and resistance over frequency."""
     return [
         draw(
             "apparent_inductance",
@@ -136,7 +151,10 @@ def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
 
 
 def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
-    """Force over depth, the deepest dent in section and, where this machine can render, in the middle of a coil."""
+    """Draw force over depth and the deepest dent.
+
+    The dent is shown in section and, if this machine can render, in the middle of a coil.
+    """
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
     pictures = [
@@ -158,7 +176,10 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
 
 
 def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
-    """Show δ as maps with the outlines of the coils, as profiles along x, and of one state at every depth."""
+    """Draw δ as maps, profiles and over depth.
+
+    The maps have the outlines of the coils, the profiles are along x, and one state is shown at every depth.
+    """
     deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
     pictures = []
     if min(response.sizes["x"], response.sizes["y"]) > 1:
@@ -178,7 +199,10 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
 
 
 def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
-    """Show what a target does against its distance, and as maps at the least one."""
+    """Draw the effect of a target.
+
+    It is shown over its distance, and as maps at the least distance.
+    """
     caption = (
         "|δ|, inductance, quality factor and frequency of the states over the distance of the target, where it moves "
         "each the most; dotted: the noise of δ, and the values without the target."
@@ -192,14 +216,17 @@ def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
 
 
 def bounds_picture(design: Design, bounds: xr.Dataset) -> list[Picture]:
-    """Draw the standard deviation of a located position over the board."""
+    """Draw the standard deviation of a position on the board."""
     outlines = [_outline(design, name) for name in design.array.names]
     caption = "Least standard deviation of a located position over the board, grey where it cannot be determined."
     return [draw("position_bounds", caption, viz.identifiability_figure(bounds, outlines))]
 
 
 def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
-    """Draw A, B and x0 of the middle coil over δ, two ellipses that meet, and the error of x over the map."""
+    """Draw ellipse parameters, intersection and error of x.
+
+    A, B and x0 of the middle coil are over δ. Two ellipses intersect. The error of x is over the map.
+    """
     names = positions.model.names
     coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
@@ -232,14 +259,17 @@ def position_pictures(design: Design, positions: MapPositions, published: Ellips
 
 
 def distortion_picture(distortion: xr.Dataset) -> list[Picture]:
-    """Draw how x0 moves with δ, and what moves it."""
+    """Draw the motion of x0 with δ and its causes."""
     bands = "; bands: two standard deviations of the calibration" if "x0_std" in distortion else ""
     caption = f"Left: x0 over δ as predicted and as published. Right: what x0 loses without each cause{bands}."
     return [draw("distortion", caption, viz.distortion_figure(distortion))]
 
 
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
-    """Show what remains between two responses and x0 of both, state by state, and reading against reading."""
+    """Draw the residuals between two responses.
+
+    Also shows x0 of both, state by state, and reading against reading.
+    """
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
     caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
     dots = draw("readings", caption, viz.plot_readings(comparison, -1))
@@ -255,7 +285,10 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
-    """Outline of every coil, shape (m, 2), in m from the origin of a response map."""
+    """Outline of every coil in m, shape (m, 2).
+
+    It counts from the origin of a response map.
+    """
     shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
     return [_outline(design, name) + shift for name, shift in zip(design.array.names, shifts, strict=True)]
 
@@ -274,7 +307,7 @@ def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
 
 
 def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
-    """Return a drawn figure as a picture with a name and a caption."""
-    from coilarray.report.png import png_of  # which imports Matplotlib
+    """Return a drawn figure as a picture with caption."""
+    from coilarray.report.png import png_of  # imports Matplotlib
 
     return Picture(name, caption, png_url(png_of(drawn)))

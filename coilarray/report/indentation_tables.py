@@ -1,4 +1,4 @@
-"""The indentation's numbers as tables: force and dent over depth, and the response of every state."""
+"""Tables of the indentation: force and dent over depth, and the response of every state."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, dataset_table
 from coilarray.response.answering import NO_ANSWER
 
-_NO_RING = 1e-6  # of the depth: a rise below it is rounding
+_NO_RING = 1e-6  # of the depth, below which a rise is rounding
 
 
 def indentation_table(indentation: xr.Dataset) -> Table:
-    """Return one row for each depth: force, contact, and how far every sheet and the ring around the dent move.
+    """Return a table of force, contact and dent by depth.
 
-    Depth, contact radius (half width in plane strain), u_z on the axis of the upper face of every sheet, height and
-    radius of the ring in m; force in N, in plane strain in N/m. A free surface that rises nowhere leaves the ring
-    empty.
+    It has depth, contact radius (half width in plane strain), u_z on the axis of the upper face of every sheet, height
+    and radius of the ring around the dent in m. The force is in N, in plane strain in N/m. The ring is empty if the
+    free surface rises nowhere.
     """
     on_axis = indentation.displacement_z.isel(r=0, drop=True)
     columns = {
@@ -34,12 +34,12 @@ def indentation_table(indentation: xr.Dataset) -> Table:
 
 
 def response_table(response: xr.Dataset) -> Table:
-    """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ.
+    """Return a table of the largest and lowest δ.
 
-    Positions count from where those of the response do. A largest δ at the edge of the map, beyond which it may be
-    larger, and one of zero are remarked; the latter has no place. Positions that the converter cannot read are left
-    out, and remarked. Where the indenter has a material, its share of the
-    largest δ stands beside it.
+    A row for each depth and state has the largest δ of the map with its place, and the lowest δ. Positions count from
+    the same origin as in the response. A remark marks a largest δ at the edge of the map, beyond which it may be
+    larger, and a largest δ of zero, which has no place. Positions that the converter cannot read are left out, with a
+    remark. If the indenter has a material, its share of the largest δ is beside it.
     """
     columns = (
         Column("depth", unit="m"),
@@ -80,7 +80,10 @@ def response_table(response: xr.Dataset) -> Table:
 
 
 def _ring(at: xr.Dataset) -> tuple[float, float]:
-    """Height of the free surface where it rises highest, and the radius there; NaN where it does not rise."""
+    """Height and radius of the ring around a dent.
+
+    It is where the free surface rises highest. NaN if it does not rise.
+    """
     top = at.isel(interface=-1)
     r, rise = (top.r + top.displacement_r).values, top.displacement_z.values
     highest = int(rise.argmax())
@@ -88,7 +91,7 @@ def _ring(at: xr.Dataset) -> tuple[float, float]:
         return np.nan, np.nan
     if highest == r.size - 1:  # the edge of a finite sample
         return float(rise[highest]), float(r[highest])
-    # the vertex of the parabola through the highest node and those beside it
+        # the vertex of the parabola through the highest node and its neighbours
     near = slice(highest - 1, highest + 2)
     a, b, c = np.polyfit(r[near] - r[highest], rise[near], 2).tolist()
     return c - b**2 / (4 * a), float(r[highest]) - b / (2 * a)

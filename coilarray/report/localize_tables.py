@@ -1,6 +1,6 @@
-"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, positions.
+"""Tables of the localization: ellipse models, causes of the distortion of x0, positions.
 
-The tables of causes are made of the dataset that `coilarray.localize.distortion.distortion` returns.
+The tables of causes are made from the dataset that `coilarray.localize.distortion.distortion` returns.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from coilarray.response.interpolation import PARAMETERS
 
 _PARAMETERS = ("A", "B", "x0")
 _POWERS = ("p4", "p3", "p2", "p1", "p0")
-_COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, where the paper's polynomials were fitted
+_COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, in the range where the paper's polynomials were fitted
 _STATUS = {
     "found": "located", "border": "on the border", "outside": "outside", "no fit": "no position fits",
     "nothing pressed": "nothing pressed",
@@ -28,9 +28,10 @@ _STATUS = {
 
 
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
-    """Return one row for each coil and parameter of an ellipse model: coefficients of δ⁴ … δ⁰ in m.
+    """Return a table of an ellipse model's coefficients in m.
 
-    Below it stands that of Table A1; not for another board, whose coils have only the names in common with it.
+    A row for each coil and parameter has the coefficients of δ⁴ … δ⁰. The row of Table A1 is below it, but not for
+    another board, whose coils have only the names in common with the paper's.
     """
     four = DisplayUnit("mm", 1e3, significant=True)
     columns = (*map(Column, ("coil", "parameter", "source")), *(Column(power, "", "m", four) for power in _POWERS))
@@ -45,11 +46,13 @@ def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
 
 
 def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) -> Table:
-    """Return one row for each coil: steps, range of δ, misfit of ellipses and polynomials, distance to Table A1.
+    """Return a table of the fits of all coils.
 
-    Misfits are root mean squares in m: of the points of all ellipses, of each polynomial over the steps and, to
-    compare, of each polynomial less that of Table A1 over δ = 1e-4 … 1e-3 as far as the model reaches; empty without
-    that coil. Undetermined steps, and levels that the window of either board does not determine, are left out.
+    A row for each coil has steps, range of δ, misfit of ellipses and polynomials, and distance to Table A1. Misfits are
+    root mean squares in m, over the points of all ellipses, and of each polynomial over the steps. For comparison they
+    are also of each polynomial minus the polynomial of Table A1 over δ = 1e-4 … 1e-3 as far as the model reaches, empty
+    for a coil that is not in Table A1. Undetermined steps, and levels that the window of either board does not
+    determine, are left out.
     """
     whole = DisplayUnit("10⁻⁶", 1e6, 0)
     columns = (
@@ -87,9 +90,10 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
 
 
 def cause_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each cause: root mean square over δ of what x0 loses without it, for every coil.
+    """Return a table of the causes' effects on x0.
 
-    With the standard deviation of the posterior where `coilarray.localize.distortion.distortion` was given draws.
+    A row for each cause has the root mean square over δ of the loss in x0 without it, for every coil. The standard
+    deviation of the posterior is added if `coilarray.localize.distortion.distortion` was given draws.
     """
     columns = {}
     for state in distortion.state.values.tolist():
@@ -101,10 +105,11 @@ def cause_table(distortion: xr.Dataset) -> Table:
 
 
 def indenter_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each material of the indenter and coil: what it changes in x0, A, B and the peak.
+    """Return a table of the effect of indenter materials.
 
-    Means over the levels of δ that both maps determine; empty where there is none. No row where the design's indenter
-    is no ball, or has a material of its own.
+    A row for each material of the indenter and coil has the changes in x0, A, B and the peak. They are means over the
+    levels of δ that both maps determine, empty without such a level. There is no row if the design's indenter is not a
+    ball, or has a material of its own.
     """
     columns = (
         Column("indenter", "indenter of"),
@@ -132,10 +137,10 @@ def indenter_table(distortion: xr.Dataset) -> Table:
 
 
 def residual_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each coil: how far x0 moves in Table A1 and in the prediction, and what remains between them.
+    """Return a table of predicted and published motion of x0.
 
-    Levels that the window of one of the two does not determine are counted and left out. Numbers are empty where there
-    is nothing to compare.
+    A row for each coil has the motion of x0 in Table A1 and in the prediction, and the residual. Levels that the window
+    of one of the two does not determine are counted and left out. Numbers are empty if there is nothing to compare.
     """
     columns = (
         Column("coil"),
@@ -162,7 +167,10 @@ def residual_table(distortion: xr.Dataset) -> Table:
 
 
 def distortion_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each coil and δ: x0, A and B as predicted and published, and every effect."""
+    """Return a table of x0, A, B and every effect.
+
+    A row for each coil and δ has predicted and published values.
+    """
     series = {"centre": distortion.centre}
     for key in ("x0", "A", "B"):
         for neighbours in distortion.neighbours.values.tolist():
@@ -182,13 +190,13 @@ def distortion_table(distortion: xr.Dataset) -> Table:
 
 
 def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) -> dict[str, object]:
-    """Return a location as a mapping for JSON, in SI units: ``error`` alone for a refused reading.
+    """Return a location as a mapping for JSON.
 
-    Else ``status``, ``reason`` where there is one, ``chi_square``, ``degrees_of_freedom``, ``probability``, and where
-    there is a position ``x_m``, ``y_m``, ``depth_m`` and their ``sigma_…_m`` of the best of ``modes``, which has the
-    same keys for each; a standard deviation that the reading does not determine is null, and ``unread`` has the states
-    that the converter cannot read there, where there are any. `parameters` are those of the
-    model: with a target the third is ``distance``.
+    Values are in SI units. A refused reading has only ``error``. Other readings have ``status``, ``reason`` if there is
+    one, ``chi_square``, ``degrees_of_freedom`` and ``probability``. If there is a position, they have ``x_m``, ``y_m``,
+    ``depth_m`` and their ``sigma_…_m`` of the best of ``modes``, which has the same keys for each. A standard deviation
+    that the reading does not determine is null. ``unread`` has the states that the converter cannot read there, if
+    there are any. `parameters` are the parameters of the model. With a target the third is ``distance``.
     """
     if location.verdict == "refused":
         return {"error": location.reason}
@@ -217,9 +225,10 @@ def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) 
 
 
 def position_table(records: Sequence[Mapping[str, Any]]) -> Table:
-    """Return one row for each reading, counted from 1, and each position that explains it, of `location_record`s.
+    """Return a table of the positions of all readings.
 
-    Lengths in m are empty where a reading does not determine them; columns that are empty in every row are left out.
+    There is one row for each reading, counted from 1, and each position that explains it, from `location_record`.
+    Lengths in m are empty if a reading does not determine them. Columns that are empty in every row are left out.
     """
     columns = (
         Column("reading", unit="1"),

@@ -1,4 +1,4 @@
-"""Metal near the coils as tables: the plates, and what they do to every state of the scan."""
+"""Tables of metal near the coils: the plates and their effect on every state."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ _COMPARED = {
 
 
 def plate_table(design: Design, frequency: float) -> Table:
-    """Return one row for each plate: its place, material, and its skin depth at a frequency in Hz.
+    """Return a table of the plates and their skin depths.
 
-    Where there are plates with an outline, also how far ΔL and ΔR of these may be off, by mesh and model.
+    A row for each plate has its place, material, and its skin depth at a frequency in Hz. If there are finite plates,
+    it also has the errors of their ΔL and ΔR, by mesh and model.
     """
     errors = plate_errors_by_name(design, frequency)
     columns: tuple[Column, ...] = (
@@ -60,14 +61,20 @@ def plate_table(design: Design, frequency: float) -> Table:
 
 
 def _errors(errors: Mapping[str, PlateError], name: str) -> tuple[Value, ...]:
-    """Cells of the errors of a plate: empty for one without an outline, none where no plate has one."""
+    """Cells of the errors of a plate.
+
+    They are empty for an infinite plate. There are no cells if all plates are infinite.
+    """
     if name in errors:
         return errors[name].inductance, errors[name].resistance
     return ("", "") if errors else ()
 
 
 def beside_plates_table(scan: xr.Dataset, without: xr.Dataset) -> Table:
-    """Return one row for each state: L, R, Q and f beside the plates and without them, as the converter sees them."""
+    """Return a table of states with and without the plates.
+
+    A row for each state has L, R, Q and f, as the converter sees them.
+    """
     rows: dict[str, xr.DataArray] = {}
     beside_q = str(scan.quality_factor.attrs["long_name"]).partition(",")[2]
     compared = _COMPARED | ({"quality_factor": f"Q,{beside_q}"} if beside_q else {})

@@ -1,4 +1,4 @@
-"""Tables of the noise budget, and what they say in words."""
+"""Tables of the noise budget, with a summary in words."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ _DRIFT = DisplayUnit("10⁻⁶/K", 1e6, 3, significant=True)
 
 
 def cause_table(budget: NoiseBudget) -> Table:
-    """Return one row a cause, of the state where it is the largest, and the totals."""
+    """Return a table of the causes of noise.
+
+    A row for each cause is for the state where it is the largest. The totals follow.
+    """
     columns = (
         Column("cause"),
         Column("scan_noise", "noise of a scan", "1", _NOISE),
@@ -44,7 +47,10 @@ def cause_table(budget: NoiseBudget) -> Table:
 
 
 def sigma_table(budget: NoiseBudget) -> Table:
-    """Return one row a state: the noise of δ, its drift, and both as a reading has them."""
+    """Return a table of the noise of δ by state.
+
+    A row has the noise of δ, its drift, and both as in a reading.
+    """
     columns = (
         Column("state"),
         Column("noise", "noise of δ", "1", _NOISE),
@@ -59,7 +65,7 @@ def sigma_table(budget: NoiseBudget) -> Table:
 
 
 def budget_lines(budget: NoiseBudget) -> list[str]:
-    """Say for which settings a budget holds, and what of it is not verified."""
+    """Describe the settings of a budget and its unverified parts."""
     readout, assumed = budget.readout, [cause.name for cause in budget.causes if cause.size == "assumed"]
     lines = [
         f"RCOUNT {readout.rcount}, {readout.conversion_time * 1e3:.3g} ms at {readout.reference * 1e-6:.4g} MHz; plain "
@@ -77,7 +83,10 @@ def budget_lines(budget: NoiseBudget) -> list[str]:
 
 
 def stability_table(found: xr.Dataset) -> Table:
-    """Return one row a state of `coilarray.hardware.record.stability.stability`: noise of a scan, budget, drift."""
+    """Return a table of measured noise and drift by state.
+
+    The values come from `coilarray.hardware.record.stability.stability`: noise of a scan, budget, drift.
+    """
     columns = (
         Column("state"),
         Column("scan_noise", "noise of a scan", "1", _NOISE),
@@ -100,7 +109,10 @@ def stability_table(found: xr.Dataset) -> Table:
 
 
 def allan_table(found: xr.Dataset) -> Table:
-    """Return the Allan deviation of every state and averaging time, with its confidence interval."""
+    """Return a table of Allan deviations.
+
+    A row for every state and averaging time has its confidence interval.
+    """
     columns = (
         Column("state"),
         Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
@@ -116,7 +128,10 @@ def allan_table(found: xr.Dataset) -> Table:
 
 
 def averages_table(found: xr.Dataset) -> Table:
-    """Return one row an averaging time: the Allan deviation over all states, and white noise of the budget."""
+    """Return a table of averaging times.
+
+    A row for each has the Allan deviation over all states, and white noise of the budget.
+    """
     columns = (
         Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
         *(Column(name, f"{name} coil", "1", _NOISE) for name in ("least", "median", "largest")),
@@ -133,7 +148,7 @@ def averages_table(found: xr.Dataset) -> Table:
 
 
 def stability_lines(found: xr.Dataset) -> list[str]:
-    """Say how long was measured, and how the noise compares with the budget."""
+    """Describe the measuring time and compare noise and budget."""
     lines = [f"{found.attrs['scans']} scans, one every {found.attrs['period']:.4g} s; intervals of 68 %"]
     ratio = (found.scan_noise / found.expected).values
     if np.isfinite(ratio).any():

@@ -1,4 +1,4 @@
-"""From an optimisation to its page: before and after, convergence, importance, Pareto front, boards."""
+"""Page of an optimisation: before and after, convergence, importance, Pareto front, boards."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from coilarray.studies.optimize.write import design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_importance, plot_pareto, plot_search
 
-_CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page shows in any case
+_CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page always shows
 _MOST_REASONS = 5
 _MOST_BEST = 20
 _DIGITS = re.compile(r"\d+")
@@ -40,7 +40,10 @@ _MOST_FRONTS = 3  # pictures of pairs of objectives
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """A design that the page shows beside the start: the name of its file without the suffix, its trial, and itself."""
+    """Design that the page shows beside the start.
+
+    It has the name of its file without the suffix, its trial, and itself.
+    """
 
     label: str
     trial: Trial
@@ -48,9 +51,10 @@ class Chosen:
 
 
 def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
-    """Write ``report.html``, which needs no other file, in a folder that is made where it does not exist.
+    """Write ``report.html`` of an optimisation in a folder.
 
-    OutputError where it cannot be written; an earlier page is left as it was.
+    The page is self-contained, and the folder is made if it does not exist. Raises OutputError if it cannot be written.
+    An earlier page is then left unchanged.
     """
     path = Path(folder) / "report.html"
     make_folder(path.parent)
@@ -80,13 +84,17 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
 
 
 def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
-    """Return the best design; of a front its two ends and the point nearest to what is best of everything."""
+    """Return the best design, or three designs of a front.
+
+    They are the two ends of the front and the point nearest to the best of every objective.
+    """
     labels = [Path(name).stem for name in design_names(result)]
     places = _ends_and_middle(result)
     return tuple(Chosen(labels[k], result.front[k], vary(result.file, result.front[k].changes)) for k in sorted(places))
 
 
 def _ends_and_middle(result: Optimization) -> set[int]:
+    """Trials at the ends and middle of the front."""
     if len(result.front) < 3:
         return set(range(len(result.front)))
     signs = np.array([-1.0 if objective.maximized else 1.0 for objective in result.goal.objectives])
@@ -97,7 +105,10 @@ def _ends_and_middle(result: Optimization) -> set[int]:
 
 
 def none_better(result: Optimization) -> str:
-    """Say in words that the search has found no design to write, and how near it came."""
+    """Describe a search that has found no better design.
+
+    The text tells how near it came.
+    """
     start = result.start
     if not start.feasible:
         broken = ", ".join(bound for bound, violation in start.violations.items() if violation > 0)
@@ -115,7 +126,10 @@ def none_better(result: Optimization) -> str:
 
 
 def _is_start(result: Optimization, trial: Trial) -> bool:
-    """Whether a trial has the entries of the given design, but for rounding."""
+    """Test whether a trial equals the given design.
+
+    Rounding does not count.
+    """
     return all(
         value == axis.start
         or (isinstance(value, float) and isinstance(axis.start, int | float) and math.isclose(value, axis.start))
@@ -125,7 +139,10 @@ def _is_start(result: Optimization, trial: Trial) -> bool:
 
 
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """Return one row for each variable: its range, its value at the start and in each chosen design."""
+    """Return a table of the variables.
+
+    A row for each has its range, its value at the start and in each chosen design.
+    """
     columns = (
         Column("entry"),
         Column("allowed", "may be"),
@@ -140,7 +157,10 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
 
 
 def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
-    """Say for each variable that ends at a bound of its range that the bound decides, not the goal."""
+    """List the variables that end at a bound.
+
+    For them the bound of their range decides, not the goal.
+    """
     lines = []
     for axis in result.axes:
         if axis.choices:
@@ -154,7 +174,10 @@ def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
 
 
 def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequence[str] = ()) -> Table:
-    """Return one row for each quantity, before and after: of `keys`, or those of the goal and all that are cheap."""
+    """Return a table of quantities before and after.
+
+    They are the quantities of `keys`, or of the goal and all that are cheap.
+    """
     columns = (
         Column("quantity"),
         Column("unit"),
@@ -185,7 +208,10 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequenc
 
 
 def trial_table(result: Optimization) -> Table:
-    """Return the front where there are several objectives, else the best trial and the best others of the search."""
+    """Return a table of trials.
+
+    It has the front for several objectives, else the best trial and the best others of the search.
+    """
     several = len(result.goal.objectives) > 1
     sign = -1 if result.goal.objectives[0].maximized else 1
     others = [t for t in result.trials if t.feasible and t.kind == "search" and t not in result.front]
@@ -211,7 +237,10 @@ def trial_table(result: Optimization) -> Table:
 
 
 def reason_table(result: Optimization) -> Table:
-    """Return one row for each reason why points give no design, the most frequent first."""
+    """Return a table of the reasons for invalid points.
+
+    The most frequent reason is the first.
+    """
     reasons = [trial.reason for trial in result.trials if trial.reason]
     kinds = Counter(_DIGITS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
     example = {_DIGITS.sub("#", reason): reason for reason in reversed(reasons)}
@@ -221,6 +250,7 @@ def reason_table(result: Optimization) -> Table:
 
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
+    """Draw the convergence of the search."""
     return [
         draw(
             f"convergence_{k}",
@@ -232,6 +262,7 @@ def _convergence_pictures(result: Optimization) -> list[Picture]:
 
 
 def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, float]]) -> list[Picture]:
+    """Draw the importance of the variables."""
     return [
         draw(
             f"importance_{k}",
@@ -244,6 +275,7 @@ def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, floa
 
 
 def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Picture]:
+    """Draw the front by pairs of objectives."""
     if not any(trial.scores for trial in result.trials):
         return []
     pictures = []
@@ -272,14 +304,17 @@ def _wishes(result: Optimization) -> dict[str, str]:
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
-    """Quantities of a design: those that its trial has, and the others that can be computed."""
+    """Quantities of a design.
+
+    They are the quantities of its trial, and the others that can be computed.
+    """
     known = dict(trial.quantities)
     evaluation = Evaluation(design)
     for key in keys:
         if key not in known:
             try:
                 known[key] = request(key).value(evaluation)
-            except CoilarrayError:  # a design without it shows none
+            except CoilarrayError:  # a design without the quantity shows none
                 continue
     return known
 

@@ -1,4 +1,4 @@
-"""The HTML pages: one set of templates, and what every page says about its origin."""
+"""HTML pages from one set of templates, with the origin of each page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from coilarray.compute.html import html_table
 
 
 def render_page(template: str, **values: object) -> str:
-    """Return a page made of a template of this package; an undefined name in the template is an error."""
+    """Return a page made from a template of this package.
+
+    An undefined name in the template is an error.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("coilarray.report", "."),
         autoescape=True,
@@ -29,7 +32,10 @@ def now() -> str:
 
 
 def with_contents(page: str) -> str:
-    """Return a page whose sections can be linked to, with a list of them in place of its comment "contents"."""
+    """Return a page with linked sections.
+
+    A list of them replaces its comment "contents".
+    """
     titles: list[str] = []
 
     def linked(match: re.Match[str]) -> str:

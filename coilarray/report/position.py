@@ -1,4 +1,4 @@
-"""How well the paper's ellipse model finds the positions of a response map that it was fitted to."""
+"""Positions of a response map by the paper's ellipse model fitted to the same map."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class MapPositions:
-    """Positions that the ellipse model of a map, with nothing added to A, gives for the map's own readings.
+    """Positions from a map's ellipse model for its own readings.
 
-    The depth is in m; `readings` are δ of every coil at every place of the grid, `found` the places where the model has
-    a position, with A longer by `SEMIAXIS_ADDITION` as in the paper. All of them count from the map's `origin`, x and y
-    in m on the board; ``axis`` names it for the label of x in mm.
+    The model has nothing added to A. The depth is in m. `readings` are δ of every coil at every place of the grid.
+    `found` are the places where the model has a position, with A longer by `SEMIAXIS_ADDITION` as in the paper. All of
+    them count from the map's `origin`, x and y in m on the board. ``axis`` names it for the label of x in mm.
     """
 
     fits: xr.Dataset
@@ -37,7 +37,10 @@ class MapPositions:
 
     @property
     def error(self) -> xr.DataArray:
-        """Determined less real x in m over y and x on the board; NaN where there is no position."""
+        """Determined minus real x in m over y and x.
+
+        x and y are on the board. NaN where there is no position.
+        """
         x, y = (sorted({place[k] for place in self.readings}) for k in (0, 1))
         values = np.full((len(y), len(x)), np.nan)
         for (at_x, at_y), position in self.found.items():
@@ -50,7 +53,10 @@ class MapPositions:
         return max(abs(position.x - x) for (x, _), position in self.found.items())
 
     def example(self) -> Place:
-        """Return the place beside the axis of the coils whose ellipses are best known: the lesser δ is largest."""
+        """Return the place with the best known ellipses.
+
+        It is beside the axis of the coils. The lesser of its two δ is the largest.
+        """
 
         def rank(place: Place) -> tuple[bool, bool, float]:
             position = self.found[place]
@@ -60,16 +66,19 @@ class MapPositions:
         return max(self.found, key=rank)
 
     def ellipses(self, place: Place) -> dict[str, Ellipse]:
-        """Return the two ellipses that meet for a place where there is a position, by their coils."""
+        """Return the two intersecting ellipses of a place.
+
+        They are listed by their coils. The place must have a position.
+        """
         model = self.model.with_semiaxis_addition(SEMIAXIS_ADDITION)
         return {coil: model[coil].ellipse(self.readings[place][coil]) for coil in self.found[place].coils}
 
 
 def map_positions(response: xr.Dataset) -> MapPositions:
-    """Fit the ellipse model to the deepest map of a response and locate each of the map's own places.
+    """Fit the ellipse model and locate the map's own places.
 
-    LocalizeError for a map with fewer than two coils whose curves close, or at none of whose places the model has a
-    position.
+    The model is fitted to the deepest map of a response. Raises LocalizeError for a map with fewer than two coils whose
+    curves close, or without a place for which the model has a position.
     """
     response = in_ellipse_window(response)
     if response.sizes["state"] < 2:
@@ -90,7 +99,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     for place, reading in readings.items():
         try:
             found[place] = locate_x(widened, reading)
-        except LocalizeError:  # the model knows no position for it: the picture leaves the place grey
+        except LocalizeError:  # the model has no position for it, and the picture leaves the place grey
             continue
     if not found:
         raise LocalizeError("the ellipses meet at none of the map's places.")
@@ -100,7 +109,10 @@ def map_positions(response: xr.Dataset) -> MapPositions:
 
 
 def map_position_table(positions: MapPositions) -> Table:
-    """Return one row for each place of the map on the board: real and determined x, and whose ellipses meet."""
+    """Return a table of the places of the map.
+
+    A row for each place on the board has real and determined x, and the coils of the intersecting ellipses.
+    """
     columns = (
         *(Column(name, unit="m") for name in ("x", "y", "determined_x", "error")),
         Column("case"),

@@ -1,4 +1,4 @@
-"""What a design comes to, in a few lines: the least and the most of what decides, and every limit that is broken."""
+"""Summary of a design: least and largest values of the decisive quantities, and broken limits."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from coilarray.geometry import CoilArray
 
 _MOST_READ = 64  # coils, which take a few seconds
-_ALIKE = 1e-9  # of a number: what rounding makes different
-_PPM, _PERCENT = "ppm", "percent"  # pure numbers, as they are shown
+_ALIKE = 1e-9  # of a number, smaller differences are rounding
+_PPM, _PERCENT = "ppm", "percent"  # units of dimensionless numbers as shown
 _SHOWN = {_PPM: PER_MILLION, _PERCENT: PERCENT, "ohm": KILOHM}
 _PARTS = {0.5: "over half of the area", 0.95: "over 95 % of the area"}  # of the coils, with σ up to a value
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
     ("effective_inductance", "effective inductance"),
-    ("quality_factor", ""),  # the name in the dataset says what is in it
+    ("quality_factor", ""),  # the name in the dataset is enough
     ("parallel_resistance", "parallel resistance"),
     ("state_self_resonance", "self-resonance"),
 )
@@ -51,25 +51,27 @@ def summary_table(
     target: xr.Dataset | None = None,
     bounds: xr.Dataset | None = None,
 ) -> Table:
-    """Return one row a quantity: its least and most over all coils and states, and which these are.
+    """Return a table of the least and largest values.
+
+    A row for each quantity is over all coils and states, with the names of the two.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         Result of `coilarray.couple_design`.
     scan : xarray.Dataset or None
-        Result of `coilarray.circuit.impedance.scan_design`; None for a circuit that has none.
+            Result of `coilarray.circuit.impedance.scan_design`. None if the design has no circuit.
     margins : sequence of Margin
         Result of `coilarray.geometry.check_rules`.
     response : xarray.Dataset or None
-        Response on the board; None for a design without one.
-    without : xarray.Dataset, optional
-        The scan without the plates of a design that has some.
+            Response on the board. None for a design without a response.
+        without : xarray.Dataset, optional
+            Scan without the plates, for a design with plates.
     target : xarray.Dataset, optional
         Result of `coilarray.target_map`.
     bounds : xarray.Dataset, optional
-        The response's `position_bounds`: of x the least over the coils, what half and 95 % of their area do not exceed,
-        and the share where x is not determined.
+            The response's `position_bounds`. Of x the table has the least over the coils, the values that half and 95 %
+            of their area do not exceed, and the share where x is not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     spread = any(most != "" for _, _, most, *_ in found)
@@ -81,9 +83,10 @@ def summary_table(
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Dataset | None) -> list[str]:
-    """Return one line for each kind of limit of the board house and of the converter that is broken: the worst one.
+    """Return a line for each kind of broken limit.
 
-    `maps` are those of a target and of an indentation, for what the converter cannot read in them.
+    The limits are those of the board house and of the converter, and the line describes the worst case. `maps` are the
+    maps of a target and of an indentation, for positions that the converter cannot read.
     """
     lines = broken_rules(margins)
     broken = [] if scan is None else broken_limits(scan)
@@ -92,12 +95,15 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
         lines.append(f"The converter cannot read {state}: {limit.words}.")
     if scan is not None and "readable" in scan and (left_out := scan.attrs.get("left_out")):
         lines.append(f"Limits of the converter were checked without the {left_out.rstrip('.')}.")
-    # of a map of the flat board alone, over its states, the scan has said it
+        # a map of the flat board alone, over its states, is covered by the scan
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 
 
 def unread_words(design: Design) -> str:
-    """Say why no LDC1614 can read the flat board of a design; empty where it can, or where that is not looked at."""
+    """Describe why no LDC1614 can read the flat board.
+
+    Empty if one can, or if this is not checked.
+    """
     if not design.readout.converter or len(design.array.names) > _MOST_READ:
         return ""
     try:
@@ -109,6 +115,7 @@ def unread_words(design: Design) -> str:
 def _rows(
     coupling: xr.Dataset, scan: xr.Dataset | None, margins: Sequence[Margin], response: xr.Dataset | None
 ) -> Iterator[tuple[Value, ...]]:
+    """Rows of the table."""
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
     yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
@@ -137,7 +144,10 @@ def _rows(
 
 
 def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
-    """Return the row of the largest δ; without the states that may have a larger one beyond the map, if some do not."""
+    """Return the row of the largest δ.
+
+    States that may have a larger δ beyond the map are left out if there are others.
+    """
     peaks, names = delta.max(("x", "y")), delta.state.values.tolist()
     at = delta.fillna(-np.inf).argmax(("x", "y"))
     ends = [(at[axis] == 0) | (at[axis] == delta.sizes[axis] - 1) for axis in ("x", "y") if delta.sizes[axis] > 1]
@@ -153,10 +163,11 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
 
 
 def position_bounds(response: xr.Dataset, array: CoilArray) -> xr.Dataset | None:
-    """Return the Cramér–Rao bounds of a position over the deepest map; None for a map from which x is nowhere found.
+    """Return the Cramér–Rao bounds over the deepest map.
 
-    The coordinate ``over_coils`` (y, x) says which places are over a coil of the array, and the attribute ``coil_size``
-    how large the largest is, in m: where σ is above it, the position is not determined.
+    None for a map that determines x nowhere. The coordinate ``over_coils`` (y, x) marks places over a coil of the
+    array. The attribute ``coil_size`` is the size of the largest coil, in m. If σ is above it, the position is not
+    determined.
     """
     try:
         bounds = identifiability(forward_model(response), float(response.depth[-1]))
@@ -171,6 +182,7 @@ def position_bounds(response: xr.Dataset, array: CoilArray) -> xr.Dataset | None
 
 
 def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
+    """Rows of the bounds of a position."""
     if bounds is None:
         return
     sigma = bounds.sigma_x.where(bounds.over_coils)
@@ -186,7 +198,7 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
         float(values.min()), "", "m", f"the least, at {_place(sigma, float(values.min()))}",
     )  # fmt: skip
     for share, words in _PARTS.items():
-        # no mean of two, of which one may be infinite
+        # no mean of two values, as one may be infinite
         most = float(np.sort(values)[math.ceil(share * len(values)) - 1])
         if most < size:
             yield f"the same, {words} of the coils", most, "", "m", ""
@@ -204,6 +216,7 @@ def _place(sigma: xr.DataArray, value: float) -> str:
 def _metal_rows(
     scan: xr.Dataset | None, without: xr.Dataset | None, target: xr.Dataset | None
 ) -> Iterator[tuple[Value, ...]]:
+    """Rows of the plates and of the target."""
     if scan is not None and without is not None:
         change = scan.effective_inductance.values / without.effective_inductance.values - 1
         yield _row("change of the effective inductance by the plates", scan.state.values.tolist(), change, _PPM)
@@ -221,9 +234,10 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Return the least and most finite value and whose these are; one number where all are alike, none where none is.
+    """Return the least and largest finite value with their names.
 
-    A self-resonance that is not found, and the parallel resistance of a coil without losses, are infinite.
+    If all are alike there is one number, if none is finite there is no row. A self-resonance that is not found, and the
+    parallel resistance of a coil without losses, are infinite.
     """
     finite = np.flatnonzero(np.isfinite(values))
     if not len(finite):

@@ -1,7 +1,7 @@
-"""Tables of a report: SI in the files, customary units on the page; names and units come from the datasets.
+"""Tables of a report, in SI units in the files and customary units on the page.
 
-To add a column to the table of a dataset, add the name of the variable to the list of that table: its attribute
-``long_name`` is the heading, ``units`` the unit.
+Names and units come from the datasets. To add a column to the table of a dataset, add the name of the variable to the
+list of that table. Its attribute ``long_name`` is the heading, ``units`` the unit.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Value = str | float | bool
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table.
+    """Column of a table.
 
-    `label` is the heading on the page without the unit, the name in words by default; `unit` the SI unit of the values
-    in the rows and files, empty for text, "1" for a pure number; `shown` the unit on the page, by default the customary
-    one.
+    `label` is the heading on the page without the unit, by default the name in words. `unit` is the SI unit of the
+    values in the rows and files, empty for text, "1" for a dimensionless number. `shown` is the unit on the page, by
+    default the customary unit.
     """
 
     name: str
@@ -42,13 +42,16 @@ class Column:
 
     @property
     def key(self) -> str:
-        """Name in the files: the quantity and its SI unit, as "force_N_per_m"; the unit of a ratio is left out."""
+        """Name in the files: the quantity and its SI unit.
+
+        An example is "force_N_per_m". The unit of a ratio is left out.
+        """
         unit = "" if self.unit in ("", "1", "A/A") else "_" + self.unit.replace("/", "_per_")
         return self.name + unit
 
     @property
     def header(self) -> str:
-        """Name on the page, with the unit that is shown there."""
+        """Name on the page, with the unit shown there."""
         return self._shown.label(self.label or self.name.replace("_", " "))
 
     @property
@@ -56,7 +59,7 @@ class Column:
         return self.shown or display_unit(self.unit)
 
     def texts(self, values: Sequence[Value]) -> list[str]:
-        """Return the values of this column as the page shows them."""
+        """Return the values as the page shows them."""
         numbers = iter(self._shown.texts([value for value in values if not isinstance(value, (str, bool))]))
         return [_TRUTH[value] if isinstance(value, bool) else value if isinstance(value, str) else next(numbers)
                 for value in values]  # fmt: skip
@@ -68,10 +71,11 @@ _TRUTH = {True: "yes", False: "no"}
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a name for files and JSON and a title for people; its rows have numbers in SI, "" for none.
+    """Table with a name and a title.
 
-    Where rows have units of their own, `row_units` are shown in the column "unit", and count for the columns of pure
-    numbers before it.
+    The name is for files and JSON, the title for people. Its rows have numbers in SI, "" for none. If rows have units
+    of their own, `row_units` are shown in the column "unit", and apply to the columns of dimensionless numbers before
+    it.
     """
 
     name: str
@@ -86,7 +90,10 @@ class Table:
         return [column.header for column in self.columns]
 
     def csv(self) -> str:
-        """Return the table as CSV with SI values in full precision, and the minus sign of ASCII in texts."""
+        """Return the table as CSV with SI values.
+
+        Values have full precision. Texts have the minus sign of ASCII.
+        """
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow(column.key for column in self.columns)
@@ -94,7 +101,10 @@ class Table:
         return buffer.getvalue().replace("−", "-")
 
     def records(self) -> list[dict[str, Value]]:
-        """Return the rows as mappings for JSON, SI values in full precision."""
+        """Return the rows as mappings for JSON.
+
+        They have SI values in full precision.
+        """
         keys = [column.key for column in self.columns]
         return [dict(zip(keys, row, strict=True)) for row in self.rows]
 
@@ -112,16 +122,16 @@ class Table:
         return [list(row) for row in zip(*columns, strict=True)]
 
     def without_empty_columns(self) -> Table:
-        """Return the table without the columns that are empty in every row."""
+        """Return the table without columns that are empty everywhere."""
         used = [k for k in range(len(self.columns)) if any(row[k] != "" for row in self.rows)]
         rows = tuple(tuple(row[k] for k in used) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
 
     def brief(self) -> Table:
-        """Return the table for the page, without empty and repeated columns.
+        """Return the table for the page, without redundant columns.
 
-        Left out are columns that are empty or zero in every row, or repeat the numbers of an earlier one of their unit;
-        the files have all. A position keeps x and y unless they are zero.
+        Left out are columns that are empty or zero in every row, or repeat the numbers of an earlier column of the same
+        unit. The files have all. A position keeps x and y unless they are zero.
         """
         columns = list(zip(*self.rows, strict=True))
         kept = [
@@ -138,7 +148,7 @@ class Table:
 
 
 def _same(values: Sequence[Value], others: Sequence[Value]) -> bool:
-    """Whether two columns of numbers agree to rounding."""
+    """Test whether two columns of numbers agree to rounding."""
     return all(
         isinstance(a, float) and isinstance(b, float) and math.isclose(a, b, rel_tol=1e-12)
         for a, b in zip(values, others, strict=True)
@@ -148,10 +158,11 @@ def _same(values: Sequence[Value], others: Sequence[Value]) -> bool:
 def dataset_table(
     name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
 ) -> Table:
-    """Make a table of the variables and coordinates of a dataset in SI, with their ``long_name`` and ``units``.
+    """Make a table of variables of a dataset in SI.
 
-    There is a row for each combination of their coordinates; the dimension that is named first changes slowest. Numbers
-    that are not finite are left empty. `shown` has units for the page where the customary ones do not fit, such as %.
+    Also shows their coordinates, with their ``long_name`` and ``units``. There is a row for each combination of their
+    coordinates. The dimension that is named first changes slowest. Numbers that are not finite are left empty. `shown`
+    has units for the page if the customary units do not fit, such as %.
 
     Examples
     --------
@@ -174,12 +185,18 @@ def dataset_table(
 
 
 def _unit(variable: xr.DataArray) -> str:
-    """SI unit of a variable; empty for text and truth values."""
+    """SI unit of a variable.
+
+    It is empty for text and truth values.
+    """
     return str(variable.attrs.get("units", "1")) if variable.dtype.kind in "fiu" else ""
 
 
 def cell(value: object) -> Value:
-    """Return a value of a table; a number that is not finite is left empty."""
+    """Return a value of a table.
+
+    A number that is not finite is left empty.
+    """
     if isinstance(value, (str, bool, int)):
         return value
     number = float(np.asarray(value))
@@ -187,12 +204,18 @@ def cell(value: object) -> Value:
 
 
 def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
-    """Return the root mean square of finite numbers as a value of a table; empty where there are none."""
-    return cell(np.hypot.reduce(values / np.sqrt(len(values)))) if len(values) else ""  # no square that overflows
+    """Return the root mean square of finite numbers.
+
+    It is a value of a table, empty without numbers.
+    """
+    return cell(np.hypot.reduce(values / np.sqrt(len(values)))) if len(values) else ""  # avoids squares that overflow
 
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
-    """Return one row for each coil: its values alone, and with its neighbours as terminated."""
+    """Return a table of the coils.
+
+    A row for each has its values alone, and with its neighbours as terminated.
+    """
     layers = ["+".join(place.layers) for place in design.array.placements]
     by_sheets = coupling.sheet_inductance
     single = coupling.assign(layers=("coil", layers), sheet_inductance=("coil", np.diag(by_sheets), by_sheets.attrs))
@@ -205,7 +228,10 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
 
 
 def pair_table(coupling: xr.Dataset) -> Table:
-    """Return one row for each active coil and other coil; the coupling also without sheets and plates."""
+    """Return a table of pairs of coils.
+
+    A row for each active coil and other coil has the coupling, also without sheets and plates.
+    """
     from coilarray.electromagnetics.inductance import coupling_matrix
 
     by_plates = coupling.plate_inductance.values if "plate_inductance" in coupling else 0.0
@@ -224,9 +250,9 @@ def pair_table(coupling: xr.Dataset) -> Table:
 
 
 def design_table(file: DesignFile) -> Table:
-    """Return one row for each value of the design, assumed ones with their reason.
+    """Return a table of all values of the design.
 
-    On a board without elastomer its keys are left out, unless they are given.
+    Assumed values have their reason. On a board without elastomer its keys are left out, unless they are given.
     """
     rows = []
     for key, value in file.values.items():
@@ -238,7 +264,10 @@ def design_table(file: DesignFile) -> Table:
 
 
 def rules_table(margins: Sequence[Margin]) -> Table:
-    """Return one row for each margin, in the order of `check_rules`; a margin of the whole board has no place."""
+    """Return a table of margins, in the order of `check_rules`.
+
+    A margin of the whole board has no place.
+    """
     columns = (
         *map(Column, ("rule", "layer", "feature")),
         *(Column(name, unit="1") for name in ("value", "limit", "margin")),
@@ -263,7 +292,10 @@ _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
 
 
 def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
-    """Return B_z along a line per ampere in the active coil: a column for each field, by what it says of the others."""
+    """Return a table of B_z per ampere.
+
+    The active coil carries the current. There is a column for each field, named after the state of the other coils.
+    """
     columns = (
         Column("x", unit="m"),
         *(Column(f"Bz_{of.replace('others as', 'as').replace(' ', '_')}", f"B_z, {of}", "T/A") for of in fields),
@@ -274,7 +306,10 @@ def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
 
 
 def _plain(value: object) -> str:
-    """Write a value as it stands in a design file, without the brackets of lists."""
+    """Write a value as in a design file.
+
+    Lists have no brackets.
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):

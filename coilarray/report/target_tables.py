@@ -1,4 +1,4 @@
-"""The numbers of a target as tables: every state against the distance, its range and resolution, and the couplings."""
+"""Tables of a target: states over distance, range, resolution, and couplings."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
 _CHANGE = "frequency_change"
-_DELTAS = ("delta", "delta_error")  # the latter of a target with a mesh
+_DELTAS = ("delta", "delta_error")  # delta_error is for a target with a mesh
 _LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
 _VOLTS = DisplayUnit("V", 1.0, 3, significant=True)
 _MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
 
 
 def base_table(response: xr.Dataset) -> Table:
-    """Return one row for each state: what it has without the target."""
+    """Return a table of all states without the target."""
     names = ("base_inductance", *(f"base_{name}" for name in _CIRCUIT[1:]))
     shown = {"base_parallel_resistance": KILOHM}
     return dataset_table("target_base", "Without the target", response, ("state", *names), shown)
 
 
 def _with_change(response: xr.Dataset) -> xr.Dataset:
-    """Add the relative change of the frequency, about half of −δ."""
+    """Add the relative change of the frequency, about −δ/2."""
     change = (response.frequency / response.base_frequency - 1).transpose(*response.frequency.dims)
     return response.assign({_CHANGE: change.assign_attrs(units="1", long_name="Δf/f")})
 
 
 def target_table(response: xr.Dataset) -> Table:
-    """Return one row for each distance and state, at the place where the target moves that state the most.
+    """Return a table of distances and states.
 
-    The last column is the standard deviation of a distance that one reading gives, by its noise; that of a mesh has a
-    column of its own.
+    A row for each is at the place where the target moves that state the most. The last column is the standard deviation
+    of a distance from one reading, by its noise. The error of a mesh has a column of its own.
     """
     response, states = _with_change(response), []
     for state in response.state.values:
@@ -56,11 +56,11 @@ def target_table(response: xr.Dataset) -> Table:
 
 
 def path_drive_table(response: xr.Dataset) -> Table:
-    """Return one row for each state of a map: the drive of the converter over all its positions; none without one.
+    """Return a table of the converter's drive over a map.
 
-    The amplitudes are those with the drive current of the coil alone. The last columns have the one drive current that
-    reads the most positions and the coil alone, what it reads of them, and the distances or depths that it reads where
-    R_p is the least.
+    There is a row for each state over all positions, and no rows without a converter. The amplitudes are for the drive
+    current of the coil alone. The last columns have the single drive current that reads the most positions and the coil
+    alone, the positions that it reads, and the distances or depths that it reads where R_p is the least.
     """
     columns = (
         Column("state"), Column("drive_code", "IDRIVE of the coil alone"),
@@ -86,9 +86,10 @@ def _code(code: int) -> str:
 
 
 def range_table(response: xr.Dataset) -> Table:
-    """Return one row for each state: its range, and how far steps of distance are resolved.
+    """Return a table of the range and resolution of states.
 
-    A number that the last distance of the map limits is remarked as "at least"; what is nowhere resolved is empty.
+    A row for each state has its range, and the resolved steps of distance. A number that the last distance of the map
+    limits is marked as "at least". A step that is nowhere resolved is empty.
     """
     columns = [
         Column("state"),
@@ -112,9 +113,10 @@ def range_table(response: xr.Dataset) -> Table:
 
 
 def target_coupling_table(response: xr.Dataset) -> Table:
-    """Return one row for each distance and pair of coils, where the target changes the pair's coupling the most.
+    """Return a table of pairs of coils by distance.
 
-    ``coupling`` is that with the target, ``free_coupling`` without.
+    A row for each distance and pair is at the place where the target changes the pair's coupling the most. ``coupling``
+    is the coupling with the target, ``free_coupling`` without.
     """
     free = coupling_matrix(response.inductance.values)
     columns = (
@@ -134,7 +136,10 @@ def target_coupling_table(response: xr.Dataset) -> Table:
 
 
 def values_table(response: xr.Dataset) -> Table:
-    """Return one row for each distance, place and state: every value of a map, with L_0 and f without the target."""
+    """Return a table of every value of a map.
+
+    There is one row for each distance, place and state, with L_0 and f without the target.
+    """
     deltas = (name for name in _DELTAS if name in response)
     names = ("distance", "y", "x", "state", *deltas, _CHANGE, *_CIRCUIT, "base_inductance", "base_frequency")
     response, read = with_reasons(_with_change(response))

@@ -1,6 +1,6 @@
-"""A tolerance analysis as tables: spread and contributors of every output, the errors, and the yield.
+"""Tables of a tolerance analysis: spread and contributors of every output, errors, and yield.
 
-Every table is made of the dataset that `coilarray.studies.tolerance.analyse` returns.
+Every table is made from the dataset that `coilarray.studies.tolerance.analyse` returns.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from coilarray.compute.display_units import PERCENT, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 MOST_SHOWN = 3
-"""Number of contributors of an output that the table of spreads names."""
+"""Number of contributors of an output in the table of spreads."""
 
 _PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
     DisplayUnit(symbol, factor, 3, significant=True)
@@ -32,10 +32,11 @@ def _significant(digits: int) -> DisplayUnit:
 
 
 def spread_table(result: xr.Dataset) -> Table:
-    """Return one row for each output: nominal value, linearised and sampled spread, and what contributes most.
+    """Return a table of the outputs' spreads.
 
-    Values are in the units of the outputs' names. ``step_change`` is how far the linearisation depends on its step, in
-    standard deviations. Without samples, or where the linearised spread is zero, their columns are empty.
+    A row for each output has its nominal value, linearised and sampled spread, and the largest contributors. Values are
+    in the units of the outputs' names. ``step_change`` is the dependence of the linearisation on its step, in standard
+    deviations. Without samples, or if the linearised spread is zero, their columns are empty.
     """
     sampled = ("sample_mean", "sample_deviation", "ratio", "ratio_error")
     columns: dict[str, object] = {name: np.nan for name in sampled if name not in result}
@@ -52,7 +53,10 @@ def spread_table(result: xr.Dataset) -> Table:
 
 
 def share_table(result: xr.Dataset) -> Table:
-    """Return one row for each output and contributor, the largest contributor of an output first."""
+    """Return a table of the contributors of every output.
+
+    The largest contributor of an output comes first.
+    """
     columns = (
         Column("output"),
         Column("contributor"),
@@ -68,13 +72,19 @@ def share_table(result: xr.Dataset) -> Table:
 
 
 def error_table(result: xr.Dataset) -> Table:
-    """Return one row for each contributor: its distribution, and why it is assumed where no one gave it."""
+    """Return a table of the contributors.
+
+    A row for each has its distribution, and the reason if it is assumed.
+    """
     names = ("contributor", "distribution", "deviation", "unit", "assumed")
     return dataset_table("errors", "Errors", result, names, {"deviation": _significant(3)})
 
 
 def given_table(result: xr.Dataset) -> Table:
-    """Return one row for each table of the tolerance file: standard deviations of its parts, and why it is assumed."""
+    """Return a table of the parts of a tolerance file.
+
+    A row for each table of the file has standard deviations of its parts, and the reason if it is assumed.
+    """
     columns = (
         Column("table", "error"), Column("distribution"), Column("board_deviation", "σ of the board", "1"),
         Column("layer_deviation", "σ of a layer", "1"), Column("unit"), Column("assumed"),
@@ -94,10 +104,11 @@ def given_table(result: xr.Dataset) -> Table:
 
 
 def yield_table(result: xr.Dataset) -> Table:
-    """Return one row for each limit and one for all together: share of good boards; no row where no limit was set.
+    """Return a table of the yield by limit.
 
-    In the linear model every board can be made; among the drawn boards one that cannot be made is bad. The interval is
-    that of `coilarray.studies.tolerance.statistics.Yield`.
+    A row for each limit, and a row for all together, has the share of good boards. Without limits there are no rows. In
+    the linear model every board can be made. Among the drawn boards, a board that cannot be made is bad. The interval
+    is the interval of `coilarray.studies.tolerance.statistics.Yield`.
     """
     if "limit" not in result.dims:
         return Table("yield", "Yield", (), ())
@@ -107,7 +118,10 @@ def yield_table(result: xr.Dataset) -> Table:
 
 
 def sample_table(result: xr.Dataset) -> Table:
-    """Return one row for each drawn board: its errors, its outputs and, where it has none, the reason."""
+    """Return a table of the drawn boards.
+
+    A row for each board has its errors, its outputs and, if it has none, the reason.
+    """
     units = zip(result.contributor.values.tolist(), result.unit.values.tolist(), strict=True)
     columns = (
         *(Column(name if unit == "1" else f"{name} ({unit})") for name, unit in units),
@@ -120,11 +134,14 @@ def sample_table(result: xr.Dataset) -> Table:
 
 
 def _largest(at: xr.Dataset) -> str:
-    """Name the largest contributors of one output with their shares."""
+    """Name the largest contributors of an output with their shares."""
     shown = [(str(at.contributor.values[m]), float(at.share[m])) for m in _ranking(at)[:MOST_SHOWN]]
     return "; ".join(f"{name} {share * 100:.0f} %" for name, share in shown if share >= 0.005)
 
 
 def _ranking(at: xr.Dataset) -> list[int]:
-    """Order the contributors of one output by index from the largest, equal ones in their order."""
+    """Order the contributors of one output from the largest.
+
+    The order is by index, and equal contributors keep their order.
+    """
     return [int(m) for m in np.argsort(-at.share.values, kind="stable")]
