@@ -1,1 +1,1 @@
-"""The elastomer on the board: how it deforms under an indenter, and what its magnetic sheet does to the coils."""
+"""Elastomer on the board: deformation under an indenter, and effect of its magnetic sheet on the coils."""

@@ -25,7 +25,7 @@ class Compliance:
     profile : ndarray, shape (m,)
         ∫ψ_j profile w dr / ∫ψ_j w dr: mean height of the indenter over a hat.
     matrix : ndarray, shape (m, m)
-            Mean sinking of the top over hat i under a unit load on hat j. The matrix is symmetric.
+        Mean sinking of the top over hat i under a unit load on hat j. The matrix is symmetric.
     surfaces : ndarray, shape (2, interfaces, n, m)
         u_r and u_z of every interface under a unit load on each hat.
     """

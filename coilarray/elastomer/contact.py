@@ -3,7 +3,7 @@
 With f_j the force on hat j of the pressure and C the compliance of the top (`coilarray.elastomer.compliance`), the mean
 gap between the indenter and hat i is
 
-    G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0:
+    G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0.
 
 This is a linear complementarity problem with a symmetric positive definite matrix. Its only solution is the minimum of
 ½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once. Each depth is one such small problem. This is the
@@ -287,33 +287,32 @@ def indent(
     indenter : Indenter
         Its symmetry decides between a body of revolution and plane strain.
     depths : array_like, shape (d,) or scalar
-            Distances of the tip below the flat top in m. At 0 the tip just touches.
+        Distances of the tip below the flat top in m. At 0 the tip just touches.
     base : {"bonded", "frictionless"} or Seat
-            Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat
-            (Winkler foundation).
-        radius : float, optional
-            Radius in m of a sample with a free edge and the indenter at its centre. In plane strain it is half the
-            width. Without a radius the sample is laterally infinite.
-        strain : {"finite", "linear"}
-            Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an
-            eighth of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4
-            % too low.
+        Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat (Winkler
+        foundation).
+    radius : float, optional
+        Radius in m of a sample with a free edge and the indenter at its centre. In plane strain it is half the width.
+        Without a radius the sample is laterally infinite.
+    strain : {"finite", "linear"}
+        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an eighth
+        of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4 % too low.
     mesh : ContactMesh
         Fineness of the mesh.
 
     Returns
     -------
     xarray.Dataset
-            Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed
-            radius). displacement_r and displacement_z (depth, interface, r) are in m, positive upwards. force (depth)
-            is in N, in plane strain in N/m. contact_radius (depth) in m is the radius at which the pressure ends on the
-            deformed surface. pressure (depth, r) is in Pa on the top. height (interface) is in m, in the flat state.
+        Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed radius).
+        displacement_r and displacement_z (depth, interface, r) are in m, positive upwards. force (depth) is in N, in
+        plane strain in N/m. contact_radius (depth) in m is the radius at which the pressure ends on the deformed
+        surface. pressure (depth, r) is in Pa on the top. height (interface) is in m, in the flat state.
 
     Raises
     ------
     ElastomerError
-            A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds the radius of a
-            ball or cylinder, a contact that extends beyond the sample or does not converge, an unknown base.
+        A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds the radius of a ball
+        or cylinder, a contact that extends beyond the sample or does not converge, an unknown base.
 
     Notes
     -----

@@ -28,7 +28,7 @@ class ContactMesh:
     elements : int
         Number of elements across the contact radius.
     growth : float
-            Ratio of neighbouring elements away from the contact. It also determines the number of elements in a sheet.
+        Ratio of neighbouring elements away from the contact. It also determines the number of elements in a sheet.
     extent : float
         Radius of the mesh of a wide sample, beyond the contact, in thicknesses of the stack.
 

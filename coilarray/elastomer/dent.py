@@ -46,16 +46,16 @@ class Dent:
     radius : ndarray, shape (n,)
         Distances from the indenter's axis in m, rising from 0.
     displacement : ndarray, shape (n, sheets + 1)
-            Upward displacement of every face at these distances in m, from the board to the top. It is negative in the
-            dent.
+        Upward displacement of every face at these distances in m, from the board to the top. It is negative in the
+        dent.
     symmetry : {"axial", "plane"}
-            Shape of the dent: a body of revolution, or the same everywhere along y.
-        below : float
-            Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if electrodes at z = 0
-            leave no contrast there.
-        motion : Motion
-            Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets with the same
-            motion. The other values do not include it.
+        Shape of the dent: a body of revolution, or the same everywhere along y.
+    below : float
+        Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if electrodes at z = 0 leave
+        no contrast there.
+    motion : Motion
+        Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets with the same
+        motion. The other values do not include it.
 
     Raises
     ------
@@ -72,6 +72,7 @@ class Dent:
     motion: Motion = STILL
 
     def __post_init__(self) -> None:
+        """Check the shapes and values."""
         if self.displacement.shape != (len(self.radius), len(self.thicknesses) + 1):
             raise ElastomerError(
                 f"a dent in {len(self.thicknesses)} sheets known at {len(self.radius)} radii needs displacements of "
@@ -107,7 +108,7 @@ class Dent:
         Returns
         -------
         Dent
-                Dent of the moved sheets.
+            Dent of the moved sheets.
         """
         return replace(self, motion=motion)
 
@@ -172,9 +173,8 @@ class Dent:
         """Rising heights in m between which space moves.
 
         Space moves with the faces there. Also returns the contrasts between the fixed heights. Nothing moves at the
-        first and the last height. The first
-        is missing if the lowest contrast is at z = 0. `deepest` is the largest displacement in m that the anchors must
-        serve, by default the largest of this dent.
+        first and the last height. The first is missing if the lowest contrast is at z = 0. `deepest` is the largest
+        displacement in m that the anchors must serve, by default the largest of this dent.
 
         Returns
         -------

@@ -58,6 +58,7 @@ def sphere_in_dent(
     air = space.air()
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
+        """Fields and reflections of one harmonic."""
         harmonics = _normalised(orders, m, nodes) * weights
         layers = np.asarray(at.T @ harmonics.T)
         count = layers.shape[1]

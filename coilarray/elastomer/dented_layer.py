@@ -39,7 +39,7 @@ def dent_inductance(
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-            Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
+        Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
     dents : sequence of Dent
         Dents in the same sheets, for example one for each depth.
     positions : array_like, shape (positions, 2)
@@ -47,16 +47,16 @@ def dent_inductance(
     mesh : LayerMesh, optional
         Accuracy.
     model : {"full", "first order", "Born"}
-            Full solution of the dented sheets, or one of the two approximations of `coilarray.elastomer.shortcuts`,
-            which serve for comparison. For 1 mm in a sheet of 2 mm "first order" is 13 to 18 % low. "Born" is right at
-            the centre by chance, wrong by a factor of two on the flank, and of the wrong sign in M.
+        Full solution of the dented sheets, or one of the two approximations of `coilarray.elastomer.shortcuts`, which
+        serve for comparison. For 1 mm in a sheet of 2 mm "first order" is 13 to 18 % low. "Born" is right at the centre
+        by chance, wrong by a factor of two on the flank, and of the wrong sign in M.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (dents, positions, coils, coils)
-            Inductance in H, dented minus flat. The matrices are symmetric.
+        Inductance in H, dented minus flat. The matrices are symmetric.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def dent_inductance_over(
 ) -> ComplexArray:
     """Change of the impedance matrix by indented sheets over layers.
 
-    The layers below the coils conduct or are magnetic. The change of the magnetic sheets is a complex inductance in H.
+    The layers below the coils conduct or are magnetic. The change is a complex inductance in H.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def dent_inductance_over(
     Returns
     -------
     ndarray of complex, shape (dents, positions, coils, coils)
-            ΔL − jΔR/ω in H, dented minus flat. The matrices are symmetric.
+        ΔL − jΔR/ω in H, dented minus flat. The matrices are symmetric.
 
     Raises
     ------

@@ -53,20 +53,19 @@ def dent_capacitance(
     mesh : LayerMesh, optional
         Accuracy.
     zero_at : float
-            Place where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
-            symmetric drive that the network assumes, 0 or 1 for a grounded terminal.
+        Place where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
+        symmetric drive that the network assumes, 0 or 1 for a grounded terminal.
 
     Returns
     -------
     ndarray, shape (dents, positions, coils)
-            Change of the capacitance in F of each coil, measured with all others at zero. A converter that assumes a
-            constant total capacitance C sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L
-            does.
+        Change of the capacitance in F of each coil, measured with all others at zero. A converter that assumes a
+        constant total capacitance C sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does.
 
     Raises
     ------
     ElastomerError
-            A permittivity below 1, a zero potential outside the winding, and arguments that `dent_inductance` refuses.
+        A permittivity below 1, a zero potential outside the winding, and arguments that `dent_inductance` refuses.
 
     Notes
     -----

@@ -32,7 +32,7 @@ def guth_gold_modulus(matrix_modulus: float, volume_fraction: float) -> float:
 
     Notes
     -----
-    E = E₀ (1 + 2.5 f + 14.1 f²): E. Guth and O. Gold, Phys. Rev. 53, 322 (1938); E. Guth, J. Appl. Phys. 16, 20 (1945).
+    E = E₀ (1 + 2.5 f + 14.1 f²): E. Guth and O. Gold, Phys. Rev. 53, 322 (1938). E. Guth, J. Appl. Phys. 16, 20 (1945).
     The linear term is Einstein's result for single spheres. The square term counts pairs. The formula holds for well
     dispersed, nearly round particles much stiffer than the elastomer, small strains and f up to about 0.3. At larger f,
     or if particles form chains (a field during curing) or clusters, the true modulus is higher. Above 0.35 the formula
@@ -65,13 +65,13 @@ def maxwell_garnett_permeability(volume_fraction: float, particle_permeability: 
     volume_fraction : float
         Volume fraction of the spheres, 0 to 1.
     particle_permeability : float
-            Relative permeability of the spheres, at least 1. Infinite by default: the permeability of iron is so large
-            that only the shape counts.
+        Relative permeability of the spheres, at least 1. Infinite by default: the permeability of iron is so large that
+        only the shape counts.
 
     Returns
     -------
     float
-            Relative permeability. It is infinite only if particles of infinite permeability fill everything.
+        Relative permeability. It is infinite only if particles of infinite permeability fill everything.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def bruggeman_permeability(volume_fraction: float, particle_permeability: float 
     Returns
     -------
     float
-            Relative permeability. It is infinite if particles of infinite permeability fill a third or more.
+        Relative permeability. It is infinite if particles of infinite permeability fill a third or more.
 
     Raises
     ------
@@ -145,6 +145,7 @@ def bruggeman_permeability(volume_fraction: float, particle_permeability: float 
 
 
 def _check_mixture(volume_fraction: float, particle_permeability: float) -> None:
+    """Refuse a volume fraction or permeability out of range."""
     if not 0 <= volume_fraction <= 1:
         raise ElastomerError(f"the volume fraction must be 0 to 1; got {volume_fraction}.")
     if not particle_permeability >= 1:

@@ -5,12 +5,13 @@ displacement of a rectangular sample is u∞ + w. In the sample w solves linear 
 sides take the tractions −σ∞·n that make them free. The bottom takes the difference between the uneven and the even
 seat, −(k(x, y) − k0) u∞. All of this is far from the contact and smooth, so few elements give w
 (`coilarray.elastomer.box`), and u∞ and σ∞ are exact (`coilarray.elastomer.wide_stack`). A seat that can be lifted off
-does not pull anywhere. With g the gap of a seat that is not flat,
+does not pull anywhere. With g the gap of a seat that is not flat, its pressure is
 
-    pressure of the seat = k(x, y) max(0, −(u_z + g)),
+    k(x, y) max(0, −(u_z + g)).
 
-the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that cancels its pull, found at the nodes of the
-bottom by a semi-smooth Newton method. The result is the difference from the sample at rest under its weight.
+It is the pressure of the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that cancels its pull, found at
+the nodes of the bottom by a semi-smooth Newton method. The result is the difference from the sample at rest under its
+weight.
 
 The indenter keeps its depth h. If w lifts the contact by w̄ on average, the contact is the contact of a wide sample at
 the depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends on its force F alone (Saint-Venant). The
@@ -62,9 +63,9 @@ class BoxMesh:
     widest : float
         Width of the elements far from all sides.
     beside : float
-            Width of the elements beside the contacts if a side across them is as near as possible, or the seat uneven.
-        spread : float
-            Growth of that width per distance of the contacts from these sides.
+        Width of the elements beside the contacts if a side across them is as near as possible, or the seat uneven.
+    spread : float
+        Growth of that width per distance of the contacts from these sides.
     rows : int
         Elements over the height of each sheet.
     """
@@ -167,7 +168,7 @@ def sample_correction(
     Parameters
     ----------
     sheets, base
-            Sheets from the board up and their support, as for `coilarray.elastomer.contact.indent`.
+        Sheets from the board up and their support, as for `coilarray.elastomer.contact.indent`.
     sample : Sample
         Its bounds and its seat.
     places : ndarray, shape (places, 2)
@@ -185,8 +186,8 @@ def sample_correction(
     Raises
     ------
     ElastomerError
-            An uneven seat for a base without a seat, a seat without stiffness somewhere on the sample, a sample that
-            finds no rest on a seat that can lift, or a contact that the sample does not hold.
+        An uneven seat for a base without a seat, a seat without stiffness somewhere on the sample, a sample that finds
+        no rest on a seat that can lift, or a contact that the sample does not hold.
     """
     problem = _Problem(sheets, base, sample, places, r, pressure)
     depths, count = len(pressure), len(places)

@@ -20,9 +20,9 @@ tangent serves for several steps as long as they shrink fast. Most tangents have
 contact brings. They are positive definite and cheap. An exact tangent need not be positive definite, since only the
 contact holds the compressed surface. Exact tangents follow if steps shrink slowly.
 
-P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements).
-M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set). P. Deuflhard, Newton Methods for
-Nonlinear Problems, Springer 2004, chapter 3 (damping, repeated use of tangents).
+P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements). M.
+Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set). P. Deuflhard, Newton Methods for Nonlinear
+Problems, Springer 2004, chapter 3 (damping, repeated use of tangents).
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ Layers below the coils send the field of coils and dent back up. With the energi
 of the potential make the wave D(k) = −½ Γ a below the sheets (by reciprocity with a coil there). The layers return −w D
 for it, and with the amplitudes a_f of the coils between these layers and the flat sheets
 
-        a = a_f − w D = (1 − ½ w Γ)⁻¹ a_f:  the change follows from Γ (1 − ½ w Γ)⁻¹ and a_f.
+    a = a_f − w D = (1 − ½ w Γ)⁻¹ a_f:  the change follows from Γ (1 − ½ w Γ)⁻¹ and a_f.
 
 The dent is symmetric about its axis, so each harmonic e^{imθ} of the field is a separate problem in (r, Z). In plane
 strain the even and the odd part in x take the place of the harmonics.
@@ -77,10 +77,10 @@ class LayerMesh:
     harmonics : int
         Highest harmonic about the indenter.
     decays : float
-            Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident energy.
+        Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident energy.
     width : float
-            Width of the elements in the middle, relative to the radius of the dent's half depth or the clearance,
-            whichever is smaller.
+        Width of the elements in the middle, relative to the radius of the dent's half depth or the clearance, whichever
+        is smaller.
     rows : int
         Elements over the height of each sheet and of the moved air.
     growth : float
@@ -243,7 +243,7 @@ class Waves:
     reflected, flat, dented : ndarray
         χ, U and Ũ at the points on the faces.
     normal, dented_normal : ndarray
-        Their ∂_n U and ∂_n Ũ in 1/m, times the area over that of the flat face.
+        Their ∂_n U and ∂_n Ũ in 1/m, times the area over the area of the flat face.
     """
 
     reaction: FloatArray

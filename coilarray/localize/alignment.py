@@ -38,18 +38,18 @@ class Alignment:
     Parameters
     ----------
     scale : float
-            Factor of the other map's δ. NaN if that map is flat.
-        shift : tuple of float
-            Shift of the other map along x and y in m. NaN along an axis without a search, or if its standard deviation
-            is greater than the largest shift. Then the map does not determine it, and it is taken as 0.
-        scale_std, shift_std
-            Standard deviations by the given noise. NaN with the value.
-        used : ndarray of bool, shape (places,)
-            True for each place that was used.
-        at_limit : bool
-            True if a shift is at the end of the searched range. The true shift is beyond.
-        scatter : float
-            Root of the residuals' sum of squares over the degrees of freedom, in δ. NaN without degrees of freedom.
+        Factor of the other map's δ. NaN if that map is flat.
+    shift : tuple of float
+        Shift of the other map along x and y in m. NaN along an axis without a search, or if its standard deviation is
+        greater than the largest shift. Then the map does not determine it, and it is taken as 0.
+    scale_std, shift_std
+        Standard deviations by the given noise. NaN with the value.
+    used : ndarray of bool, shape (places,)
+        True for each place that was used.
+    at_limit : bool
+        True if a shift is at the end of the searched range. The true shift is beyond.
+    scatter : float
+        Root of the residuals' sum of squares over the degrees of freedom, in δ. NaN without degrees of freedom.
     """
 
     scale: float
@@ -104,10 +104,10 @@ def align(
     measured : array_like, shape (n,)
         δ there.
     largest_shift : tuple of float
-            Largest shift to either side along x and y in m. Only places that stay in the model's table under this shift
-            are used. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0.
+        Largest shift to either side along x and y in m. Only places that stay in the model's table under this shift are
+        used. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0.
     noise : array_like, scalar or shape (n,), optional
-            Standard deviation of every measured δ. By default it follows from the scatter of the residuals.
+        Standard deviation of every measured δ. By default it follows from the scatter of the residuals.
 
     Raises
     ------
@@ -116,8 +116,8 @@ def align(
 
     Notes
     -----
-    All places have the same weight. The standard deviations are those of this estimate under the given noise, (JᵀJ)⁻¹
-    Jᵀ diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
+    All places have the same weight. The standard deviations belong to this estimate under the given noise, (JᵀJ)⁻¹ Jᵀ
+    diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)

@@ -34,7 +34,7 @@ _LEAST_FOR_SHIFT = 4  # measured positions along an axis
 _SAME_DEPTH = 1e-6  # relative
 
 _Compared = dict[str, Any]
-"""Figures of one state at one depth by the names of the dataset; maps have the shape (y, x)."""
+"""Figures of one state at one depth by the names of the dataset. Maps have the shape (y, x)."""
 
 
 def compare_responses(
@@ -51,20 +51,19 @@ def compare_responses(
     Parameters
     ----------
     measured : xarray.Dataset
-            Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was not measured. If
-            it has ``delta_std``, the standard deviation of δ, this is the noise. If the attribute ``repeats`` gives the
-            number of readings in a mean δ, ``delta_std`` is for a single reading.
-        simulated : xarray.Dataset
-            Response without NaN, at least four x and four y. It may be another measured response, whose ``delta_std``
-            is then added to the noise.
-        largest_shift : float, optional
-            Largest shift of the search, in m. By default the measured map's own spacing along each axis. Shifts are
-            searched with the positions that are in the simulated map by this much, so let it be larger than the
-            measured map.
-        replicates : int
-            Number of noisy maps for the standard deviations of the ellipses, if there is ``delta_std``. 0 for no
-            standard deviations.
-        Noisy maps for the standard deviations of the ellipses, where ``delta_std`` is there; 0 for none.
+        Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was not measured. If it
+        has ``delta_std``, the standard deviation of δ, this is the noise. If the attribute ``repeats`` gives the number
+        of readings in a mean δ, ``delta_std`` is for a single reading.
+    simulated : xarray.Dataset
+        Response without NaN, at least four x and four y. It may be another measured response, whose ``delta_std`` is
+        then added to the noise.
+    largest_shift : float, optional
+        Largest shift of the search, in m. By default the measured map's own spacing along each axis. Shifts are
+        searched with the positions that are in the simulated map by this much, so let it be larger than the measured
+        map.
+    replicates : int
+        Number of noisy maps for the standard deviations of the ellipses, if there is ``delta_std``. 0 for no standard
+        deviations.
     seed : int
         Seed of their noise.
     progress : callable, optional
@@ -76,31 +75,30 @@ def compare_responses(
         Comparison of the common states and depths at the positions that both have: dimensions ``depth``, ``y``, ``x``,
         ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``. NaN for unknown values.
 
-            - ``delta`` (source, depth, y, x, state)
-            - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as it is, and
-            scaled
-              and shifted
-            - ``base_inductance`` (source, state): in H, if both have it
+        - ``delta`` (source, depth, y, x, state)
+        - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as it is, and
+          scaled and shifted
+        - ``base_inductance`` (source, state): in H, if both have it
 
         For every depth and state
 
-            - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the measured map
-            - ``at_limit``: whether the best shift is beyond the largest shift
-            - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``
-            - the standard deviation of each of these, whose name ends in ``_std``
-            - ``noise``: its level in δ if it is known
-            - ``points``: the number of positions
+        - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the measured map
+        - ``at_limit``: whether the best shift is beyond the largest shift
+        - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``
+        - the standard deviation of each of these, whose name ends in ``_std``
+        - ``noise``: its level in δ if it is known
+        - ``points``: the number of positions
 
         For the ellipse of every level of δ (source, depth, state, level)
 
-            - ``x0``, ``A`` and ``B`` in m, and their standard deviations, whose names end in ``_std``
-            - ``undetermined``: whether the points of the level do not determine its ellipse
-            - ``ellipse_problem`` (source, depth, state): why there are no ellipses
+        - ``x0``, ``A`` and ``B`` in m, and their standard deviations, whose names end in ``_std``
+        - ``undetermined``: whether the points of the level do not determine its ellipse
+        - ``ellipse_problem`` (source, depth, state): why there are no ellipses
 
-            Attributes: ``only_measured`` and ``only_simulated`` are states of a single response. ``depths_left_out`` in
-            m and ``points_left_out`` were measured but are not in the simulated map. ``points_missing`` were not
-            measured. ``noise_from`` is "delta_std" or "residuals". The attributes of both are kept as ``measured_…``
-            and ``simulated_…``.
+        Attributes: ``only_measured`` and ``only_simulated`` are states of a single response. ``depths_left_out`` in m
+        and ``points_left_out`` were measured but are not in the simulated map. ``points_missing`` were not measured.
+        ``noise_from`` is "delta_std" or "residuals". The attributes of both are kept as ``measured_…`` and
+        ``simulated_…``.
 
     Raises
     ------
@@ -142,6 +140,7 @@ def compare_responses(
     count, total = 0, 2 * kept.sizes["depth"] * len(states)
 
     def fit(response: xr.Dataset, own: FloatArray | None) -> LevelCurves:
+        """Fit level curves, with a common seed."""
         nonlocal count
         curves = level_curves(response, own, replicates=replicates, seed=seed)
         count += 1

@@ -73,40 +73,40 @@ def distortion(
     Parameters
     ----------
     design : Design
-            Design with an indentation, of which the first depth and the grid are used.
+        Design with an indentation, of which the first depth and the grid are used.
     states : sequence of str
         States of the scan, each named after its coil.
     deltas : array_like, shape (n,)
         Levels of δ, rising.
     imperfections : Imperfections, optional
-            Deviations of the experiment, in every map. They may come from a calibration.
+        Deviations of the experiment, in every map. They may come from a calibration.
     draws : sequence of (Design, Imperfections)
-            Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them. Their scatter
-            is the error of x0 and of the effect of the neighbours. At least two, or none.
+        Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them. Their scatter is
+        the error of x0 and of the effect of the neighbours. At least two, or none.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
     Returns
     -------
     xarray.Dataset
-            ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as in the design's
-            scan) and ``open``. ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for
-            other states. ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state, delta) mark
-            levels of which the window leaves too little. ``effect`` (cause, state, delta) in m is the part of x0 that
-            is lost without the cause. ``indenter_x0``, ``indenter_A``, ``indenter_B`` (indenter, state, delta) in m and
-            ``indenter_peak`` (indenter, state), the largest δ of the map, are for an indenter ``without`` a material
-            and for indenters of steel, aluminium and ferrite. ``centre`` (state) is in m. ``rms`` (cause, state) of the
-            effects and ``rms_residual`` (state) of predicted − published x0 are in m. Values are NaN at levels that a
-            map does not reach. Effects and root mean squares leave undetermined levels out. With draws there are also
-            their standard deviations ``x0_std``, ``effect_std`` and ``rms_std`` of the same shapes, NaN for causes
-            other than the neighbours and for a draw without a value.
+        ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as in the design's scan)
+        and ``open``. ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for other
+        states. ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state, delta) mark levels of
+        which the window leaves too little. ``effect`` (cause, state, delta) in m is the part of x0 that is lost without
+        the cause. ``indenter_x0``, ``indenter_A``, ``indenter_B`` (indenter, state, delta) in m and ``indenter_peak``
+        (indenter, state), the largest δ of the map, are for an indenter ``without`` a material and for indenters of
+        steel, aluminium and ferrite. ``centre`` (state) is in m. ``rms`` (cause, state) of the effects and
+        ``rms_residual`` (state) of predicted − published x0 are in m. Values are NaN at levels that a map does not
+        reach. Effects and root mean squares leave undetermined levels out. With draws there are also their standard
+        deviations ``x0_std``, ``effect_std`` and ``rms_std`` of the same shapes, NaN for causes other than the
+        neighbours and for a draw without a value.
 
     Raises
     ------
     LocalizeError
         A state that is not named after a coil, or a single draw.
     ElastomerError, NetworkError
-            Arguments that `coilarray.response.map.response_map` refuses.
+        Arguments that `coilarray.response.map.response_map` refuses.
 
     Notes
     -----

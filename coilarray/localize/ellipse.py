@@ -22,9 +22,9 @@ Details that the paper leaves open, and their interpretation here:
 - *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like closed curves. If a
   single arc is left, on one side of the centre, it determines its crossing of y = 0, x0 + A or x0 − A, but hardly x0
   and A separately. A level as wide as its arc is high then draws the fit inwards. On a map made of Table A1's own
-  ellipses this happens for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there,
-  x0 ± A by 0.1 to 0.3 mm. Below these δ the printed x0 and A of the outer coils are therefore hardly known, while the
-  values of coil 2 are.
+  ellipses this happens for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A
+  by 0.1 to 0.3 mm. Below these δ the printed x0 and A of the outer coils are therefore hardly known, while the values
+  of coil 2 are.
 - *Which levels are determined* is not a question of the paper. Here every level has standard errors of x0, A and B from
   its own points. It is undetermined if the error of x0 exceeds the map's step along x, or if its points do not reach
   half a semi-axis beyond the centre on both sides (30° past the highest point). Then one arc is left, and the errors do
@@ -213,13 +213,13 @@ def fit_ellipses(
     Parameters
     ----------
     response : xarray.Dataset
-            Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the
-            coils' axis. If the map has a window for ellipses (`coilarray.Indentation`), only the window is used.
+        Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils'
+        axis. If the map has a window for ellipses (`coilarray.Indentation`), only the window is used.
     depth : int or float
         An integer is the index of a depth, any other number a depth in m that the response has.
     states : sequence of str, optional
-            States to fit. By default every state whose largest δ lies within the map and above five levels. The curves
-            around a maximum at the map's edge do not close.
+        States to fit. By default every state whose largest δ lies within the map and above five levels. The curves
+        around a maximum at the map's edge do not close.
     refinement : int
         Parts of every spacing of the grid.
     threshold : float
@@ -227,28 +227,27 @@ def fit_ellipses(
     step : float
         Distance of neighbouring levels in δ.
     lowest : float, optional
-            Lowest level in δ. By default one step.
-        connected : bool
-            Leave out the points of a level that do not belong to the hill. These are the points that no path with δ of
-            at least level − threshold connects with the largest δ. In a noisy map distant points may reach the lowest
-            levels.
+        Lowest level in δ. By default one step.
+    connected : bool
+        Leave out the points of a level that do not belong to the hill. These are the points that no path with δ of at
+        least level − threshold connects with the largest δ. In a noisy map distant points may reach the lowest levels.
 
     Returns
     -------
     xarray.Dataset
-            Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta`` is the mean of the
-            level's points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width
-            of the level is part of it), are in m. ``x0_std``, ``A_std`` and ``B_std`` follow from `standard_errors`,
-            with all points in a cell of the sampled grid counted as one. ``undetermined`` marks ellipses that their
-            points do not determine. ``points`` is their number. ``refused`` is the reason why a step has no ellipse,
-            empty if it has one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
+        Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta`` is the mean of the level's
+        points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
+        is part of it), are in m. ``x0_std``, ``A_std`` and ``B_std`` follow from `standard_errors`, with all points in
+        a cell of the sampled grid counted as one. ``undetermined`` marks ellipses that their points do not determine.
+        ``points`` is their number. ``refused`` is the reason why a step has no ellipse, empty if it has one. Refused
+        steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
 
     Raises
     ------
     LocalizeError
-            A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on y
-            = 0, a state without closed curves or without any ellipse, settings that are not positive, more than 3000
-            levels or 10⁹ points in all of them.
+        A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on y =
+        0, a state without closed curves or without any ellipse, settings that are not positive, more than 3000 levels
+        or 10⁹ points in all of them.
 
     Notes
     -----
@@ -467,6 +466,7 @@ def _check_map(delta: xr.DataArray) -> None:
 
 
 def _axis(delta: xr.DataArray, name: str) -> FloatArray:
+    """Return an axis that rises."""
     axis = np.asarray(delta[name].values, dtype=np.float64)
     if len(axis) < _LEAST_SAMPLES:
         raise LocalizeError(f"a map must have at least {_LEAST_SAMPLES} positions along {name}; got {len(axis)}.")

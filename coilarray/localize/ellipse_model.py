@@ -8,11 +8,11 @@ Details that the paper leaves open, and their interpretation here:
 
 - *The pair of coils*: the coil with the largest δ and the neighbour with the greater δ.
 - *Case three*, "in the area close to the coil center, the points of intersection are found by evaluating the two
-  adjacent inductances": if the largest δ is at least 1e-3 (Sect. 5) and both neighbours' readings are within
-  the model, their two ellipses are intersected. If they do not intersect, or one neighbour is missing at the end of the
-  row, the usual pair is taken. Otherwise row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is
-  1.25e-3 there, and no ellipse of coil 1 reaches it. For a model of another map the 1e-3 is taken in proportion, 1e-3
-  of the 1.2e-3 beyond which the paper's polynomials vanish.
+  adjacent inductances": if the largest δ is at least 1e-3 (Sect. 5) and both neighbours' readings are within the model,
+  their two ellipses are intersected. If they do not intersect, or one neighbour is missing at the end of the row, the
+  usual pair is taken. Otherwise row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is 1.25e-3 there,
+  and no ellipse of coil 1 reaches it. For a model of another map the 1e-3 is taken in proportion, 1e-3 of the 1.2e-3
+  beyond which the paper's polynomials vanish.
 - *One solution for x*: two ellipses can intersect at two values of x. The value between their centres is taken, after a
   check that there is only one.
 - *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`. Nothing is added by default.
@@ -355,6 +355,7 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
 
 
 def _reading(deltas: Mapping[str, float], name: str) -> float:
+    """Return the finite reading of a coil."""
     if name not in deltas:
         raise LocalizeError(f"the reading of {name} is missing.")
     value = float(deltas[name])

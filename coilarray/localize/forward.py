@@ -49,23 +49,22 @@ class ForwardModel(ResponseSpline):
     Parameters
     ----------
     x, y, depth, spline, in_root
-            Table of the response, see `coilarray.response.interpolation.ResponseSpline`. Its values have the shape
-            (states,).
+        Table of the response, see `coilarray.response.interpolation.ResponseSpline`. Its values have the shape
+        (states,).
     states : tuple of str
         Names of the states in the order of every axis of states.
     parameters : tuple of str
-            Names of the coordinates. The last is the distance of a target.
-        noise : float
-            Standard deviation of δ of a reading, independent from state to state, if no other is given. It is the noise
-            of the response, which a computed response has by the noise budget of its design, else `NOISE`.
-        common : tuple of ndarray, shape (states,)
-            Changes of δ by causes that are one random number for all states, each of one standard deviation. Empty by
-            default. They count if no other noise is given.
-        errors : tuple of float
-            Relative error of δ of every state by the table itself. Empty by default.
-        unread : ndarray of bool, shape (x, y, depth, states), optional
-            True where the converter cannot read a state, at the coordinates of the table. None if it reads all states.
-        True where the converter cannot read a state, at the coordinates of the table; None where it reads all.
+        Names of the coordinates. The last is the distance of a target.
+    noise : float
+        Standard deviation of δ of a reading, independent from state to state, if no other is given. It is the noise of
+        the response, which a computed response has by the noise budget of its design, else `NOISE`.
+    common : tuple of ndarray, shape (states,)
+        Changes of δ by causes that are one random number for all states, each of one standard deviation. Empty by
+        default. They count if no other noise is given.
+    errors : tuple of float
+        Relative error of δ of every state by the table itself. Empty by default.
+    unread : ndarray of bool, shape (x, y, depth, states), optional
+        True where the converter cannot read a state, at the coordinates of the table. None if it reads all states.
     """
 
     states: tuple[str, ...]
@@ -83,7 +82,7 @@ class ForwardModel(ResponseSpline):
         Returns
         -------
         ndarray of bool, shape (…, states), or None
-                True for unreadable states. None if it reads every state everywhere.
+            True for unreadable states. None if it reads every state everywhere.
         """
         if self.unread is None:
             return None
@@ -279,13 +278,13 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     ----------
     response : xarray.Dataset
         Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. The attribute
-            ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. If it has
-            ``delta_error``, as the response of a target has, the root mean square of ``delta_error`` over the root mean
-            square of δ is the model's error, for each state. Where ``readable`` is False the converter cannot read a
-            state, and its δ determines nothing.
-        zero_plane : bool
-            Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth without the depth 0.
-            Not for the table of a target, whose distances take the place of depths.
+        ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. If it has
+        ``delta_error``, as the response of a target has, the root mean square of ``delta_error`` over the root mean
+        square of δ is the model's error, for each state. Where ``readable`` is False the converter cannot read a state,
+        and its δ determines nothing.
+    zero_plane : bool
+        Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth without the depth 0. Not
+        for the table of a target, whose distances take the place of depths.
 
     Returns
     -------
@@ -364,17 +363,17 @@ def table_grid(
     design : Design
         Design with an indentation.
     spacing : float, optional
-            Largest distance of positions in m. By default a fifth of the thickness of all sheets, which leaves errors
-            of less than 1e-6 in δ between the positions (gast2020).
-        deepest : float, optional
-            Greatest depth in m. By default 1.7 times the greatest depth of the design, since noise must not push a
-            reading out of the table.
+        Largest distance of positions in m. By default a fifth of the thickness of all sheets, which leaves errors of
+        less than 1e-6 in δ between the positions (gast2020).
+    deepest : float, optional
+        Greatest depth in m. By default 1.7 times the greatest depth of the design, since noise must not push a reading
+        out of the table.
 
     Returns
     -------
     depths, x, y : ndarray, shape (n,)
-            Coordinates in m. x and y count from the map's origin and cover the outlines of all coils, as far as the
-            contact at the greatest depth stays on the sample.
+        Coordinates in m. x and y count from the map's origin and cover the outlines of all coils, as far as the contact
+        at the greatest depth stays on the sample.
 
     Raises
     ------

@@ -71,20 +71,20 @@ def identifiability(
     model : ForwardModel
         Model of the board.
     depth : float
-            Depth in m, without effect if the model has only one depth.
-        noise : array_like, scalar or shape (states,), optional
-            Standard deviation of δ. By default the noise of the model.
-        x, y : array_like, shape (n,), optional
-            Positions in m. By default the positions of the table.
+        Depth in m, without effect if the model has only one depth.
+    noise : array_like, scalar or shape (states,), optional
+        Standard deviation of δ. By default the noise of the model.
+    x, y : array_like, shape (n,), optional
+        Positions in m. By default the positions of the table.
 
     Returns
     -------
     xarray.Dataset
-            Dimensions y and x. ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are the least
-            standard deviations in m, infinite where the information is singular. ``condition`` is the ratio of the
-            largest to the least eigenvalue of the information, with x and y in one unit and the depth in its own. It
-            shows how far the unknowns can replace each other, and is infinite where singular. The attributes are depth
-            in m, noise and common_noise of every state.
+        Dimensions y and x. ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are the least standard
+        deviations in m, infinite where the information is singular. ``condition`` is the ratio of the largest to the
+        least eigenvalue of the information, with x and y in one unit and the depth in its own. It shows how far the
+        unknowns can replace each other, and is infinite where singular. The attributes are depth in m, noise and
+        common_noise of every state.
 
     Raises
     ------

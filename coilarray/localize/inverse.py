@@ -63,19 +63,19 @@ class Mode:
     x, y, depth : float
         Position and depth in m.
     information : ndarray, shape (unknowns, unknowns)
-            Fisher information there about x, y and, if it is unknown, the depth, in 1/m².
+        Fisher information there about x, y and, if it is unknown, the depth, in 1/m².
     chi_square : float
         χ² of the residuals.
     gaussian : bool
-            True if the ellipsoid of the information describes the likelihood. Then χ² rises at the ends of its axes by
-            the expected amount within a factor of 2, and all ends are in the table. If it is False, the region follows
-            from `deviance`.
+        True if the ellipsoid of the information describes the likelihood. Then χ² rises at the ends of its axes by the
+        expected amount within a factor of 2, and all ends are in the table. If it is False, the region follows from
+        `deviance`.
     border : tuple of str
         Names among x, y and depth that are on the border of the table.
     free : tuple of int
-            Indices of the unknowns among x, y and depth. By default the first.
+        Indices of the unknowns among x, y and depth. By default the first.
     unread : tuple of str
-            States that the converter cannot read there. The information leaves them out.
+        States that the converter cannot read there. The information leaves them out.
     """
 
     x: float
@@ -145,13 +145,13 @@ class Location:
     verdict : Verdict
         Kind of the result.
     reason : str
-            Reason for any verdict but ``"found"``, for which it is empty.
+        Reason for any verdict but ``"found"``, for which it is empty.
     modes : tuple of Mode
-            Modes, best first. Empty if nothing is pressed or the reading is refused.
-        chi_square : float or None
-            χ² of the best mode, or of no indentation if nothing is pressed. None for a refused reading.
-        degrees_of_freedom : int
-            Degrees of freedom of that χ². 0 for a refused reading.
+        Modes, best first. Empty if nothing is pressed or the reading is refused.
+    chi_square : float or None
+        χ² of the best mode, or of no indentation if nothing is pressed. None for a refused reading.
+    degrees_of_freedom : int
+        Degrees of freedom of that χ². 0 for a refused reading.
     probability : float or None
         Probability that noise alone makes χ² as large or larger.
     """
@@ -227,15 +227,15 @@ def locate(
     model : ForwardModel
         Model of the board.
     reading : mapping of str to float, or array_like, shape (states,)
-            δ by name, or in the model's order. A coil that is missing or NaN is refused. To locate without it use
-            ``model.select([...])``.
+        δ by name, or in the model's order. A coil that is missing or NaN is refused. To locate without it use
+        ``model.select([...])``.
     noise : array_like, scalar or shape (states,), optional
-            Standard deviation of δ. By default the noise of the model.
+        Standard deviation of δ. By default the noise of the model.
     confidence : float
         Confidence of the region whose modes are kept.
     alarm : float
-            Least probability of the residuals at which a position still fits, and of the reading itself at which it
-            still counts as noise.
+        Least probability of the residuals at which a position still fits, and of the reading itself at which it still
+        counts as noise.
 
     Returns
     -------
@@ -245,8 +245,8 @@ def locate(
     Raises
     ------
     LocalizeError
-            A reading with states that are unknown or missing, of another length or with a δ that is not between −1 and
-            1, noise that is not positive, confidence or alarm outside 0 to 1, a model with fewer states than unknowns.
+        A reading with states that are unknown or missing, of another length or with a δ that is not between −1 and 1,
+        noise that is not positive, confidence or alarm outside 0 to 1, a model with fewer states than unknowns.
 
     Examples
     --------
@@ -316,18 +316,18 @@ def deviance(
     points : array_like, shape (…, 3)
         x, y and depth in m.
     noise : array_like, scalar or shape (states,), optional
-            Standard deviation of δ. By default the noise of the model.
+        Standard deviation of δ. By default the noise of the model.
 
     Returns
     -------
     ndarray, shape (…,)
-            Deviance, dimensionless. Compare it with the quantile of χ² for as many degrees of freedom as unknowns, 7.81
-            for three.
+        Deviance, dimensionless. Compare it with the quantile of χ² for as many degrees of freedom as unknowns, 7.81 for
+        three.
 
     Raises
     ------
     LocalizeError
-            Arguments that `locate` and `ForwardModel.delta` refuse, and a location without a mode.
+        Arguments that `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
     row = checked_reading(model.states, reading)
     chi_square = whitening_of(model, noise, row).chi_square(row - model.delta(points))

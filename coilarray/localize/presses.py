@@ -62,9 +62,9 @@ class PressDetector:
     Parameters
     ----------
     baseline : sequence of (float, mapping of str to float)
-            Times in s and δ of scans at rest, at least two. Their states are followed.
-        number : int
-            Number of the last press before.
+        Times in s and δ of scans at rest, at least two. Their states are followed.
+    number : int
+        Number of the last press before.
 
     Notes
     -----

@@ -33,7 +33,7 @@ def published_rows(name: str) -> list[dict[str, str]]:
     Returns
     -------
     list of dict of str to str
-            One dictionary for each row, with the text of its cells by the names of the columns.
+        One dictionary for each row, with the text of its cells by the names of the columns.
 
     Examples
     --------

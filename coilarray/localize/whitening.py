@@ -30,7 +30,7 @@ class Whitening:
     deviations : ndarray, shape (…, states)
         Roots of D.
     directions : ndarray, shape (…, states, rank)
-            P, orthonormal. The rank is 0 without common causes.
+        P, orthonormal. The rank is 0 without common causes.
     shares : ndarray, shape (…, rank)
         Γ.
     """

@@ -74,34 +74,34 @@ def ball_inductance(
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-            Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
+        Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
     ball : Ball
         The ball.
     centres : array_like, shape (positions, 3)
-            Positions of its centre in m on the board.
+        Positions of its centre in m on the board.
     frequencies : array_like, shape (f,)
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
-            Flat sheets between the coils and the ball, upwards from z = 0 and laterally large against both.
+        Flat sheets between the coils and the ball, upwards from z = 0 and laterally large against both.
     plates : sequence of Plate or FinitePlate
-            Plates below the coils, infinite or finite.
+        Plates below the coils, infinite or finite.
     fineness : float
-            Fineness of the mesh of finite plates, see `coilarray.metal.finite_plates.moving_plate`.
+        Fineness of the mesh of finite plates, see `coilarray.metal.finite_plates.moving_plate`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (positions, f, coils, coils)
-            ΔZ/(jω) = ΔL − jΔR/ω in H relative to sheets and plates alone. The matrices are symmetric. Without plates
-            the matrix ΔR is positive semidefinite.
+        ΔZ/(jω) = ΔL − jΔR/ω in H relative to sheets and plates alone. The matrices are symmetric. Without plates the
+        matrix ΔR is positive semidefinite.
 
     Raises
     ------
     MetalError
-            Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils or is so close
-            to them that more than 120 multipoles count, a plate that is not below the coils, and cases that
-            `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
+        Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils or is so close to
+        them that more than 120 multipoles count, a plate that is not below the coils, and cases that
+        `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
     MemoryLimitError
         More values than fit into memory.
 
@@ -111,9 +111,9 @@ def ball_inductance(
     infinite plates. Finite plates reflect the coils' field and, unless they are magnetic, once the field of the ball's
     dipole. Compared with an infinite plate, 1 mm of aluminium 3 mm below the board, this was 0.16 % off for a ball of 5
     mm at 1 mm over a bare board (0.5 % for ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
-    Multipoles are counted until they add less than 1e-7 of the whole. In a measured case, a ball of 5 mm touches the
-    magnetic sheet of gast2020. There the reflections alter the change by an aluminium ball by −6 % and by a ferrite
-    ball by 19 %.
+    Multipoles are counted until they add less than 1e-7 of the whole. If, for example, a ball of 5 mm touches the
+    magnetic sheet of gast2020, the reflections alter the change by an aluminium ball by −6 % and by a ferrite ball by
+    19 %.
 
     Examples
     --------
@@ -246,10 +246,10 @@ class Multipoles:
     Parameters
     ----------
     fields : sequence of ndarray, shape (orders, k), real or complex
-            Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr). They are scaled so that the
-            multipoles of the waves alone are the weights w_l e^{−kz} of the module's text.
-        answers : sequence of ndarray, shape (f, orders, orders)
-            Strengths of the ball's own multipoles for these, including all reflections.
+        Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr). They are scaled so that the
+        multipoles of the waves alone are the weights w_l e^{−kz} of the module's text.
+    answers : sequence of ndarray, shape (f, orders, orders)
+        Strengths of the ball's own multipoles for these, including all reflections.
     """
 
     fields: Sequence[FloatArray | ComplexArray]

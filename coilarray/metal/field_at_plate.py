@@ -1,7 +1,7 @@
 """The coils' field in air at a plate or at its image.
 
-The positions of a plate parallel to the board share a few heights. There the field is interpolated on a grid by splines
-of the fifth order, if it is smooth enough for its distance from the copper.
+The positions of a plate parallel to the board share a few heights. At heights where the field is smooth enough, far
+enough from the copper, it is interpolated on a grid by splines of the fifth order.
 """
 
 from __future__ import annotations

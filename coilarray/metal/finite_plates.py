@@ -135,38 +135,38 @@ def moving_plate(
     source : CoilArray, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
     plate : FinitePlate
-            Plate with its own tilt. Its own centre is not used.
+        Plate with its own tilt. Its own centre is not used.
     positions : array_like, shape (positions, 3)
-            Centres of the plate in m, with the plate entirely above or entirely below the copper.
+        Centres of the plate in m, with the plate entirely above or entirely below the copper.
     frequencies : array_like, shape (frequencies,)
         Frequencies in Hz, positive.
     sheets : sequence of Sheet
-            Flat sheets upwards from z = 0, laterally large against coils and plates. The plates lie above the magnetic
-            sheets or below the copper.
-        beside : sequence of Plate or FinitePlate
-            Fixed metal: infinite plates, magnetic or not, and other finite plates.
+        Flat sheets upwards from z = 0, laterally large against coils and plates. The plates lie above the magnetic
+        sheets or below the copper.
+    beside : sequence of Plate or FinitePlate
+        Fixed metal: infinite plates, magnetic or not, and other finite plates.
     fineness : float
-            Fineness of the mesh. A value of 2 gives half the element lengths of 1 (see Notes).
+        Fineness of the mesh. A value of 2 gives half the element lengths of 1 (see Notes).
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (positions, frequencies, paths, paths)
-            ΔZ/jω = ΔL − jΔR/ω in H by the plate, relative to the same without it. The matrices are symmetric. In air
-            and over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
+        ΔZ/jω = ΔL − jΔR/ω in H by the plate, relative to the same without it. The matrices are symmetric. In air and
+        over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
 
     Raises
     ------
     GeometryError
-            Positions or frequencies that are empty or of a wrong shape, a fineness that is not positive, a plate that
-            reaches into copper, sheets or other plates, a plate too thick for its size if the field enters deeply (the
-            message gives the number), or an outline that is too narrow.
-        MetalError
-            A plate or a coil in an infinite layer. Also a magnetic plate that is less than three skin depths thick, has
-            a hole, or lies beside other finite plates.
-        MemoryLimitError
-            Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
+        Positions or frequencies that are empty or of a wrong shape, a fineness that is not positive, a plate that
+        reaches into copper, sheets or other plates, a plate too thick for its size if the field enters deeply (the
+        message gives the number), or an outline that is too narrow.
+    MetalError
+        A plate or a coil in an infinite layer. Also a magnetic plate that is less than three skin depths thick, has a
+        hole, or lies beside other finite plates.
+    MemoryLimitError
+        Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
 
     Notes
     -----
@@ -356,8 +356,8 @@ def outlined_inductance(
     """Change of the inductance matrix by finite plates, in H.
 
     It is by all finite plates together, relative to the other plates alone, and has the shape (frequencies, paths,
-    paths). The other arguments and the errors
-    are as in `moving_plate`. Infinite plates are computed by `coilarray.metal.flat_plates.plate_inductance`.
+    paths). The other arguments and the errors are as in `moving_plate`. Infinite plates are computed by
+    `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
@@ -475,8 +475,7 @@ class OutlinedPlates:
         """Return the field in T reflected to a dipole.
 
         The plates reflect it to a dipole of 1 A·m² at places (n, 3) in m, all at one height. The shape is (n, f, 3, 3),
-        for dipoles along
-        the axes of the board. They are square loops of a `size` in m.
+        for dipoles along the axes of the board. They are square loops of a `size` in m.
         """
         found = []
         for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
@@ -529,6 +528,7 @@ def _whole_model_error(
 
 
 def _checked_positions(positions: npt.ArrayLike) -> FloatArray:
+    """Return positions (n, 3) in m, or refuse them."""
     where = np.asarray(positions, dtype=np.float64)
     if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
         raise GeometryError(

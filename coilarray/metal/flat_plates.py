@@ -55,34 +55,33 @@ def plate_inductance(
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-            See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and below the
-            sheets.
+        See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and below the sheets.
     plates : sequence of Plate
-            Plates in any order, each above or below all paths. None may reach into another or into the sheets.
+        Plates in any order, each above or below all paths. None may reach into another or into the sheets.
     frequencies : array_like, shape (f,)
-            Frequencies in Hz, at least 0.
+        Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, of any permeabilities.
     accuracy : {"full", "screen"}
-            Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the change itself.
+        Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the change itself.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray of complex, shape (f, paths, paths)
-            Change of the impedance over jω in H, relative to the sheets alone: ΔL − jΔR/ω, symmetric. Add it to the
-            inductance in air and to `coilarray.electromagnetics.flat_layer.layer_inductance`.
+        Change of the impedance over jω in H, relative to the sheets alone: ΔL − jΔR/ω, symmetric. Add it to the
+        inductance in air and to `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
     Raises
     ------
     GeometryError
-            A plate that is neither above nor below all paths, or touches them, a plate that reaches into another plate
-            or into a magnetic sheet, a source that describes no path.
+        A plate that is neither above nor below all paths, or touches them, a plate that reaches into another plate or
+        into a magnetic sheet, a source that describes no path.
     ElastomerError
         A path that reaches into a magnetic sheet or above it.
     MetalError
-            Frequencies that are not a one-dimensional array of finite numbers of at least 0.
+        Frequencies that are not a one-dimensional array of finite numbers of at least 0.
 
     Notes
     -----
@@ -284,7 +283,8 @@ def _around(
 def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
     """Return the upper face of plates below the board.
 
-    The face is in m below z = 0. Also returns the plates' layers from there downwards. Plates of air are left out.
+    The face is a height in m, and the plates lie below z = 0. Also returns the plates' layers from there downwards.
+    Plates of air are left out.
     """
     stack = _below(plates, 0.0)
     return stack.face, stack.layers

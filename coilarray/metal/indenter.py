@@ -49,18 +49,18 @@ def indenter_inductance(
     ball : Ball
         The indenter.
     dents : sequence of Dent
-            The same sheets, dented by the ball, for example one dent for each depth.
+        The same sheets, dented by the ball, for example one dent for each depth.
     places : ndarray, shape (places, 2)
         Positions of its axis in m.
     frequency : float
         Frequency in Hz.
     distances : sequence of float, optional
-            Height in m of its lowest point over the sheets of each dent, above zero if they are not dented, inf without
-            the ball. 0 by default.
+        Height in m of its lowest point over the sheets of each dent, above zero if they are not dented, inf without the
+        ball. 0 by default.
     backing : Backing, optional
         Plates below the coils, at this frequency.
     outlined : OutlinedPlates, optional
-            Finite plates below the coils, at this frequency, which also reflect the field of the ball's dipole.
+        Finite plates below the coils, at this frequency, which also reflect the field of the ball's dipole.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
@@ -69,7 +69,7 @@ def indenter_inductance(
     Returns
     -------
     ndarray, shape (dents, places, coils, coils)
-            ΔL − jΔR/ω in H relative to the dented sheets without the ball.
+        ΔL − jΔR/ω in H relative to the dented sheets without the ball.
 
     Raises
     ------

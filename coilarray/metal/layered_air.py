@@ -145,9 +145,9 @@ class LayeredAir:
         Parameters
         ----------
         source, place : tuple
-                Index of the gap, least and greatest height in m of the source, and of the place of the field.
-            extent : float
-                Greatest horizontal distance in m between them.
+            Index of the gap, least and greatest height in m of the source, and of the place of the field.
+        extent : float
+            Greatest horizontal distance in m between them.
         """
         if not self.layers:
             return []

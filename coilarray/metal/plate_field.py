@@ -112,8 +112,8 @@ def plate_currents(
     sheets : sequence of Sheet
         Magnetic sheets upwards from z = 0.
     blur : float
-            Standard deviation in m of the Gaussian over which the currents are averaged. Near a plate they follow every
-            single turn.
+        Standard deviation in m of the Gaussian over which the currents are averaged. Near a plate they follow every
+        single turn.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def plate_field(
     source, currents, plates, frequency, x, y, sheets
         See `plate_currents`.
     z : ndarray, shape (nz,)
-            Heights in m, not between the lowest copper and the top of the board or exactly at its faces.
+        Heights in m, not between the lowest copper and the top of the board or exactly at its faces.
 
     Returns
     -------

@@ -1,8 +1,7 @@
 """Second process that draws pictures while this process computes.
 
 Python draws and computes on one core at a time. The process imports Matplotlib and PyVista while the caller imports and
-computes. It runs this module with ``python
--m``. A process of `multiprocessing` would run the caller's script again.
+computes. It runs this module with ``python -m``, as a process of `multiprocessing` would run the caller's script again.
 """
 
 from __future__ import annotations
@@ -108,6 +107,7 @@ def _fulfil(task: Task) -> None:
 
 
 def _asked(process: subprocess.Popen[bytes], question: object) -> tuple[Any, Exception | None]:
+    """Return the answer of the process to a question."""
     assert process.stdin is not None
     assert process.stdout is not None
     pickle.dump(question, process.stdin, pickle.HIGHEST_PROTOCOL)
@@ -126,7 +126,7 @@ def drawing_beside() -> Iterator[Drawing]:
     if _OPEN or cores() == 1:
         yield _OPEN[0] if _OPEN else Drawing(None)
         return
-        # its search path is the same as here and no longer: -P keeps the working folder off
+    # its search path is the same as here and no longer: -P keeps the working folder off
     path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,

@@ -107,7 +107,7 @@ def _ends_and_middle(result: Optimization) -> set[int]:
 def none_better(result: Optimization) -> str:
     """Describe a search that has found no better design.
 
-    The text tells how near it came.
+    The text also describes how near it came.
     """
     start = result.start
     if not start.feasible:

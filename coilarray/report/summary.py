@@ -60,18 +60,18 @@ def summary_table(
     coupling : xarray.Dataset
         Result of `coilarray.couple_design`.
     scan : xarray.Dataset or None
-            Result of `coilarray.circuit.impedance.scan_design`. None if the design has no circuit.
+        Result of `coilarray.circuit.impedance.scan_design`. None if the design has no circuit.
     margins : sequence of Margin
         Result of `coilarray.geometry.check_rules`.
     response : xarray.Dataset or None
-            Response on the board. None for a design without a response.
-        without : xarray.Dataset, optional
-            Scan without the plates, for a design with plates.
+        Response on the board. None for a design without a response.
+    without : xarray.Dataset, optional
+        Scan without the plates, for a design with plates.
     target : xarray.Dataset, optional
         Result of `coilarray.target_map`.
     bounds : xarray.Dataset, optional
-            The response's `position_bounds`. Of x the table has the least over the coils, the values that half and 95 %
-            of their area do not exceed, and the share where x is not determined.
+        The response's `position_bounds`. Of x the table has the least over the coils, the values that half and 95 % of
+        their area do not exceed, and the share where x is not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     spread = any(most != "" for _, _, most, *_ in found)
@@ -95,7 +95,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
         lines.append(f"The converter cannot read {state}: {limit.words}.")
     if scan is not None and "readable" in scan and (left_out := scan.attrs.get("left_out")):
         lines.append(f"Limits of the converter were checked without the {left_out.rstrip('.')}.")
-        # a map of the flat board alone, over its states, is covered by the scan
+    # a map of the flat board alone, over its states, is covered by the scan
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 
 

@@ -78,11 +78,11 @@ class Report:
     data : dict
         Content of ``report.json``.
     rendering_problem : str or None
-            Reason why the board's picture is a drawing, in one line. None if it is rendered.
+        Reason why the board's picture is a drawing, in one line. None if it is rendered.
     summary : Table or None
-            Least and largest values of the decisive quantities, see `coilarray.report.summary.summary_table`.
+        Least and largest values of the decisive quantities, see `coilarray.report.summary.summary_table`.
     verdicts : sequence of str
-            A line for each limit that is exceeded.
+        A line for each limit that is exceeded.
     """
 
     page: Path
@@ -114,29 +114,28 @@ def write_report(
     Parameters
     ----------
     design : Design or DesignFile
-            Design of the board. Assumed values are marked if it comes from a file, as
-            `coilarray.design.model.load_design_file` reads it.
+        Design of the board. Assumed values are marked if it comes from a file, as
+        `coilarray.design.model.load_design_file` reads it.
     where : str or Path
-            Folder for ``report.html`` and the folder ``report``, made if it does not exist. Files of an earlier report
-            there are replaced.
+        Folder for ``report.html`` and the folder ``report``, made if it does not exist. Files of an earlier report
+        there are replaced.
     distortion : xarray.Dataset, optional
-            Result of `coilarray.localize.distortion.distortion` for the design. It adds the causes that move x0 to the
-            page.
+        Result of `coilarray.localize.distortion.distortion` for the design. It adds the causes that move x0 to the
+        page.
     progress : callable, optional
         Function that is called with (done, total) as the work goes on.
 
     Returns
     -------
     Report
-            Written files and their numbers.
+        Written files and their numbers.
 
     Raises
     ------
     LocalizeError
         A distortion of another design.
     OutputError
-            A file that cannot be written. Each file is written under a temporary name first, so none is left
-            half-written.
+        A file that cannot be written. Each file is written under a temporary name first, so none is left half-written.
 
     Notes
     -----
@@ -146,9 +145,8 @@ def write_report(
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
     ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and ``target_coupling.csv``. All
     of them are in ``report.json``. The arrays are in ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``,
-    ``target.nc``, ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc``.
-    Parts that a design does not ask for are left out. Parts that cannot be computed are left out too, with the reason
-    on the page.
+    ``target.nc``, ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc``. Parts that a design
+    does not ask for are left out. Parts that cannot be computed are left out too, with the reason on the page.
     """
     file = as_file(design)
     design = file.design
@@ -403,8 +401,8 @@ def _circuit_tables(scan: xr.Dataset, sweep: xr.Dataset) -> list[tables.Table]:
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
     """Compute the field B above the board, in T.
 
-    It is computed on a line along x through the active coil and on a plane. The field is computed with the others open
-    and terminated. A single coil has one field of each.
+    It is computed on a line along x through the active coil and on a plane, with the others open and terminated. A
+    single coil has one field of each.
     """
     x_min, y_min, x_max, y_max = design.array.bounds
     place = design.array.placements[design.array.names.index(active)]
