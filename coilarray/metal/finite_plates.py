@@ -355,8 +355,8 @@ def outlined_inductance(
 ) -> ComplexArray:
     """Change of the inductance matrix by finite plates, in H.
 
-    It is by all finite plates together, relative to the other plates alone, and has the shape (frequencies, paths,
-    paths). The other arguments and the errors are as in `moving_plate`. Infinite plates are computed by
+    It is by all finite plates among `plates` together, relative to the others alone, and has the shape (frequencies,
+    paths, paths). The other arguments and the errors are as in `moving_plate`. Infinite plates are computed by
     `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
