@@ -98,7 +98,7 @@ class Dent:
     def heights(self) -> FloatArray:
         """Heights of the flat faces in m, from 0.
 
-        Shape (sheets + 1,).
+        They have the shape (sheets + 1,).
         """
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 

@@ -120,7 +120,7 @@ class ForwardModel(ResponseSpline):
     def common_noise(self) -> FloatArray:
         """Standard deviation of δ by all common causes.
 
-        The causes are common to all states. Shape (states,).
+        The causes are common to all states. It has the shape (states,).
         """
         return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
 

@@ -97,7 +97,7 @@ class Mode:
     def covariance(self) -> FloatArray:
         """Inverse of the information in m², see `covariance_of`.
 
-        Shape (unknowns, unknowns).
+        It has the shape (unknowns, unknowns).
         """
         return covariance_of(self.information)
 
@@ -105,7 +105,7 @@ class Mode:
     def deviations(self) -> FloatArray:
         """Standard deviations of x, y and depth in m.
 
-        Shape (unknowns,).
+        They have the shape (unknowns,).
         """
         return np.sqrt(np.diagonal(self.covariance))
 
@@ -321,7 +321,7 @@ def deviance(
     Returns
     -------
     ndarray, shape (…,)
-        Deviance, dimensionless. Compare it with the quantile of χ² for as many degrees of freedom as unknowns, 7.81 for
+        Dimensionless deviance. Compare it with the quantile of χ² for as many degrees of freedom as unknowns, 7.81 for
         three.
 
     Raises
