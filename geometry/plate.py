@@ -245,7 +245,7 @@ class FinitePlate:
     def axes(self) -> FloatArray:
         """Unit vectors of the plate's x, y and normal.
 
-        They are dimensionless, in the frame of the board, and form the rows of an array of shape (3, 3).
+        Dimensionless, in the frame of the board, as the rows of an array of shape (3, 3).
         """
         cos, sin = math.cos(self.tilt_direction), math.sin(self.tilt_direction)
         rise, run = math.sin(self.tilt), math.cos(self.tilt)

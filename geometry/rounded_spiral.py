@@ -172,7 +172,7 @@ class RoundedSpiral(Winding):
         return np.asarray(self._foot(np.array([step]), np.array([self.trace_width / 2]))[0])
 
     def junction(self, layer: int) -> FloatArray:
-        """Point shared by the ends of two successive layers.
+        """Point shared by the ends of `layer` and the next.
 
         See `Winding.junction`.
 

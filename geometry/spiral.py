@@ -136,7 +136,7 @@ class Winding(ABC):
         """
 
     def junction(self, layer: int) -> FloatArray:
-        """Point shared by the ends of two successive layers.
+        """Point shared by the ends of `layer` and the next.
 
         If the ends do not meet, they lie about the ray through this point.
 
@@ -393,7 +393,7 @@ class Spiral(Winding):
         return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
 
     def junction(self, layer: int) -> FloatArray:
-        """Corner shared by the ends of two successive layers.
+        """Corner shared by the ends of `layer` and the next.
 
         See `Winding.junction`.
 

@@ -121,9 +121,9 @@ class NoiseBudget:
 
     @property
     def scan_noise(self) -> FloatArray:
-        """Relative standard deviation of L of one scan, (states,).
+        """Relative standard deviation of L of one scan.
 
-        It is the noise of all causes in quadrature.
+        It is the noise of all causes in quadrature, of shape (states,).
         """
         return _quadrature([cause.noise for cause in self.causes])
 
