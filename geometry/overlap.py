@@ -71,9 +71,9 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
     Examples
     --------
     >>> bars = [Conductor([[0, y, 0], [1e-2, y, 0]], 2e-4, 35e-6, name=name) for name, y in (("A", 0), ("B", 1.5e-4))]
-    >>> require_apart(bars)
+    >>> require_apart(bars)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    coilarray.errors.GeometryError: copper of A – B overlaps on z 0 mm at (9.975, 0.075) mm, by 0.05 mm.
+    coilarray.errors.GeometryError: copper of A – B overlaps on z 0 mm at (..., 0.075) mm, by 0.05 mm.
     """
     shapes: dict[bytes, int] = {}
     traces = [trace for number, one in enumerate(conductors) for trace in _traces(number, one, shapes)]

@@ -240,13 +240,15 @@ def _measured(array: CoilArray, rules: FabRules, progress: Progress | None) -> t
     return tuple(sorted(margins, key=_rank))
 
 
-def _rank(margin: Margin) -> tuple[int, bool, float]:
+def _rank(margin: Margin) -> tuple[int, bool, float, str, str]:
     """Sort key of a margin.
 
-    A copper thickness as ordered has no margin at all and would hide the margins of the traces.
+    A copper thickness as ordered has no margin at all and would hide the margins of the traces. Margins that are equal
+    but for rounding stand in the order of their layers and nets.
     """
     place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
-    return place, (margin.unit == "m") != margin.kept, margin.margin
+    value = round(margin.margin, 12)
+    return place, (margin.unit == "m") != margin.kept, value, margin.layer, margin.feature
 
 
 # A command refuses broken rules first, and its report shows the same margins later.
