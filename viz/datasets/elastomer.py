@@ -123,9 +123,9 @@ def indenter_mesh(
     extent: tuple[float, float, float, float],
     height: float,
 ) -> pyvista.PolyData:
-    """Closed surface of an indenter in mm.
+    """Surface of an indenter in mm.
 
-    It is cut open as in `dented_sheet_meshes`.
+    It is closed, and cut open as in `dented_sheet_meshes`.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _rays(
     """Directions over three quarters, and ray lengths in m.
 
     The directions include the corners. Rays end at the edge of the extent or of the body. The edge of the body is at
-    the radius `end` or, in plane strain, at |x| equal to `end`.
+    the radius `end` or, for a plane body, at |x| equal to `end`.
     """
     (x, y), (x_min, y_min, x_max, y_max) = centre, extent
     if not (x_min < x < x_max and y_min < y < y_max):

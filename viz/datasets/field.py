@@ -39,7 +39,8 @@ def require_memory(points: int, what: str) -> None:
     --------
     >>> require_memory(10**9, "spacing 0.05 mm")
     Traceback (most recent call last):
-    coilarray.errors.GeometryError: spacing 0.05 mm gives 1e+09 points, about 220 GB of memory; at most 1 GB is     allowed: widen the spacing.
+    coilarray.errors.GeometryError: spacing 0.05 mm gives 1e+09 points, about 220 GB of memory; at most 1 GB is \
+    allowed: widen the spacing.
     """
     needed = points * _BYTES_A_POINT
     if needed > MOST_MEMORY:
@@ -238,18 +239,18 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Indices of axis values at least a distance apart.
+    """Choose axis values at least a distance apart.
 
-    The axis ascends. The indices are centred as far as possible.
+    Their indices are returned. The axis ascends. The indices are centred as far as possible.
     """
     kept = _apart(axis, 0, distance)
     return _apart(axis, (len(axis) - 1 - kept[-1]) // 2, distance)
 
 
 def _apart(axis: npt.NDArray[np.float64], first: int, distance: float) -> list[int]:
-    """Indices from `first` on, at least a distance apart.
+    """Choose axis values from `first` on, a distance apart.
 
-    Each is the next index whose value is at least a distance away.
+    Their indices are returned. Each is the next index whose value is at least the distance away.
     """
     kept = [first]
     for k in range(first + 1, len(axis)):

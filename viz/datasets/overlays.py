@@ -71,8 +71,8 @@ def coupling_arcs(
     Returns
     -------
     pyvista.PolyData
-        Polylines in mm, one per pair. They are parabolas that rise by 0.3 of their span. The cell arrays are ``"coil"``,
-        ``"other"`` (indices of the coils) and ``"k"``. Empty if no pair is left.
+        Polylines in mm, one per pair. They are parabolas that rise by 0.3 of their span. The cell arrays are
+        ``"coil"``, ``"other"`` (indices of the coils) and ``"k"``. Empty if no pair is left.
 
     Raises
     ------

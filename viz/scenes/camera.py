@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 Side = Literal["oblique", "top", "front", "right"]
-"""Side of the view, which is obliquely from the front, straight from above, from the front along y, or from the right."""
+"""Side of the view: obliquely from the front, straight from above, from the front along y, or from the right."""
 
 _ANGLES = {"oblique": (48.0, -97.0), "top": (90.0, -90.0), "front": (0.0, -90.0), "right": (0.0, 0.0)}
 FILLED = 0.88

@@ -186,7 +186,7 @@ def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> t
 def _eddy_notes(
     design: Design, coil: str, operation: WorkingPoint, when: str, *, none_in_target: bool
 ) -> tuple[str, ...]:
-    """Notes about the shown eddy currents."""
+    """Describe the shown eddy currents in notes."""
     lines = [
         f"Eddy currents {when}, {operation.frequency * 1e-6:.4g} MHz, {abs(operation.current) * 1e3:g} mA in {coil}, "
         "the currents of the coils as without a target."
