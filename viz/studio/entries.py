@@ -84,7 +84,7 @@ class Entry:
 
 
 def entries_of(file: DesignFile) -> tuple[Entry, ...]:
-    """Main entries of a design in the shown order.
+    """List the main entries of a design in the shown order.
 
     Examples
     --------

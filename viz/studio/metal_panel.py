@@ -73,7 +73,7 @@ class MetalPanel(Panel):
             state.target_rows, state.distances, state.target_problem = [], [], ""
 
     def steps(self, design: Design) -> list[Step]:
-        """Steps that move the target over its place.
+        """Make the step that moves the target over its place.
 
         A design without a target has no step.
         """
