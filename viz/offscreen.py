@@ -105,7 +105,7 @@ def silent_screen() -> str:
 
 
 def without_screen(window: str) -> bool:
-    """Check if a class of VTK's render windows has no screen."""
+    """Check if a class of VTK's windows has no screen."""
     return any(word in window for word in _WITHOUT_SCREEN)
 
 

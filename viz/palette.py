@@ -100,7 +100,7 @@ def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 
 
 
 def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> dict[str, str]:
-    """Give each coil a colour of its own, up to 64.
+    """Give each of up to 64 coils its own colour.
 
     Up to six coils have colours in order. More coils have colours by place, so that neighbours differ most. `centres`,
     shape (coils, 2), may have any unit. Without them the coils are in a row.

@@ -95,7 +95,7 @@ def field_grid(
 
 
 def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
-    """Put the flux density of an operating field on its grid.
+    """Put the flux density of a field on its grid.
 
     The field is a result of `coilarray.circuit.operating_field.operating_field`.
 
@@ -123,7 +123,7 @@ def flux_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, B: npt.Array
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Arrows along B at some of the points of a grid.
+    """Arrows along B at some points of a grid.
 
     Each point is at the centre of its arrow.
 
@@ -137,7 +137,7 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
     Returns
     -------
     pyvista.PolyData
-        In mm, one after the other, with the point arrays of the grid. The length of an arrow is the spacing times the
+        Arrows in mm, in sequence, with the point arrays of the grid. The length of an arrow is the spacing times the
         square root of |B| over its maximum, so that arrows are visible where the field is weak.
     """
     kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]

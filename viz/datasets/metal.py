@@ -68,9 +68,9 @@ def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.Poly
 def body_mesh(
     body: Body, place: tuple[float, float, float], within: tuple[float, float, float, float]
 ) -> pyvista.PolyData:
-    """Surface of a body in mm at a place in m.
+    """Surface of a body in mm at its place.
 
-    The place belongs to its centre, or to the lower face of an infinite plate.
+    The place in m belongs to its centre, or to the lower face of an infinite plate.
     """
     if isinstance(body, Ball):
         return ball_mesh(body.radius, place)
@@ -91,7 +91,7 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
 
 
 def _one_a_cube(points: FloatArray, side: float) -> npt.NDArray[np.intp]:
-    """Index of the point nearest to the centre of each cube.
+    """Index of the point nearest to each cube's centre.
 
     Cubes without points are left out.
     """

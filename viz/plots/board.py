@@ -136,7 +136,10 @@ def _draw_holes(ax: Axes, holes: tuple[Drill, ...]) -> None:
 
 
 def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
-    """Patch in mm of a polygon in m with open holes."""
+    """Patch in mm of a polygon in m.
+
+    Its holes stay open.
+    """
     rings = [shape.exterior, *shape.interiors]
     signs = [1, *[-1] * len(shape.interiors)]  # holes run the other way round, so that they stay open
     paths = [

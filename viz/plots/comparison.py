@@ -50,7 +50,7 @@ def plot_residual(
     state, depth : str and int
         Name of the state, and index of the depth in the dataset.
     stage : {"before", "after"}
-        Simulated map as it is, or scaled and shifted onto the measured one.
+        Simulated map as it is, or scaled and shifted onto the measured map.
     ax : Axes, optional
         Axes to draw into, in mm.
     outlines : sequence of array_like

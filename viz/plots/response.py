@@ -180,7 +180,7 @@ def plot_response_profile(
 def plot_bell_curve(
     response: xr.Dataset, state: str | None = None, ax: Axes | None = None, along: Literal["x", "y"] = "x"
 ) -> Axes:
-    """Draw δ of one coil along a line through its centre.
+    """Draw δ along a line through a coil's centre.
 
     Each depth has a curve with its peak and its width at half the peak. Dots are the positions of the response, and
     curves are cubic splines through the positions with a value. A bar marks the width at half the peak. The legend
@@ -410,7 +410,7 @@ def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.Arra
 
 
 def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.DataArray:
-    """δ of one or all states, at one or all depths."""
+    """δ of one or all states and depths."""
     chosen = response if state is None else of_state(response, state)
     delta: xr.DataArray = (chosen if depth is None else at_depth(chosen, depth)).delta
     return delta

@@ -279,7 +279,7 @@ def signed_map(
 
 
 def plan_axes(ax: Axes) -> None:
-    """Label the axes of a plan of the board in mm.
+    """Label the axes of a plan in mm.
 
     Both axes have equal scales.
     """
@@ -296,7 +296,7 @@ def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
 
 
 def require_plane(at: xr.DataArray | xr.Dataset) -> None:
-    """Raise ValueError if there are fewer than two x or y."""
+    """Raise ValueError for fewer than two x or y."""
     if min(at.sizes["x"], at.sizes["y"]) < 2:
         raise ValueError(f"a map must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
 

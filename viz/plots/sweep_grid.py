@@ -196,7 +196,7 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
 
 
 def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
-    """Use powers of ten on an axis if values span many.
+    """Use powers of ten if values span many.
 
     The resistance near a self-resonance does so.
     """
@@ -401,7 +401,7 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
 
 @styled
 def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
-    """Draw a quantity of a sweep over two entries as colours.
+    """Draw a quantity over two entries as colours.
 
     Places without a result are grey.
 

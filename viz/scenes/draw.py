@@ -47,7 +47,7 @@ Panel = tuple[float, float]
 
 
 def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None) -> None:
-    """Draw a scene on white, with the camera at all of it.
+    """Draw a whole scene on white.
 
     Parameters
     ----------

@@ -33,9 +33,9 @@ _BLURRED = 0.4  # width over which the current of an arrow is averaged, over the
 
 @dataclass(frozen=True, eq=False)
 class WorkingPoint:
-    """Currents of all coils in A at a frequency in Hz.
+    """Currents of all coils in A at a frequency.
 
-    They have shape (n,). One coil carries `current`.
+    They have shape (n,). One coil carries `current`. The frequency is in Hz.
     """
 
     currents: ComplexArray

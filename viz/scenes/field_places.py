@@ -1,4 +1,4 @@
-"""Points at which a scene needs the field of a coil.
+"""Points at which a scene needs a coil's field.
 
 Two planes, a box, and seeds of field lines.
 """
@@ -55,7 +55,7 @@ def count_of(places: Iterable[Spans]) -> int:
 
 
 def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
-    """Level plane and upright plane for the field of a coil.
+    """Level and upright plane for a coil's field.
 
     The level plane is at the design's field height. The upright plane is along x through the centre of the coil.
     """
@@ -108,9 +108,9 @@ def beside_faces(design: Design, heights: FloatArray, frequency: float) -> Float
 
 
 def line_seeds(design: Design, coil: str) -> FloatArray:
-    """Seeds of field lines above a coil, (n, 3) in m.
+    """Seeds of field lines, (n, 3) in m.
 
-    They are on rings at the design's field height, or under the metal there.
+    They are on rings above a coil, at the design's field height or under the metal there.
     """
     centre, inner, _ = _middle_and_radii(design.array, coil)
     free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)

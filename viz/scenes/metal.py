@@ -123,7 +123,10 @@ def _at(part: Part, step: int) -> Part:
 
 
 def _body_words(body: Body) -> str:
-    """Material and thickness or diameter of a body for a legend."""
+    """Material and size of a body for a legend.
+
+    The size is its thickness or diameter.
+    """
     if isinstance(body, Ball):
         return f"sphere of {body.material.words}, {body.radius * 2e3:g} mm"
     kind = "infinite plate of " if isinstance(body, Plate) else ""

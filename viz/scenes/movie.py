@@ -1,4 +1,4 @@
-"""Films of scenes, as GIF with Pillow or MP4 with PyAV."""
+"""Films of scenes as GIF (Pillow) or MP4 (PyAV)."""
 
 from __future__ import annotations
 

@@ -274,7 +274,10 @@ class _Making:
 
     @property
     def _on_board(self) -> tuple[float, float]:
-        """Position of the indenter in m, checked to be over the board."""
+        """Position of the indenter over the board in m.
+
+        A position that is not over the board raises a GeometryError.
+        """
         x, y = self._at
         x_min, y_min, x_max, y_max = self.design.array.bounds
         if not (x_min < x < x_max and y_min < y < y_max):

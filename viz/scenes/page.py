@@ -62,7 +62,7 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
 
 
 def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique") -> str:
-    """Make a web page on which a scene can be turned.
+    """Make a web page with a scene to turn.
 
     It has a switch for every group, and a slider if the scene has one. The page contacts no host. Making it needs
     neither a screen nor a graphics driver. If trame-vtk is not installed, it raises a MissingDependencyError.
@@ -158,7 +158,7 @@ def _thick(part: Part, mm_per_pixel: float) -> Part:
 
 
 def _view(scene: Scene, side: Side) -> dict[str, Any]:
-    """Camera for a side in the terms of the page's script."""
+    """Camera for a side in the script's terms."""
     camera = aim(scene.bounds, _SIZE, direction(side))
     position, focus, up = (np.array(one) for one in (camera.position, camera.focus, camera.up))
     distance = float(np.linalg.norm(position - focus))

@@ -66,7 +66,7 @@ def _write(scene: Scene, names: Sequence[str], folder: Path) -> None:
 
 
 def _index(scene: Scene, files: Sequence[str]) -> str:
-    """Text of a .vtm file, which lists the files of its blocks."""
+    """Text of a .vtm file, listing its blocks' files."""
     blocks = [
         f"<DataSet index={quoteattr(str(k))} name={quoteattr(part.name)} file={quoteattr(file)}/>\n"
         for k, (part, file) in enumerate(zip(scene.parts, files, strict=True))

@@ -1,4 +1,4 @@
-"""Scenes of a film with an indenter that moves over the board."""
+"""Scenes of a film with a moving indenter."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LEAST_STEPS = 3  # along each axis, as a cubic needs four positions
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Path of the indenter with δ of every coil along it."""
+    """Path of the indenter with δ of every coil."""
 
     design: Design
     depth: float  # m
@@ -83,7 +83,7 @@ def touch_along(
     depth: float | None = None,
     progress: Progress | None = None,
 ) -> Touch:
-    """Compute δ along a path of the indenter over the board.
+    """Compute δ along a path of the indenter.
 
     The path has `count` places at equal steps along its `corners` on the board in m. The default is a straight line
     along x over all coils through the middle coil. `depth` in m is by default the deepest of the design.
@@ -119,7 +119,7 @@ def first_states(design: Design) -> dict[str, str]:
 
 
 def off_middle(setup: Indentation) -> tuple[float, float]:
-    """Place off the centre of the map, on the board in m.
+    """Place on the board off the map's centre in m.
 
     It is an eighth and a quarter of the map off the centre along x and y. On the middle line of a symmetric board δ
     does not depend on the position to first order, so that it has no ellipse.
@@ -129,7 +129,7 @@ def off_middle(setup: Indentation) -> tuple[float, float]:
 
 
 def dent_of_design(design: Design, depth: float) -> xr.Dataset:
-    """Press into the sheets of a design to a depth in m.
+    """Press into a design's sheets to a depth in m.
 
     See `coilarray.elastomer.contact.indent`.
     """

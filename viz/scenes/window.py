@@ -64,9 +64,9 @@ def check_window() -> None:
 
 
 def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
-    """Open a window with a board until the user closes it.
+    """Open a window with a board.
 
-    It shows the board of an `array` and `sheets` on it. The errors are the same as in `show`.
+    It shows the board of an `array` and `sheets` on it, until the user closes it. The errors are the same as in `show`.
     """
     show(scene_of_lifted_board(array, sheets))
 

@@ -84,7 +84,7 @@ class Entry:
 
 
 def entries_of(file: DesignFile) -> tuple[Entry, ...]:
-    """List the main entries of a design in the shown order.
+    """List a design's main entries in the shown order.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def number_of(key: str, text: str) -> float:
 
 
 def place_text(value: float) -> str:
-    """Text of a coordinate in m in its field, in mm."""
+    """Text of a coordinate in m, shown in mm."""
     return f"{value * 1e3:.2f}".replace("-0.00", "0.00")
 
 

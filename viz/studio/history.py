@@ -61,7 +61,7 @@ class History:
             np.fmax(self._largest[k, at], values, out=self._largest[k, at])
 
     def values(self, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Read least and largest δ (state, time) over times in s.
+        """Read least and largest δ (state, time) over time.
 
         They cover one of the `SPANS`. Times without a scan are left out. NaN is a time with scans but without a value
         of the state.

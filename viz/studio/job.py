@@ -158,7 +158,7 @@ def progress_of(tell: Tell) -> Callable[[int, int], None]:
 
 
 def time_left(part: float, since: float) -> str:
-    """Text of the time that a job is likely to take.
+    """Text of the likely remaining time of a job.
 
     A part of the job, from 0 to 1, is done in some seconds. The text is empty at first.
 
@@ -230,7 +230,7 @@ class _Orders:
 
 
 def _watch(connection: Connection, orders: _Orders, patience: float) -> None:
-    """Wait for a stop request or the end of the studio.
+    """Wait for a stop or the studio's end.
 
     Then the process ends, by force if necessary.
     """

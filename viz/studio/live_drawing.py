@@ -1,4 +1,4 @@
-"""Drawings of a live display as plain values for the page.
+"""Drawings of a live display as plain values.
 
 Curves of δ with presses, their list, and the trail.
 """
@@ -150,7 +150,7 @@ def _length(value: float, sigma: float | None) -> str:
 
 
 def nearest_place(location: Location, before: tuple[float, float] | None) -> tuple[float, float]:
-    """Place in m of the mode nearest to the place before.
+    """Place in m of the mode nearest the last place.
 
     So no trail jumps. Without a place before, it is the place of the best mode.
     """
@@ -162,9 +162,9 @@ def nearest_place(location: Location, before: tuple[float, float] | None) -> tup
 
 
 def trail_lines(view: TopView, trail: Sequence[tuple[int, float, float]]) -> list[dict[str, Any]]:
-    """Lines of a trail of (number of the press, x, y in m).
+    """Lines of a trail of places.
 
-    They are paler with age. No line goes from press to press.
+    A place is (number of the press, x, y in m). The lines are paler with age. No line goes from press to press.
     """
     lines = []
     for k, ((press, *start), (other, *end)) in enumerate(pairwise(trail), start=1):

@@ -187,7 +187,7 @@ class LivePanel(Panel):
             self._page.state.live_line = self._frame.line
 
     def _keep(self, frame: BoardFrame) -> None:
-        """Add a scan to the history, the presses and the trail."""
+        """Add a scan to history, presses and trail."""
         before, self._frame = self._frame, frame
         if not frame.delta:
             return

@@ -56,9 +56,9 @@ class Moved:
 
 
 def moved(design: Design, place: tuple[float, float] | None) -> Moved:
-    """Move the target of a design over a place at all distances.
+    """Move a design's target through all distances.
 
-    The place on the board is in m. The default is above its middle coil. A design without a target, or a case that is
+    It is over a place on the board in m, by default over its middle coil. A design without a target, or a case that is
     not computed, raises a MetalError.
     """
     at = target_place(design, design.array.middle_coil, place)

@@ -156,7 +156,7 @@ class Page:
     # ---------------------------------------------------------------- for the panels
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
-        """Let the page call a function or coroutine by a name.
+        """Let the page call a function or coroutine by name.
 
         Its errors are shown.
         """

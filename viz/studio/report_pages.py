@@ -20,9 +20,9 @@ class ReportPages:
         self._written: dict[str, tuple[Path, bytes]] = {}  # with the SHA-256 digest of the file
 
     def add(self, path: Path) -> str:
-        """Add a report that was just written, and return its key.
+        """Add a report that was just written.
 
-        A file that cannot be read raises an OSError.
+        The key of the report is returned. A file that cannot be read raises an OSError.
         """
         key = secrets.token_hex(16)
         self._written[key] = path, _digest(path.read_bytes())

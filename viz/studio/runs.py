@@ -172,7 +172,7 @@ def _quantity(name: str) -> str:
 
 
 def run_folders(folder: Path) -> list[str]:
-    """Names of the folders in a folder that contain a study.
+    """Names of a folder's folders that contain a study.
 
     The folder itself has the name ".".
     """

@@ -192,7 +192,7 @@ class RunsPanel(Panel):
             self.show(self._page.work.design)
 
     def _take(self, name: str) -> None:
-        """Set the entries of the design to a point of a run."""
+        """Set the design's entries to a run's point."""
         run = next((one for one in self._runs if one.name == self._page.state.run_name), None)
         point = None if run is None else next((one for one in run.points if one.name == name), None)
         if point is not None:

@@ -44,7 +44,7 @@ class BoardParts:
     rest: Scene  # laminate, barrels, names and rulers
 
     def coloured(self, colours: CoilColours) -> Scene:
-        """Colour the copper of the board by values of the coils."""
+        """Colour the copper by values of the coils."""
         return Scene(recoloured(self.copper, colours)) + self.rest
 
 

@@ -88,7 +88,7 @@ class Address:
     """Address of the studio."""
 
     host: str  # name or IP address on which it listens
-    port: int  # 0 takes a free one
+    port: int  # 0 takes a free port
     alone: bool = False  # whether browsers must name this computer, as its own browsers do
     token: str = field(default_factory=new_token)  # sent by every browser, as this computer may have other accounts
 
@@ -146,10 +146,10 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio on a socket of `bind` until it is stopped.
+    """Serve the studio until it is stopped.
 
-    `work` is the first design. The studio also ends if all pages have been closed for `linger` seconds, unless this is
-    0. `ready` is called with the URL of the page once it can be opened.
+    It is served on a socket of `bind`. `work` is the first design. The studio also ends if all pages have been closed
+    for `linger` seconds, unless this is 0. `ready` is called with the URL of the page once it can be opened.
     """
     logging.getLogger("wslink").setLevel(logging.CRITICAL)  # a page itself shows the errors of its calls
     os.environ.setdefault("TRAME_ARGS", "")  # else trame would read our command line
@@ -473,7 +473,7 @@ def _client_folder() -> Path:
 
 
 def _file_of(folder: Path, name: str) -> web.StreamResponse:
-    """Serve a file below a folder, and no file outside it."""
+    """Serve a file below a folder, never outside it."""
     from aiohttp import web
 
     try:

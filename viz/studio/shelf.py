@@ -1,4 +1,4 @@
-"""Access of a page to the design files of one folder.
+"""Access of a page to one folder's design files.
 
 It has access to nothing else on the disk.
 """
@@ -104,5 +104,5 @@ class Shelf:
         return self.folder / name
 
     def path(self, name: str) -> Path:
-        """Path of a design file of the folder, as in `file`."""
+        """Path of a design file, as in `file`."""
         return self.file(name, (".toml",))

@@ -180,9 +180,10 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
 
 
 def on_its_layers(document: Document) -> dict[str, Any]:
-    """Lay every coil on as many layers as its shape has.
+    """Lay every coil on the layers of its shape.
 
-    A coil that cannot keep its layers is laid on others in turn. A board with too few layers raises a DesignError.
+    It is laid on as many layers as its shape has. A coil that cannot keep its layers is laid on others in turn. A board
+    with too few layers raises a DesignError.
     """
     array, free = document["array"], document["array"]["lattice"] == "free"
     names = list(document["stackup"]["layers"])
@@ -283,9 +284,9 @@ def remove_sheet(document: Document, _: Design, index: int) -> Document:
 
 
 def without_entry(document: Document, table: str, index: int) -> Document:
-    """Remove an entry of a list of tables by its number.
+    """Remove a table from a list by its number.
 
-    Its assumptions are removed too. The list is removed with its last entry.
+    Its assumptions are removed too. The list is removed with its last table.
     """
     entries = list(document.get(table, []))
     if not 0 <= index < len(entries):

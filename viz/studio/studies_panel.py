@@ -149,7 +149,7 @@ class StudiesPanel(Panel):
             state.study_old = design.digest != self._page.work.design.digest
 
     def _take(self, point: int) -> None:
-        """Set the entries of the design to a point of the sweep."""
+        """Set the design's entries to a point of the sweep."""
         found = self._found
         if isinstance(found, SweepResult) and 0 <= point < len(found.points):
             entries = found.points[point]

@@ -1,4 +1,4 @@
-"""Drawing of the board from above in mm for a page.
+"""Drawing of the board from above in mm.
 
 y points upwards on the board, and downwards on the screen.
 """
@@ -42,7 +42,7 @@ class TopView:
     height: float
 
     def place(self, across: float, down: float) -> tuple[float, float]:
-        """Place on the board in m for a point of the drawing.
+        """Place on the board in m for a drawn point.
 
         The point is given as shares of the drawing's sides.
 
@@ -54,7 +54,7 @@ class TopView:
         return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Point of the drawing in mm for a place in m.
+        """Drawn point in mm for a place in m.
 
         The place is on the board.
         """

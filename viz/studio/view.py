@@ -172,7 +172,7 @@ class SceneView:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
-        """Aim at all of the scene, and of the scene beside.
+        """Aim at the scene and the scene beside.
 
         The direction is the chosen side, or as the user has turned the scene since.
         """
@@ -194,7 +194,7 @@ class SceneView:
         self._smooth_soon()
 
     def _rough(self) -> None:
-        """Use one sample per pixel until the picture is at rest."""
+        """Use one sample per pixel until the picture rests."""
         self._forget("smoothing", "sending")
         self._window.SetMultiSamples(0)
         self._at_rest(False)
@@ -218,7 +218,7 @@ class SceneView:
         self._send_encoded(app, smooth, _LOOKS)
 
     def _send_encoded(self, app: Any, smooth: bool, looks: int) -> None:
-        """Send the picture if it is encoded, or test again soon.
+        """Send the picture if encoded, or test again soon.
 
         It is rendered if necessary. The widget would send the last picture once more, and look for the new picture half
         a second later.
@@ -283,9 +283,9 @@ class SceneView:
         return Camera(camera.position, camera.focal_point, camera.up, camera.parallel_scale)
 
     def _is_aimed(self) -> bool:
-        """Check if the user has not moved or zoomed the picture.
+        """Check that the user has kept the aimed camera.
 
-        The time since the last aim of the camera counts.
+        The picture was not moved or zoomed since the camera was aimed.
         """
         if self._aimed is None:
             return False

@@ -44,7 +44,7 @@ class Work:
 
     @property
     def unsaved(self) -> str:
-        """Line for the page if a step would lose the changes."""
+        """Line for the page if changes would be lost."""
         return f"The changes of {self.file} are not saved; Discard loses them."
 
     @property
