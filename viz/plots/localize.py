@@ -28,7 +28,7 @@ _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
 
 _MARGIN = 0.3  # mm
-_SHARE = 0.1  # share of the largest effect; neighbours below it have no name in the legend
+_SHARE = 0.1  # share of the largest effect; single neighbours below it have no name in the legend
 _HIGHEST = 10.0  # largest height in inches of maps one below the other, and width of maps side by side
 _LANDSCAPE = 1.6  # width over height above which maps stand below each other
 _DECADES = 3.0  # largest range of the standard deviations on a map

@@ -329,7 +329,7 @@ class Page:
     def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
         """Compute the scene of the current tab again.
 
-        It begins after `after` in s. The shown scene is marked as stale until then. A `moving` scene is not marked,
+        It begins after `after` seconds. The shown scene is marked as stale until then. A `moving` scene is not marked,
         because it is always a little late.
         """
         if not moving:

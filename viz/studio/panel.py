@@ -40,7 +40,7 @@ def template(name: str) -> str:
 
 def image_of(figure: Figure) -> str:
     """Figure as an image in a data URL."""
-    from coilarray.viz.plots.style import save  # loads slowly, as it needs Matplotlib, which drew the figure
+    from coilarray.viz.plots.style import save  # imported late, as Matplotlib loads slowly
 
     buffer = io.BytesIO()
     save(figure, buffer, format="png", dpi=_DPI)
