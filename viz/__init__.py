@@ -1,7 +1,9 @@
-"""Pictures: datasets and scenes in three dimensions, and flat plots.
+"""Pictures of boards, fields and results.
 
-Importing it loads neither VTK nor Matplotlib: the module of a name, as ``__init__.pyi`` lists them, is imported when
-the name is first used.
+Datasets and scenes in three dimensions, and flat plots.
+
+Importing it loads neither VTK nor Matplotlib. The module of a name, as listed in ``__init__.pyi``, is imported when the
+name is first used.
 """
 
 import lazy_loader

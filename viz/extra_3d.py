@@ -1,6 +1,7 @@
-"""PyVista, for the functions that draw in three dimensions: they import it from here, when they are called.
+"""PyVista for functions that draw in three dimensions.
 
-MissingDependencyError says which extra brings it, where it is not installed.
+They import it from here when they are called. If it is not installed, MissingDependencyError names the extra that
+brings it.
 """
 
 from __future__ import annotations

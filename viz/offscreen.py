@@ -1,4 +1,7 @@
-"""Test whether this machine can render in three dimensions, in a child process because a failure ends the process."""
+"""Test whether this machine can render in 3-D.
+
+The test runs in a child process, because a failure ends the process.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +18,15 @@ from coilarray.compute.extras import not_installed
 from coilarray.errors import MissingDependencyError
 
 NO_RENDERING = "COILARRAY_NO_RENDERING"
-"""Environment variable: 1 makes `rendering_problem` answer as on a machine that cannot render."""
+"""Environment variable. The value 1 makes `rendering_problem` answer as on a machine that cannot render."""
 
 _WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 _OFF_SCREEN_WINDOW = "vtkEGLRenderWindow"
-_WITHOUT_SCREEN = ("EGL", "OSOpenGL", "OSMesa")  # in the names of VTK's render windows that no screen shows
-_TIMEOUT = 60.0  # s; a cold start from a slow disk takes ten
+_WITHOUT_SCREEN = ("EGL", "OSOpenGL", "OSMesa")  # in the class names of VTK's render windows without a screen
+_TIMEOUT = 60.0  # s, as a cold start from a slow disk takes ten
 _INSTEAD = "write a picture, film, page or VTK files instead"
 
-# what PyVista does, without loading it, which takes longer
+# The same as PyVista does, without loading it, which takes longer.
 _PROBE = """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkFiltersSources import vtkSphereSource
@@ -50,12 +53,13 @@ _lock = threading.Lock()
 
 
 def rendering_problem() -> str | None:
-    """Return one line that says why pictures in three dimensions cannot be made here, or None where they can.
+    """Explain why pictures in 3-D cannot be made.
 
-    The first call starts a child process that renders a sphere, which takes about a second; later calls return
-    the same result at once. It may be called from any thread. Where no screen answers and the user has not chosen
-    otherwise, a successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in this process, so that VTK renders through
-    EGL.
+    The explanation has one line. It is None if this machine can render.
+
+    The first call starts a child process that renders a sphere, which takes about a second. Later calls return the same
+    result at once. It may be called from any thread. If no screen answers and the user has not chosen otherwise, a
+    successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in this process, so that VTK renders through EGL.
 
     Returns
     -------
@@ -69,12 +73,14 @@ def rendering_problem() -> str | None:
 
 
 def window_problem() -> str | None:
-    """Return one line that says why no window can be opened here, or None where one can.
+    """Explain why no window can be opened.
+
+    The explanation has one line. It is None if a window can be opened.
 
     Returns
     -------
     str or None
-        What is missing, or None.
+        The missing part, or None.
     """
     if _missing():
         return _without_pyvista("windows")
@@ -92,25 +98,31 @@ def window_problem() -> str | None:
 
 
 def silent_screen() -> str:
-    """Return one line that says that the screen does not answer."""
+    """Explain in one line that the screen does not answer."""
     screen = os.environ.get("DISPLAY")
     which = "there is no X server (DISPLAY is not set)" if screen is None else f"DISPLAY={screen} does not answer"
     return f"a window needs a screen, and {which}; {_INSTEAD}."
 
 
 def without_screen(window: str) -> bool:
-    """Return whether a class of VTK's render windows is one without a screen."""
+    """Check if a class of VTK's windows has no screen."""
     return any(word in window for word in _WITHOUT_SCREEN)
 
 
 def has_screen() -> bool:
-    """Return whether the environment names a screen: on Linux by ``DISPLAY`` or ``WAYLAND_DISPLAY``."""
+    """Check if the environment names a screen.
+
+    On Linux it does so by ``DISPLAY`` or ``WAYLAND_DISPLAY``.
+    """
     return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 @dataclass(frozen=True)
 class _Answer:
-    """Result of the test: a problem, or the class of VTK's render window; and the one that the user chose."""
+    """Result of the test.
+
+    It is a problem, or the class of VTK's render window. The window that the user chose is stored too.
+    """
 
     problem: str | None
     window: str = ""
@@ -123,7 +135,10 @@ def _answer() -> _Answer:
 
 
 def require_pyvista(purpose: str, extra: str = "3d") -> None:
-    """Refuse what needs PyVista where it is missing, before anything is computed: MissingDependencyError."""
+    """Refuse a purpose without PyVista.
+
+    A missing PyVista raises a MissingDependencyError before anything is computed.
+    """
     if _missing():
         raise MissingDependencyError(_without_pyvista(purpose, extra))
 
@@ -138,19 +153,20 @@ def _missing() -> bool:
 
 @functools.cache
 def _probe() -> _Answer:
+    """Test rendering, and set the window that works."""
     if _missing():
         return _Answer(_without_pyvista())
     choice = {} if has_screen() or _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
     answer = _run_probe({**os.environ, **choice})
     if answer.problem is None:
         if answer.window == _OFF_SCREEN_WINDOW:
-            # also where a screen is named and does not answer: VTK would try it first and complain each time
+            # Also if a named screen does not answer. VTK would try it first and complain each time.
             choice = {} if _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
         chosen = os.environ.get(_WINDOW)
         os.environ.update(choice)
         return replace(answer, chosen=chosen)
     if sys.platform.startswith("linux"):
-        # libgl1 and libxrender1 are needed by the wheels of VTK before 9.4 only
+        # Only the wheels of VTK before 9.4 need libgl1 and libxrender1.
         packages = "libegl1 libgl1-mesa-dri libgl1 libxrender1"
         remedy = f"install the system packages {packages} (Debian, Ubuntu: apt-get install {packages})"
     else:
@@ -159,7 +175,10 @@ def _probe() -> _Answer:
 
 
 def _run_probe(environment: dict[str, str]) -> _Answer:
-    """Render a sphere in a child process; a failure is described in a few words."""
+    """Render a sphere in a child process.
+
+    A failure is described in a few words.
+    """
     try:
         child = subprocess.run(
             [sys.executable, "-P", "-c", _PROBE],  # without the working folder

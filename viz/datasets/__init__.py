@@ -1,5 +1,7 @@
-"""Datasets for pictures: the model's solids, paths and fields as PyVista meshes, with no window and no colours.
+"""Datasets for pictures.
 
-Every coordinate of a dataset is in mm, because people read pictures of boards in mm; the values of its arrays stay in
-SI and their names contain the unit, as in ``"B (T)"``. PyVista is imported when the first dataset is made.
+They are the model's solids, paths and fields as PyVista meshes, with no window and no colours.
+
+Every coordinate of a dataset is in mm, because people read pictures of boards in mm. The values of its arrays stay in
+SI. Their names contain the unit, as in ``"B (T)"``. PyVista is imported when the first dataset is made.
 """

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
-    """Return the surface of all the copper of one layer.
+    """Surface of the copper of one layer in mm.
 
     Parameters
     ----------
     parts : mapping of str to trimesh.Trimesh
-        Solids in m from `coilarray.geometry.solids.solids`; the keys ``"copper/<layer>/<coil>"`` are used.
+        Solids in m from `coilarray.geometry.solids.solids`. The keys ``"copper/<layer>/<coil>"`` are used.
     names : sequence of str
         Names of the coils in order.
     layer : str
@@ -31,16 +31,17 @@ def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], laye
     Returns
     -------
     pyvista.PolyData
-        In mm, with the cell array ``"coil"``: index in `names` of the coil of each triangle. Empty where the layer has
-        no copper.
+        Surface in mm. The cell array ``"coil"`` is the index in `names` of the coil of each triangle. Empty if the
+        layer has no copper.
     """
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
 
 
 def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:
-    """Return the surface of all barrels, in mm, with the cell array ``"coil"`` as in `copper_mesh`.
+    """Surface of all barrels in mm.
 
-    `parts` and `names` are those of `copper_mesh`; the keys ``"barrel/..."`` are used.
+    It has the cell array ``"coil"`` as in `copper_mesh`. `parts` and `names` are the same as there. The keys
+    ``"barrel/..."`` are used.
 
     Returns
     -------
@@ -58,7 +59,9 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
-    """Return the surface of the laminate among the `parts` of a board, in mm; empty if the stack-up has none.
+    """Surface of the laminate of a board in mm.
+
+    The laminate is one of the `parts`. If the stack-up has no laminate, the surface is empty.
 
     Returns
     -------
@@ -71,7 +74,9 @@ def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
 
 
 def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
-    """Return the paths of `conductors` in mm as one polyline each, with its index in the cell array ``"coil"``.
+    """Paths of `conductors` in mm as polylines.
+
+    Each polyline has its index in the cell array ``"coil"``.
 
     Returns
     -------
@@ -91,9 +96,10 @@ def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
 
 
 def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) -> pyvista.DataSet:
-    """Return a copy of a mesh with the cell array ``"coil"``, with the value of its coil in every cell as `name`.
+    """Copy a mesh and add values of the coils.
 
-    `values`, shape (coils,), are in the unit in `name`; NaN for a coil without one. An empty mesh stays empty.
+    The mesh has the cell array ``"coil"``. The copy has the value of its coil in every cell as the array `name`.
+    `values`, shape (coils,), are in the unit in `name`, with NaN for a coil without a value. An empty mesh stays empty.
     """
     result: pyvista.DataSet = mesh.copy()
     if mesh.n_cells:

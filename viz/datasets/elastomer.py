@@ -1,4 +1,4 @@
-"""Elastomer sheets, flat and dented, and the indenter that presses them."""
+"""Elastomer sheets, flat and dented, and the indenter."""
 
 from __future__ import annotations
 
@@ -20,22 +20,24 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-_ANGLES, _RADII = 271, 96  # directions and circles of a dent's mesh: 1° and, near the axis, 1/9000 of its width
+_ANGLES, _RADII = 271, 96  # directions and circles of a dent's mesh, 1° and, near the axis, 1/9000 of its width
 _OPENED = (-math.pi / 2, math.pi)  # directions that stay when the quarter at the lower left is cut out
 
 
 def sheet_meshes(
     parts: Mapping[str, trimesh.Trimesh], lift: float = 0.0, spread: float = 0.0
 ) -> dict[str, pyvista.PolyData]:
-    """Return the surfaces of the elastomer sheets by name, in mm, the lowest first.
+    """Surfaces of the elastomer sheets in mm by name.
+
+    The lowest sheet comes first.
 
     Parameters
     ----------
     parts : mapping of str to trimesh.Trimesh
-        Solids as in `copper_mesh`; the keys ``"sheet/<name>"`` are used.
+        Solids as in `copper_mesh`. The keys ``"sheet/<name>"`` are used.
     lift, spread : float
-        Heights in m, for an exploded view: of the lowest sheet above the board, and of every other sheet above the one
-        below it.
+        Heights in m for an exploded view. The first is the height of the lowest sheet above the board. The second is
+        the height of every other sheet above the sheet below it.
 
     Returns
     -------
@@ -51,9 +53,10 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Return radius (or half the width) and height above the tip in m of an indenter, from its tip up to `height`.
+    """Outline of an indenter from its tip upwards in m.
 
-    The first of the n points is the tip; above its own shape an indenter continues as a rod.
+    It has the radius (or half the width) and the height above the tip, up to `height`. The first of the n points is the
+    tip. Above its own shape an indenter continues as a rod.
 
     Examples
     --------
@@ -62,7 +65,7 @@ def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, Flo
     >>> float(r[0]), float(r[1]), float(z[1]), float(z[-1])
     (0.0, 0.001, 0.0, 0.002)
     """
-    # heights that grow as squares: even steps of the radius at a round tip
+    # Heights that grow as squares give even steps of the radius at a round tip.
     z = height * np.linspace(0.0, 1.0, _RADII) ** 2
     r = np.array([indenter.radius_at(level) for level in z.tolist()])
     return np.r_[0.0, r], np.r_[0.0, z]
@@ -74,19 +77,21 @@ def dented_sheet_meshes(
     centre: tuple[float, float],
     extent: tuple[float, float, float, float],
 ) -> dict[str, pyvista.PolyData]:
-    """Return the surfaces of the deformed sheets by name, with the quarter of lower x and lower y cut out.
+    """Surfaces of the deformed sheets in mm by name.
+
+    The quarter of lower x and lower y is cut out.
 
     Parameters
     ----------
     indentation : xarray.Dataset
-        One depth of the result of `coilarray.indent`: ``displacement_r`` and ``displacement_z``
-        (interface, r) in m.
+        One depth of the result of `coilarray.indent`, with ``displacement_r`` and ``displacement_z`` (interface, r)
+        in m.
     sheets : sequence of Sheet
         Indented sheets from the board upwards.
     centre : tuple of float
         x and y of the indenter in m.
     extent : tuple of float
-        x_min, y_min, x_max, y_max in m of the rectangle of flat sheet that is shown; a finite sample ends at its own
+        x_min, y_min, x_max, y_max in m of the rectangle of flat sheet that is shown. A finite sample ends at its own
         edge.
 
     Returns
@@ -97,7 +102,7 @@ def dented_sheet_meshes(
     Raises
     ------
     ValueError
-        If the number of interfaces is not that of the sheets plus one, or the centre is not inside the extent.
+        If the number of interfaces is not the number of sheets plus one, or the centre is not inside the extent.
     """
     if indentation.sizes["interface"] != len(sheets) + 1:
         raise ValueError(
@@ -105,7 +110,7 @@ def dented_sheet_meshes(
         )
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
-    radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, where the dent is
+    radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, at the dent
     at = (indentation.isel(interface=k) for k in range(len(sheets) + 1))
     faces = [_displaced(angles, radii, centre, face, plane=plane) for face in at]
     return {sheet.name: _opened_solid(faces[k], faces[k + 1]) for k, sheet in enumerate(sheets)}
@@ -118,7 +123,9 @@ def indenter_mesh(
     extent: tuple[float, float, float, float],
     height: float,
 ) -> pyvista.PolyData:
-    """Return the closed surface in mm of an indenter, cut open as in `dented_sheet_meshes`.
+    """Surface of an indenter in mm.
+
+    It is closed, and cut open as in `dented_sheet_meshes`.
 
     Parameters
     ----------
@@ -127,7 +134,7 @@ def indenter_mesh(
     tip : float
         Height in m of its tip above the board.
     centre, extent
-        As in `dented_sheet_meshes`; a cylinder goes from end to end of the extent.
+        As in `dented_sheet_meshes`. A cylinder goes from end to end of the extent.
     height : float
         Height of the body above its tip in m.
 
@@ -146,7 +153,7 @@ def indenter_mesh(
     radii = lengths[:, None] * np.sin(np.linspace(0.0, math.pi / 2, _RADII))  # fine at the rim, where a ball is steep
     distance = np.abs(radii * np.cos(angles)[:, None]) if plane else radii
     x, y = centre[0] + radii * np.cos(angles)[:, None], centre[1] + radii * np.sin(angles)[:, None]
-    # a distance that rounding has put beyond the rim has no height
+    # A distance that rounding has put beyond the rim has no height.
     bottom = tip + indenter.profile(np.minimum(distance, end))
     return _opened_solid(np.stack((x, y, bottom), axis=-1), np.stack((x, y, np.full_like(x, tip + height)), axis=-1))
 
@@ -154,9 +161,10 @@ def indenter_mesh(
 def _rays(
     centre: tuple[float, float], extent: tuple[float, float, float, float], end: float, *, plane: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Return directions over three quarters, those of corners among them, and the length of each ray in m.
+    """Directions over three quarters, and ray lengths in m.
 
-    Rays end at the edge of the extent or of the body: at the radius `end` or, where it is plane, at that |x|.
+    The directions include the corners. Rays end at the edge of the extent or of the body. The edge of the body is at
+    the radius `end` or, for a plane body, at |x| equal to `end`.
     """
     (x, y), (x_min, y_min, x_max, y_max) = centre, extent
     if not (x_min < x < x_max and y_min < y < y_max):
@@ -168,14 +176,17 @@ def _rays(
     cosine, sine = np.cos(angles), np.sin(angles)
     across = np.where(cosine > 0, x_max - x, x - x_min)
     along = np.where(sine > 0, y_max - y, y - y_min)
-    with np.errstate(divide="ignore"):  # a ray along an axis never meets the sides beside it
+    with np.errstate(divide="ignore"):  # a ray along an axis never meets the sides parallel to it
         return angles, np.minimum(np.minimum(across / np.abs(cosine), along / np.abs(sine)), end)
 
 
 def _displaced(
     angles: FloatArray, radii: FloatArray, centre: tuple[float, float], face: xr.Dataset, *, plane: bool
 ) -> FloatArray:
-    """Return the displaced points in m, shape (angles, radii, 3), of one interface of one depth."""
+    """Displaced points of one interface of one depth in m.
+
+    They have shape (angles, radii, 3).
+    """
     x, y = radii * np.cos(angles)[:, None], radii * np.sin(angles)[:, None]
     distance = np.abs(x) if plane else radii
     outwards, upwards = (
@@ -187,15 +198,21 @@ def _displaced(
 
 
 def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
-    """Close the solid between two faces, each of shape (angles, radii, 3) in m from the axis outwards."""
+    """Close the solid between two faces.
+
+    Each face has shape (angles, radii, 3) in m, from the axis outwards.
+    """
     rays, circles = bottom.shape[:2]
-    # point [ray, circle] of a face; all rays begin at the same point, the one on the axis
+    # Point [ray, circle] of a face. All rays begin at the same point on the axis.
     lower = np.arange(rays * circles).reshape(rays, circles)
     lower[:, 0] = lower[0, 0]
     upper = lower + rays * circles
 
     def strip(a: npt.NDArray[np.intp], b: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Triangles between two rows of points, seen from outside a below b and both from left to right."""
+        """Triangles between two rows of points.
+
+        Seen from outside, a is below b, and both go from left to right.
+        """
         quads = np.stack((a[:-1], a[1:], b[1:], b[:-1]), axis=-1)
         return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
 

@@ -1,4 +1,7 @@
-"""The flux density on grids, as arrows, as lines and as surfaces of equal magnitude."""
+"""Flux density on grids, as arrows, lines and surfaces.
+
+The surfaces have equal magnitude.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +19,21 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FIELD, AMOUNT = "B (T)", "|B| (T)"
-"""Names of the point arrays: the vectors and their magnitudes."""
+"""Names of the point arrays of the vectors and their magnitudes."""
 
 MOST_MEMORY = 1e9
 """Largest memory of a field for a picture, in bytes."""
 
-_BYTES_A_POINT = 220.0  # measured maximum: 110 in a box, 170 to 220 on planes, which are drawn
+_BYTES_A_POINT = 220.0  # measured maximum, 110 in a box, 170 to 220 on planes, which are drawn
 _LONGEST_LINE = 8.0  # length in diagonals of the grid
 _LINE_STEP = 0.25  # distance between points of a line, in cells
-_BACK = 0.6  # distance from its seed of a line that has come round, over the largest that it had
+_BACK = 0.6  # distance of a closed line from its seed, over the largest distance before
 
 
 def require_memory(points: int, what: str) -> None:
-    """Refuse a field of `points`, determined by `what` with its value, that would need more than `MOST_MEMORY`.
+    """Refuse a field that would need too much memory.
+
+    The limit is `MOST_MEMORY`. The number of `points` is determined by `what`, a name with its value.
 
     Examples
     --------
@@ -53,7 +58,7 @@ def field_grid(
     Parameters
     ----------
     x, y, z : array_like, shapes (nx,), (ny,), (nz,)
-        Ascending coordinates in m; one value makes a plane.
+        Ascending coordinates in m. A single value makes a plane.
     field : array_like, shape (nx, ny, nz, 3)
         Vectors in the unit in `name`.
     name : str
@@ -90,7 +95,9 @@ def field_grid(
 
 
 def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
-    """Put the flux density of `coilarray.circuit.operating_field.operating_field` on its grid.
+    """Put the flux density of a field on its grid.
+
+    The field is a result of `coilarray.circuit.operating_field.operating_field`.
 
     Parameters
     ----------
@@ -106,14 +113,19 @@ def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
 
 
 def flux_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, B: npt.ArrayLike) -> pyvista.RectilinearGrid:
-    """Put B in T on a grid as `field_grid` does, with its magnitude as a second point array."""
+    """Put B in T on a grid as `field_grid` does.
+
+    The magnitude is a second point array.
+    """
     grid = field_grid(x, y, z, B)
     grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
     return grid
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Return arrows along B at some of the points of a grid, each point in the middle of its arrow.
+    """Arrows along B at some points of a grid.
+
+    Each point is at the centre of its arrow.
 
     Parameters
     ----------
@@ -125,7 +137,7 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
     Returns
     -------
     pyvista.PolyData
-        In mm, one after the other, with the point arrays of the grid. The length of an arrow is the spacing times the
+        Arrows in mm, in sequence, with the point arrays of the grid. The length of an arrow is the spacing times the
         square root of |B| over its maximum, so that arrows are visible where the field is weak.
     """
     kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]
@@ -142,10 +154,11 @@ def arrows_at(
     names: tuple[str, str] = (FIELD, AMOUNT),
     largest: float | None = None,
 ) -> pyvista.PolyData:
-    """Return arrows along vectors, their middles at points in mm, both of shape (n, 3), as `field_arrows` does.
+    """Arrows along vectors, as in `field_arrows`.
 
-    `names` are those of the point arrays of the vectors and of their magnitude; an arrow as strong as `largest`, by
-    default the strongest one, is as long as the `spacing` in m.
+    Their centres are at points in mm. Points and vectors have shape (n, 3). `names` are the names of the point arrays
+    of the vectors and of their magnitude. An arrow as strong as `largest`, by default the strongest arrow, is as long
+    as the `spacing` in m.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -166,7 +179,9 @@ def arrows_at(
 
 
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
-    """Follow B in both directions from some points, until a line leaves the grid or has come round once.
+    """Follow B in both directions from some points.
+
+    A line ends if it leaves the grid or has come round once.
 
     Parameters
     ----------
@@ -178,8 +193,8 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
     Returns
     -------
     pyvista.PolyData
-        In mm; one polyline per seed with the point array ``"|B| (T)"``; a closed line begins at its seed and ends where
-        it comes back through the plane across B there. Empty where there is no field.
+        Polylines in mm, one per seed, with the point array ``"|B| (T)"``. A closed line begins at its seed. It ends at
+        its return through the plane across B at the seed. Empty if there is no field.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -203,7 +218,7 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
 
 
 def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> pyvista.PolyData:
-    """Return the surfaces on which |B| has given values.
+    """Surfaces on which |B| has given values.
 
     Parameters
     ----------
@@ -215,7 +230,7 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
     Returns
     -------
     pyvista.PolyData
-        In mm, with the point array ``"|B| (T)"``: the level of each point. Empty where no level is reached.
+        Surfaces in mm. The point array ``"|B| (T)"`` is the level of each point. Empty if no level is reached.
     """
     surfaces: pyvista.PolyData = grid.contour(list(levels), scalars=AMOUNT, compute_normals=True)
     for name in set(surfaces.point_data.keys()) - {AMOUNT, "Normals"}:
@@ -224,13 +239,19 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Return indices of an ascending axis whose values are at least a distance apart, centred as far as possible."""
+    """Choose axis values at least a distance apart.
+
+    Their indices are returned. The axis ascends. The indices are centred as far as possible.
+    """
     kept = _apart(axis, 0, distance)
     return _apart(axis, (len(axis) - 1 - kept[-1]) // 2, distance)
 
 
 def _apart(axis: npt.NDArray[np.float64], first: int, distance: float) -> list[int]:
-    """Return indices from the `first` on, each the next one whose value is at least a distance away."""
+    """Choose axis values from `first` on, a distance apart.
+
+    Their indices are returned. Each is the next index whose value is at least the distance away.
+    """
     kept = [first]
     for k in range(first + 1, len(axis)):
         if axis[k] - axis[kept[-1]] >= distance * (1 - 1e-9):
@@ -245,7 +266,10 @@ _NOWHERE: _Line = (np.empty((0, 3)), np.empty(0))
 def _followed(
     grid: pyvista.RectilinearGrid, seeds: npt.NDArray[np.float64], way: Literal["forward", "backward"]
 ) -> dict[int, _Line]:
-    """Return points in mm, shape (m, 3), and |B| in T of the line from every seed in one direction."""
+    """Line from every seed in one direction.
+
+    A line has points in mm, shape (m, 3), and |B| in T.
+    """
     from coilarray.viz.extra_3d import pyvista
 
     found = grid.streamlines_from_source(
@@ -261,7 +285,10 @@ def _followed(
 
 
 def _first_round(line: npt.NDArray[np.float64]) -> int | None:
-    """Count the points until a line comes back to its seed, through the plane across it; None where it does not."""
+    """Count the points until a line returns to its seed.
+
+    It returns through the plane across it. The count is None if the line does not return.
+    """
     if len(line) < 2:
         return None
     away = line - line[0]

@@ -1,4 +1,7 @@
-"""Plates, targets and balls of metal, and the eddy currents in them as arrows."""
+"""Plates, targets and balls of metal, and eddy currents.
+
+The eddy currents are arrows.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +23,18 @@ if TYPE_CHECKING:
 
 
 EDDY, EDDY_AMOUNT = "K (A/m)", "|K| (A/m)"
-"""Names of the point arrays of arrows: the current per width and its magnitude."""
+"""Names of the point arrays of arrows, for the current per width and its magnitude."""
 
 _BALL = (48, 32)  # meridians and circles of latitude of a ball
-_OFF = 0.12  # height of an arrow above its face, over the spacing, so that it is not half in the metal
+_OFF = 0.12  # height of an arrow above its face over the spacing, to keep it out of the metal
 
 
 @dataclass(frozen=True, eq=False)
 class Eddies:
     """Eddy currents of one body.
 
-    `points`, shape (n, 3), are places on the board in m, `normals`, shape (n, 3), the outward unit vectors of its face
-    there, and `density`, shape (n, 3), the current per width at one instant in A/m.
+    `points`, shape (n, 3), are places on the board in m. `normals`, shape (n, 3), are the outward unit vectors of its
+    face there. `density`, shape (n, 3), is the current per width at one instant in A/m.
     """
 
     points: FloatArray
@@ -40,12 +43,18 @@ class Eddies:
 
 
 def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> pyvista.PolyData:
-    """Return the surface of a plate in mm; an infinite one is cut to the rectangle x_min, y_min, x_max, y_max in m."""
+    """Surface of a plate in mm.
+
+    An infinite plate is cut to the rectangle x_min, y_min, x_max, y_max in m.
+    """
     return solid_mesh(plate_solid(plate, within))
 
 
 def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.PolyData:
-    """Return the surface of a ball in mm; radius and centre in m."""
+    """Surface of a ball in mm.
+
+    Radius and centre are in m.
+    """
     from coilarray.viz.extra_3d import pyvista
 
     meridians, circles = _BALL
@@ -59,7 +68,10 @@ def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.Poly
 def body_mesh(
     body: Body, place: tuple[float, float, float], within: tuple[float, float, float, float]
 ) -> pyvista.PolyData:
-    """Return the surface in mm of a body with its centre, of an infinite plate its lower face, at a place in m."""
+    """Surface of a body in mm at its place.
+
+    The place in m belongs to its centre, or to the lower face of an infinite plate.
+    """
     if isinstance(body, Ball):
         return ball_mesh(body.radius, place)
     mesh = plate_mesh(body, within)
@@ -68,9 +80,10 @@ def body_mesh(
 
 
 def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyData:
-    """Return arrows in mm along eddy currents, one in each cube with sides of the spacing in m.
+    """Arrows along eddy currents in mm.
 
-    An arrow as strong as `largest` in A/m is as long as the spacing.
+    There is an arrow in each cube with sides of the spacing in m. An arrow as strong as `largest` in A/m is as long as
+    the spacing.
     """
     chosen = _one_a_cube(eddies.points, spacing)
     points = eddies.points[chosen] + _OFF * spacing * eddies.normals[chosen]
@@ -78,7 +91,10 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
 
 
 def _one_a_cube(points: FloatArray, side: float) -> npt.NDArray[np.intp]:
-    """Return the index of the point nearest to the middle of each cube that has points."""
+    """Index of the point nearest to each cube's centre.
+
+    Cubes without points are left out.
+    """
     cubes = np.floor((points - points.min(axis=0)) / side + 0.5)
     off = np.linalg.norm((points - points.min(axis=0)) / side - cubes, axis=1)
     order = np.argsort(off, kind="stable")

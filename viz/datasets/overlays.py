@@ -1,4 +1,7 @@
-"""What is laid over a board: couplings as arcs, a response as a surface, and a located position with its ellipse."""
+"""Datasets over a board.
+
+Couplings as arcs, a response as a surface, and a located position with its ellipse.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +26,17 @@ if TYPE_CHECKING:
 COUPLING, DELTA = "k", "delta (1)"
 """Names of the arrays of coupling coefficients and of relative changes of inductance."""
 
-_RISE = 0.3  # height of an arc over its span: neighbours' arcs stay below those of coils farther apart
+_RISE = 0.3  # height of an arc over its span; neighbours' arcs stay below arcs of coils farther apart
 _POINTS_OF_ARC, _SIDES_OF_TUBE = 33, 16
 _POINTS_OF_ELLIPSE = 145  # every 2.5°
 _DENSE = 4  # points of a draped line in the least step of the map
 
 
 def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
-    """Return one depth of an indentation or response by its index; ValueError if there is none."""
+    """One depth of an indentation or response by its index.
+
+    An index that does not exist raises a ValueError.
+    """
     count = dataset.sizes["depth"]
     if not -count <= depth < count:
         raise ValueError(f"depth must be the position of one of {count} depths; got {depth}.")
@@ -38,7 +44,10 @@ def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
 
 
 def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
-    """Return one state of a dataset by its name; ValueError if there is none."""
+    """One state of a dataset by its name.
+
+    A name that does not exist raises a ValueError.
+    """
     names = [str(name) for name in dataset.state.values]
     if state not in names:
         raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
@@ -62,8 +71,8 @@ def coupling_arcs(
     Returns
     -------
     pyvista.PolyData
-        In mm; one polyline per pair, parabolas that rise by 0.3 of their span, with the cell arrays ``"coil"``,
-        ``"other"`` (indices of the coils) and ``"k"``. Empty where no pair is left.
+        Polylines in mm, one per pair. They are parabolas that rise by 0.3 of their span. The cell arrays are
+        ``"coil"``, ``"other"`` (indices of the coils) and ``"k"``. Empty if no pair is left.
 
     Raises
     ------
@@ -129,22 +138,22 @@ def response_surface(
     height: float = 0.0,
     relief: float = 0.0,
 ) -> pyvista.PolyData:
-    """Return δ of one state as a surface over the positions of the indenter.
+    """Surface of δ of one state over the indenter's positions.
 
     Parameters
     ----------
     response : xarray.Dataset
         Computed or measured response with ``delta`` (depth, y, x, state), as from
-        `coilarray.response.map.response_map`; it lies over its place on the board.
+        `coilarray.response.map.response_map`. It lies over its place on the board.
     state, depth : str and int
-        Name of the state of the scan, and index of the depth in the dataset, the deepest by default.
+        Name of the state of the scan, and index of the depth in the dataset. The default is the deepest.
     height, relief : float
-        Height of δ = 0 above the board, and rise at the largest |δ| in m; 0 makes the surface flat.
+        Height of δ = 0 above the board, and rise at the largest |δ| in m. A rise of 0 makes the surface flat.
 
     Returns
     -------
     pyvista.PolyData
-        In mm; one quadrilateral between each four positions, with the point array ``"delta (1)"``.
+        Surface in mm, with a quadrilateral between each four positions and the point array ``"delta (1)"``.
 
     Raises
     ------
@@ -186,14 +195,14 @@ def draped_outlines(
     Returns
     -------
     pyvista.PolyData
-        In mm; the parts of the outlines over the map, one polyline each. Empty where no outline meets the map.
+        Polylines in mm, one for each part of the outlines over the map. Empty if no outline meets the map.
 
     Raises
     ------
     ValueError
         As `response_surface`.
     """
-    from scipy.interpolate import RegularGridInterpolator  # half of the time that this package takes to import
+    from scipy.interpolate import RegularGridInterpolator  # half of the import time of this package
 
     x, y, delta = _map_of(response, state, depth)
     rise = RegularGridInterpolator((y, x), _rise(delta))
@@ -210,7 +219,10 @@ def draped_outlines(
 
 
 def semi_axis_factor(confidence: float) -> float:
-    """Return the semi-axes of an ellipse in standard deviations: √q, q the quantile of χ² for two degrees."""
+    """Semi-axes of an ellipse in standard deviations.
+
+    They are √q with q the quantile of χ² for two degrees of freedom.
+    """
     return math.sqrt(-2 * math.log1p(-confidence))
 
 
@@ -222,7 +234,9 @@ def uncertainty_ellipse(
     magnification: float = 1.0,
     height: float = 0.0,
 ) -> pyvista.PolyData:
-    """Return the ellipse that contains the true position with a given probability, for Gaussian errors.
+    """Ellipse that contains the position with a given probability.
+
+    The errors are Gaussian.
 
     Parameters
     ----------
@@ -272,12 +286,15 @@ def uncertainty_ellipse(
 
 
 def position_pin(centre: tuple[float, float], bottom: float, top: float) -> pyvista.PolyData:
-    """Return an upright line at a position on the board, in mm; all lengths in m."""
+    """Upright line at a position on the board in mm.
+
+    All given lengths are in m.
+    """
     return polylines([np.array([[*centre, bottom], [*centre, top]])])
 
 
 def _arc(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """Return the points of a parabola in an upright plane, in m."""
+    """Points of a parabola in an upright plane in m."""
     share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
     along = start + share[:, None] * (end - start)
     rise = 4 * _RISE * float(np.linalg.norm(end - start)) * share * (1 - share)
@@ -285,7 +302,10 @@ def _arc(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
 
 
 def _map_of(response: xr.Dataset, state: str, depth: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the positions along x and y on the board in m, and δ of shape (y, x)."""
+    """Positions of a map along x and y, and δ.
+
+    The positions are on the board in m. δ has shape (y, x).
+    """
     at = on_board(of_state(at_depth(response, depth), state))
     x, y = (np.asarray(at[name].values, dtype=np.float64) for name in ("x", "y"))
     if min(len(x), len(y)) < 2:
@@ -294,11 +314,14 @@ def _map_of(response: xr.Dataset, state: str, depth: int) -> tuple[FloatArray, F
 
 
 def _rise(delta: FloatArray) -> FloatArray:
-    """Return δ over the largest |δ|; 0 where it is NaN."""
+    """δ over the largest |δ|.
+
+    It is 0 where δ is NaN.
+    """
     numbers = np.nan_to_num(delta)
     return np.asarray(numbers / max(float(np.abs(numbers).max()), np.finfo(float).tiny))
 
 
 def _dense(corners: FloatArray, step: float) -> FloatArray:
-    """Return points of a closed outline, at most a step apart."""
+    """Points of a closed outline, at most a step apart."""
     return shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(corners), step))

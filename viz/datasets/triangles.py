@@ -1,4 +1,4 @@
-"""Surfaces in mm from the solids of the geometry, which are in m."""
+"""Surfaces in mm from solids in m."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ MM_PER_M = 1e3
 
 
 def triangles(points: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> pyvista.PolyData:
-    """Return triangles in mm from points in m, shape (n, 3), and the indices of their corners, shape (m, 3)."""
+    """Triangles in mm from points in m.
+
+    The points have shape (n, 3). The indices of their corners have shape (m, 3).
+    """
     from coilarray.viz.extra_3d import pyvista
 
     return pyvista.PolyData(points * MM_PER_M, faces=np.insert(faces, 0, 3, axis=1).ravel())
 
 
 def polylines(points: Sequence[npt.NDArray[np.float64]]) -> pyvista.PolyData:
-    """Return one polyline in mm for each array of points in m, shape (n, 3)."""
+    """Polylines in mm from arrays of points in m.
+
+    Each array has shape (n, 3).
+    """
     from coilarray.viz.extra_3d import pyvista
 
     counts = [len(line) for line in points]
@@ -33,26 +39,32 @@ def polylines(points: Sequence[npt.NDArray[np.float64]]) -> pyvista.PolyData:
 
 
 def solid_mesh(solid: trimesh.Trimesh) -> pyvista.PolyData:
-    """Return the surface of a solid in m as triangles in mm."""
+    """Surface of a solid in m as triangles in mm."""
     return triangles(np.asarray(solid.vertices), np.asarray(solid.faces))
 
 
 def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
-    """Return the surface of a grid with its arrays, and a surface unchanged."""
+    """Surface of a grid with its arrays.
+
+    A surface stays unchanged.
+    """
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 
     from coilarray.viz.extra_3d import pyvista
 
     if isinstance(mesh, pyvista.PolyData):
         return mesh
-    filter_ = vtkGeometryFilter()  # PyVista's own name for it has changed three times
+    filter_ = vtkGeometryFilter()  # PyVista has renamed its own three times
     filter_.SetInputData(mesh)
     filter_.Update()
     return pyvista.wrap(filter_.GetOutput())
 
 
 def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.PolyData:
-    """Join solids in m into one surface in mm, each with the value of its cells in ``"coil"``; None is left out."""
+    """Join solids in m into one surface in mm.
+
+    Each solid has the value of its cells in ``"coil"``. None is left out.
+    """
     from coilarray.viz.extra_3d import pyvista
 
     present = [(solid, number) for solid, number in solids if solid is not None]

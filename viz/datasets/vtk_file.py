@@ -1,4 +1,4 @@
-"""Datasets as files of VTK, which ParaView opens."""
+"""Datasets as VTK files for ParaView."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ VTK_SUFFIXES = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid
 
 
 def vtk_text(mesh: pyvista.DataSet) -> str:
-    """Return a PolyData, RectilinearGrid or UnstructuredGrid as the text of an XML file of VTK.
+    """Text of a dataset as an XML file of VTK.
+
+    The dataset is a PolyData, RectilinearGrid or UnstructuredGrid.
 
     Examples
     --------
@@ -22,7 +24,7 @@ def vtk_text(mesh: pyvista.DataSet) -> str:
     """
     from vtkmodules import vtkIOXML
 
-    # in memory: VTK says nothing, or crashes, where it cannot write a file
+    # The text is written in memory, because VTK is silent, or crashes, if it cannot write a file.
     writer: Any = getattr(vtkIOXML, f"vtkXML{type(mesh).__name__}Writer")()
     writer.SetInputData(mesh)
     writer.SetDataModeToBinary()

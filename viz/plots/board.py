@@ -1,4 +1,7 @@
-"""Plans of a board: the copper of one layer, all layers from above, and where it comes nearest to its rules."""
+"""Plans of a board and its narrowest places.
+
+The copper of a single layer, all layers from above, and the places where the board comes nearest to its rules.
+"""
 
 from __future__ import annotations
 
@@ -26,18 +29,20 @@ from coilarray.viz.palette import INK, LAYERS, coil_colours, cycled
 from coilarray.viz.plots.style import figure_size, legend_above, new_axes, new_figure, plan_axes, styled, write_name
 
 _TRANSLUCENT = 0.6
-_TOGETHER = 0.025  # of the board's diagonal: places nearer than that get one circle
-_VIEW = 10.0  # limits and values, whichever is larger, in the width of an enlarged place
+_TOGETHER = 0.025  # of the board's diagonal; nearer places share a circle
+_VIEW = 10.0  # width of an enlarged place over its limit or value, whichever is larger
 _LEAST_VIEW = 1e-3  # m
 _MOST_ROWS = 4  # of layers in a picture
 _BROKEN = "#B00020"
 _LETTERS, _LEAST_LETTERS = 9.0, 3.5  # heights of names in points
-_LETTER_OF_PITCH = 0.2  # height over the distance of neighbours, with which names of six letters do not overlap
+_LETTER_OF_PITCH = 0.2  # height over the distance of neighbours; names of six letters do not overlap
 
 
 @styled
 def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
-    """Draw the copper of one layer, each coil in its own colour and with its name, holes and the edge, in mm.
+    """Draw the copper of one layer in mm.
+
+    Each coil has its own colour and its name. Holes and the edge of the board are drawn too.
 
     Parameters
     ----------
@@ -51,7 +56,7 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -69,7 +74,7 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     colours = coil_colours(array.names, array.centres)
     features = [feature for feature in copper_features(array) if feature.layer == layer]
     for feature in features:
-        # no add_patch, which would search every edge for the limits of the axes
+        # Without add_patch, which would search every edge for the limits of the axes.
         ax.add_artist(_patch(feature.shape, facecolor=colours[feature.net], linewidth=0))
     _draw_holes(ax, tuple(drill for drill in drills(array) if layer in drill.layers))
     _write_names(ax, array, {feature.net for feature in features if feature.kind == "trace"})
@@ -79,7 +84,9 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
-    """Draw all copper layers seen from above, translucent, with the names of the coils: the board without rendering.
+    """Draw all copper layers from above.
+
+    The layers are translucent, with the names of the coils. This shows the board without rendering.
 
     Parameters
     ----------
@@ -91,7 +98,7 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -112,7 +119,7 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     handles = [
         Patch(color=colour, label=f"copper {layer}", alpha=_TRANSLUCENT, lw=0) for layer, colour in colours.items()
     ]
-    legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)  # more would reach the title
+    legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)  # more columns would reach the title
     _finish_board(ax, array, "Board from above")
     return ax
 
@@ -129,7 +136,10 @@ def _draw_holes(ax: Axes, holes: tuple[Drill, ...]) -> None:
 
 
 def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
-    """Return one patch in mm of a polygon in m, holes left open."""
+    """Patch in mm of a polygon in m.
+
+    Its holes stay open.
+    """
     rings = [shape.exterior, *shape.interiors]
     signs = [1, *[-1] * len(shape.interiors)]  # holes run the other way round, so that they stay open
     paths = [
@@ -140,6 +150,7 @@ def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
 
 
 def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
+    """Draw the edge, and set limits and title."""
     outline = board_outline(array)
     ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0))
     x_min, y_min, x_max, y_max = MM.of(outline.bounds).tolist()
@@ -149,7 +160,10 @@ def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
 
 
 def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
-    """Write the names of coils over their middles, as large as the distance of neighbours allows."""
+    """Write the names of coils over their centres.
+
+    The letters are as large as the distance of neighbours allows.
+    """
     x_min, y_min, x_max, y_max = array.bounds
     inches = (figure_size(x_max - x_min, y_max - y_min)[0] - 1.2) / (x_max - x_min)  # of one metre of the board
     size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.least_distance * inches * 72))
@@ -160,7 +174,10 @@ def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
 
 @dataclass(frozen=True)
 class _Mark:
-    """A circle on one layer, the numbers of the margins there, and the worst of them."""
+    """Circle on one layer.
+
+    It holds the numbers of the margins at this place, and the worst of them.
+    """
 
     numbers: tuple[int, ...]
     worst: Margin
@@ -170,23 +187,26 @@ class _Mark:
 
 @styled
 def check_figure(array: CoilArray, margins: Sequence[Margin], numbers: Sequence[int] | None = None) -> Figure:
-    """Draw the copper of every layer with the places of the margins circled and numbered, and the first one enlarged.
+    """Draw every copper layer with its margins circled.
+
+    The circles are numbered, and the first place of each layer is enlarged.
 
     Parameters
     ----------
     array : CoilArray
         Board that is drawn.
     margins : sequence of Margin
-        Margins to mark, the worst first. Those without a place are left out. Places close together share a circle,
-        which is red where the first of them is broken; beside it stand their numbers, of more than two the first.
+        Margins to mark, the worst first. Margins without a place are left out. Places close together share a circle,
+        which is red if the first of them is broken. Their numbers stand beside it, or the first if there are more than
+        two.
     numbers : sequence of int, optional
-        Their numbers in a table, in which several may share a row; 1, 2, … by default.
+        Their numbers in a table, in which several may share a row. The default is 1, 2, ….
 
     Returns
     -------
     Figure
-        For each layer all its copper, and beside it the place of its mark with the lowest number enlarged; more than
-        four layers stand beside each other, and smaller.
+        For each layer all its copper, and beside it the enlarged place of its mark with the lowest number. More than
+        four layers stand beside each other, and are smaller.
     """
     layers = array.stackup.names
     numbered = sorted(zip(numbers or range(1, len(margins) + 1), margins, strict=True), key=itemgetter(0))
@@ -209,7 +229,10 @@ def check_figure(array: CoilArray, margins: Sequence[Margin], numbers: Sequence[
 
 
 def _marks(array: CoilArray, layer: str, margins: Sequence[tuple[int, Margin]]) -> list[_Mark]:
-    """Gather the margins of one layer by their places, in the order of their numbers."""
+    """Group the margins of one layer by place.
+
+    The marks are in the order of their numbers.
+    """
     x_min, y_min, x_max, y_max = array.bounds
     near = _TOGETHER * ((x_max - x_min) ** 2 + (y_max - y_min) ** 2) ** 0.5
     marks: list[_Mark] = []
@@ -226,6 +249,7 @@ def _marks(array: CoilArray, layer: str, margins: Sequence[tuple[int, Margin]]) 
 
 
 def _circle(ax: Axes, mark: _Mark) -> None:
+    """Draw the circle of a mark with its numbers."""
     colour = INK if mark.worst.kept else _BROKEN
     halo = [patheffects.withStroke(linewidth=3.5, foreground="white")]
     x, y = MM.of((mark.x, mark.y)).tolist()
@@ -237,7 +261,10 @@ def _circle(ax: Axes, mark: _Mark) -> None:
 
 
 def _numbers(mark: _Mark) -> str:
-    """Numbers as text, runs of three and more shortened: 1, 4–7."""
+    """Text of the numbers of a mark.
+
+    Runs of three and more are shortened: 1, 4–7.
+    """
     runs: list[list[int]] = []
     for number in mark.numbers:
         if runs and number == runs[-1][-1] + 1:
@@ -249,6 +276,7 @@ def _numbers(mark: _Mark) -> str:
 
 
 def _enlarge(ax: Axes, mark: _Mark) -> None:
+    """Show the surroundings of a mark, with its values."""
     worst = mark.worst
     lengths = (worst.value, worst.limit) if worst.unit == "m" else (0.0,)
     half = max(_VIEW * max(lengths), _LEAST_VIEW) / 2 * MM.factor

@@ -1,4 +1,7 @@
-"""Flat figures of a calibration: data and model with residuals, the posterior, and the evidence of combinations."""
+"""Flat figures of a calibration.
+
+Data and model with residuals, the posterior, and the evidence of combinations.
+"""
 
 from __future__ import annotations
 
@@ -21,18 +24,19 @@ _NAMES = {"A": "A", "B": "B", "x0": "$x_0$"}
 
 @style.styled
 def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
-    """Draw one row per state: the measured and the fitted numbers, and the residuals in standard deviations.
+    """Draw measured and fitted numbers, one row per state.
 
-    Of ellipses A, B and x0 over δ, with the band of one standard deviation of the posterior; of a response δ along x,
-    and the residuals as a map where there are several rows. At most six states are shown.
+    The residuals are in standard deviations. For ellipses, A, B and x0 are drawn over δ, with a band of one standard
+    deviation of the posterior. For a response, δ is drawn along x, and the residuals as a map if there are several
+    rows. At most six states are shown.
 
     Parameters
     ----------
     calibration : xarray.Dataset
-        Dataset of `coilarray.studies.calibrate.calibrate`. Of more than six states those with the largest measured
-        values are drawn, which the title says.
+        Dataset of `coilarray.studies.calibrate.calibrate`. If it has more than six states, the states with the largest
+        measured values are drawn, and the title mentions this.
     combination : int
-        Place of the combination of choices; the most probable one by default.
+        Index of the combination of choices. The default is the most probable combination.
 
     Returns
     -------
@@ -55,8 +59,11 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
 
 def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw the ellipses' parameters of one state over δ, dashed if only predicted, and the residuals."""
-    known = np.isfinite(of.model.values[of.quantity == "x0"])  # elsewhere the window does not show the model's ellipse
+    """Draw the ellipses' parameters of a state over δ.
+
+    Parameters that are only predicted are dashed. The residuals are drawn at the right.
+    """
+    known = np.isfinite(of.model.values[of.quantity == "x0"])  # else the window does not show the model's ellipse
     for name, (marker, colour) in _LOOKS.items():
         part = of.isel(datum=np.flatnonzero(of.quantity == name))
         level, model = MILLI_DELTA.of(part.level), np.where(known, MM.of(part.model), np.nan)
@@ -72,7 +79,10 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
 
 
 def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw δ of one state along x at every y and depth, and the residuals by position."""
+    """Draw δ of one state along x.
+
+    There is a curve for every y and depth. The residuals are drawn by position.
+    """
     deepest = of.isel(datum=np.flatnonzero(of.depth == of.depth.max()))
     for k, y in enumerate(np.unique(deepest.y.values)):
         row = deepest.isel(datum=np.flatnonzero(deepest.y == y)).sortby("x")
@@ -99,7 +109,9 @@ def _finish(left: Axes, right: Axes) -> None:
 
 @style.styled
 def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
-    """Draw the posterior of every unknown on the diagonal, and of every pair below it; crosses are the fitted values.
+    """Draw the posterior of the unknowns.
+
+    The diagonal has every unknown alone, and every pair is below it. Crosses are the fitted values.
 
     Parameters
     ----------
@@ -143,7 +155,9 @@ def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
 @style.styled
 def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the evidence of every combination of choices relative to the best, as ln of the odds.
+    """Draw the evidence of every combination of choices.
+
+    It is relative to the best combination, as ln of the odds.
 
     Parameters
     ----------
@@ -155,7 +169,7 @@ def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------

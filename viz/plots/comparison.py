@@ -1,4 +1,7 @@
-"""Flat figures of a comparison of two responses: their difference, reading against reading, and x0 of both."""
+"""Flat figures that compare two responses.
+
+Their difference, reading against reading, and x0 of both.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from coilarray.viz.plots import style
 MOST_STATES = 6
 """Largest number of states in `comparison_figure`."""
 
-_SIGMAS = 2.0  # of the band around x0
+_SIGMAS = 2.0  # half width of the band around x0
 _STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
 _SOURCES = {"measured": (VERMILLION, "o-"), "simulated": (BLUE, "s--")}
 _WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
@@ -35,9 +38,10 @@ def plot_residual(
     ax: Axes | None = None,
     outlines: Sequence[npt.ArrayLike] = (),
 ) -> Axes:
-    """Draw measured less simulated δ of one state over the position of the indenter, with the outlines of the coils.
+    """Draw measured minus simulated δ of one state.
 
-    Colours are symmetric about zero and those of both stages of a state; grey where nothing was compared.
+    It is drawn over the position of the indenter, with the outlines of the coils. The colours are symmetric about zero
+    and the same for both stages of a state. Places without a comparison are grey.
 
     Parameters
     ----------
@@ -46,7 +50,7 @@ def plot_residual(
     state, depth : str and int
         Name of the state, and index of the depth in the dataset.
     stage : {"before", "after"}
-        Simulated map as it is, or scaled and shifted onto the measured one.
+        Simulated map as it is, or scaled and shifted onto the measured map.
     ax : Axes, optional
         Axes to draw into, in mm.
     outlines : sequence of array_like
@@ -55,7 +59,7 @@ def plot_residual(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -86,19 +90,21 @@ def plot_residual(
 
 @style.styled
 def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw measured over simulated δ of every state, one dot per position, with the line of equality.
+    """Draw measured over simulated δ of every state.
+
+    There is a dot per position, and the line of equality.
 
     Parameters
     ----------
     comparison, depth
         As in `plot_residual`.
     ax : Axes, optional
-        Axes to draw into; both have the unit 10⁻³.
+        Axes to draw into. Both have the unit 10⁻³.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -132,9 +138,10 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
 
 @style.styled
 def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw x0 of the ellipses of one state over δ, measured and simulated, with bands of two standard deviations.
+    """Draw x0 of the ellipses of one state over δ.
 
-    Levels whose points do not determine their ellipse are crossed out.
+    The values are measured and simulated, with bands of two standard deviations. Levels whose points do not determine
+    their ellipse are crossed out.
 
     Parameters
     ----------
@@ -146,7 +153,7 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -187,17 +194,17 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
 
 @style.styled
 def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
-    """Draw one row per state: the difference before and after scale and shift, and x0 of both.
+    """Draw a comparison, one row per state.
 
-    A response along a single line, or at a single position, is drawn by `plot_readings` alone. At most `MOST_STATES`
-    states are shown, the first ones.
+    A row has the difference before and after scale and shift, and x0 of both. A response along a single line, or at a
+    single position, is drawn by `plot_readings` alone. The first `MOST_STATES` states are shown.
 
     Parameters
     ----------
     comparison, outlines
         As in `plot_residual`, with any number of x and y.
     depth : int
-        Index of the depth in the dataset; the deepest by default.
+        Index of the depth in the dataset. The default is the deepest.
 
     Returns
     -------
@@ -228,7 +235,10 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
 
 
 def _residuals(of: xr.Dataset) -> tuple[npt.NDArray[np.float64], DisplayUnit]:
-    """Return the difference of one state before and after scale and shift, shape (2, y, x), in a unit for both."""
+    """Residuals of one state and their common unit.
+
+    The residuals before and after scale and shift have shape (2, y, x).
+    """
     both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
     shown = style.axis_unit(both, "1")
     return shown.of(both), shown

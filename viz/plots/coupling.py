@@ -1,4 +1,7 @@
-"""Figures of a coupling: the matrices of k and L, what the neighbours do to each coil, and the currents in them."""
+"""Figures of a coupling.
+
+The matrices of k and L, the effect of the neighbours on each coil, and the currents in them.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +20,28 @@ from coilarray.viz.palette import BLUE, PALE, SEQUENTIAL, UNKNOWN, VERMILLION, s
 from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, legend_above, new_axes, styled
 
 _MOST_NUMBERED = 12  # coils whose matrix has room for its numbers
-_MOST_NAMED = 32  # coils with a name each along the edges of a matrix
+_MOST_NAMED = 32  # coils whose names all fit along the edges of a matrix
 _LARGEST = 11.0  # inches
-_DARK = 0.179  # relative luminance on which black and white contrast alike, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
+_DARK = 0.179  # relative luminance with equal contrast to black and white, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
 
 
 @styled
 def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the coupling coefficients k of all pairs as `plot_matrix` does; the diagonal, 1, is left out.
+    """Draw the coupling coefficients k of all pairs.
+
+    The matrix is drawn by `plot_matrix`. Its diagonal, 1, is left out.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         Result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
     ax : Axes, optional
-        Axes to draw into; colours symmetric about zero.
+        Axes to draw into. The colours are symmetric about zero.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -52,21 +57,22 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the inductance matrix as `plot_matrix` does: L on the diagonal, M of the pairs off it.
+    """Draw the inductance matrix.
 
-    Of more than 12 coils M alone, whose colours L would take.
+    It is drawn by `plot_matrix`, with L on the diagonal and M of the pairs off it. For more than 12 coils only M is
+    drawn, because L would take up its colours.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
     ax : Axes, optional
-        Axes to draw into; the prefix is chosen from the largest value.
+        Axes to draw into. The prefix is chosen from the largest value.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -97,7 +103,9 @@ def plot_matrix(
     mask_diagonal: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw a square matrix as a heat map, with its numbers in the cells where there are at most 12 coils.
+    """Draw a square matrix as a heat map.
+
+    For up to 12 coils the cells contain the numbers.
 
     Parameters
     ----------
@@ -108,20 +116,20 @@ def plot_matrix(
     title, quantity : str
         Title of the axes, and name of the quantity for the colour bar.
     unit : str
-        SI unit of `values` without a prefix, such as ``"H"``; the prefix is chosen from the largest value shown.
-        Empty for a pure number, which gets none.
+        SI unit of `values` without a prefix, such as ``"H"``. The prefix is chosen from the largest value shown. Empty
+        for a pure number, which gets no prefix.
     scale : {"sequential", "diverging"}
         Diverging colours are symmetric about zero, or from zero for values of one sign.
     digits, mask_diagonal : int, bool
-        Number of digits after the decimal point; and whether to leave the diagonal out, so that the colours spread over
-        the neighbours.
+        Number of digits after the decimal point, and whether to leave the diagonal out. Without it the colours spread
+        over the neighbours.
     ax : Axes, optional
         Axes to draw into.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -147,9 +155,10 @@ def plot_matrix(
 
 @styled
 def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw each coil's effective inductance with all others open and as terminated, and the change in per cent.
+    """Draw the effective inductance of each coil.
 
-    Dots rather than bars, because the axis does not start at zero.
+    All other coils are open, and as terminated. The change in per cent is written beside them. Dots are used rather
+    than bars, because the axis does not start at zero.
 
     Parameters
     ----------
@@ -161,7 +170,7 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -195,20 +204,22 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
 
 @styled
 def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the currents that one active coil drives in the others: magnitude as colour, with the phase written below.
+    """Draw the currents that an active coil induces.
+
+    The magnitude in the other coils is a colour, with the phase written below.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
     ax : Axes, optional
-        Axes to draw into: one column per active coil and one row per passive one, per ampere in the active coil. The
-        diagonal, 1, is left out.
+        Axes to draw into, with a column per active coil and a row per passive coil. Currents are per ampere in the
+        active coil. The diagonal, 1, is left out.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -241,9 +252,9 @@ def _heat_map(
     scale: Literal["sequential", "diverging"],
     ax: Axes | None,
 ) -> Axes:
-    """Draw a matrix with names along its edges, a colour bar and, of few coils, a text in every cell.
+    """Draw a matrix with names and a colour bar.
 
-    Masked cells are grey.
+    The names are along the edges. If there are few coils, every cell has a text. Masked cells are grey.
     """
     n = len(names)
     ax = ax or new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))

@@ -1,4 +1,7 @@
-"""Figures of B_z: along a line across a coil, and on a plane above the board."""
+"""Figures of B_z along a line and on a plane.
+
+The line runs across a coil, and the plane lies above the board.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,9 @@ from coilarray.viz.plots.style import axis_unit, colour_bar, legend_beside, map_
 def plot_field_lines(
     fields: Mapping[str, xr.Dataset], ax: Axes | None = None, *, coil: tuple[float, float] | None = None
 ) -> Axes:
-    """Draw B_z along x, one bell-shaped curve per field, like Fig. 2 of Gast & Zimmermann (2020).
+    """Draw B_z along x.
+
+    Each field has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020).
 
     Parameters
     ----------
@@ -27,17 +32,17 @@ def plot_field_lines(
     ax : Axes, optional
         Axes to draw into, mm across.
     coil : tuple of float, optional
-        Ends of the coil along x in m; shaded.
+        Ends of the coil along x in m. The coil is shaded.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
-        If there is no field, or one that is not along x.
+        If there is no field, or a field is not along x.
 
     Examples
     --------
@@ -64,27 +69,29 @@ def plot_field_lines(
         ax.plot(MM.of(fields[label].x), shown.of(values), label=label, **curve_look(k))
     ax.set_xlim(MM.of(first.x).min(), MM.of(first.x).max())
     ax.set(xlabel=MM.label("x"), ylabel=_label(shown), title=f"$B_z$ of {first.attrs['active_coil']}, {_place(first)}")
-    legend_beside(ax)  # on the shaded coil its own patch would not be seen
+    legend_beside(ax)  # on the shaded coil its own patch would be invisible
     return ax
 
 
 @styled
 def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
-    """Draw B_z on a horizontal plane, with the outlines of the coils.
+    """Draw B_z on a horizontal plane.
+
+    The outlines of the coils are drawn too.
 
     Parameters
     ----------
     field : xarray.Dataset
         Result of `coilarray.operating_field` with one z.
     ax : Axes, optional
-        Axes to draw into, in mm; colours symmetric about zero.
+        Axes to draw into, in mm. The colours are symmetric about zero.
     outlines : sequence of array_like
         As in `coilarray.viz.plot_response`.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -113,7 +120,10 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
 
 
 def _vertical(field: xr.Dataset) -> npt.NDArray[np.float64]:
-    """Return B_z in phase with the current, shape (nx, ny, nz), per ampere of the active coil."""
+    """B_z in phase with the current.
+
+    The shape is (nx, ny, nz). Values are per ampere of the active coil.
+    """
     values: npt.NDArray[np.float64] = field.B.sel(component="z").transpose("x", "y", "z").values
     return values / float(field.attrs["active_current_A"])
 

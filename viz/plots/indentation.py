@@ -1,4 +1,7 @@
-"""Flat figures of an indentation: force over depth, and the dent in section."""
+"""Flat figures of an indentation.
+
+Force over depth, and the dent in section.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,16 @@ from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled
 from coilarray.viz.plots.style import axis_unit, faint_grid, figure_size, new_axes, new_figure, styled
 
-_WIDTH = 2.5  # thicknesses of the stack shown on each side of the indenter: the raised ring lies within two
+_WIDTH = 2.5  # stack thicknesses shown on each side of the indenter; the raised ring lies within two
 _ABOVE, _BELOW = 0.45, 0.06  # thicknesses of the stack shown above its top and of the board
 _FORCE_HEIGHT = 3.4  # inches
 
 
 @styled
 def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the force over the depth, and the contact radius on an axis of its own at the right.
+    """Draw the force over the depth.
+
+    The contact radius has an axis of its own at the right.
 
     Parameters
     ----------
@@ -37,7 +42,7 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -68,21 +73,23 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: Axes | None = None) -> Axes:
-    """Draw the deformed sheets under the indenter in section, mirrored about its axis, with the flat ones dashed.
+    """Draw the deformed sheets under the indenter in section.
+
+    The section is mirrored about the axis of the indenter. The flat sheets are dashed.
 
     Parameters
     ----------
     indentation : xarray.Dataset
         As in `plot_force_depth`.
     indenter, depth : Indenter and int
-        Body that made the dent, and index of the depth in the dataset, the deepest by default.
+        Body that made the dent, and index of the depth in the dataset. The default is the deepest.
     ax : Axes, optional
         Axes to draw into, in mm with equal scales.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -119,14 +126,16 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     ax.set(xlabel=MM.label("r" if at.attrs["symmetry"] == "axial" else "x"), ylabel=MM.label("z"))
     force, radius = axis_unit(at.force).text(at.force, ".3"), MM.text(at.contact_radius, ".3")
     title = f"{MM.text(at.depth)} deep: {force}, {_contact_name(at)} {radius}"
-    ax.set_title(title, pad=22)  # points: room for the legend
+    ax.set_title(title, pad=22)  # points, room for the legend
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, borderpad=0, borderaxespad=0.4, handlelength=1.0)
     return ax
 
 
 @styled
 def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
-    """Draw the deepest dent, and below it the force over the depth where there are several depths.
+    """Draw the deepest dent.
+
+    If there are several depths, the force over the depth is drawn below it.
 
     Parameters
     ----------
@@ -149,13 +158,13 @@ def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
 
 
 def _half_width(indentation: xr.Dataset) -> float:
-    """Return the half width of a section through the dent in m."""
+    """Half width of a section through the dent in m."""
     widest = float((indentation.r + indentation.displacement_r).max())
     return min(_WIDTH * float(indentation.height[-1]), widest)
 
 
 def _dent_size(indentation: xr.Dataset) -> tuple[float, float]:
-    """Return the size in inches of a figure of the dent."""
+    """Size of a figure of the dent in inches."""
     width, height = figure_size(2 * _half_width(indentation), (1 + _ABOVE + _BELOW) * float(indentation.height[-1]))
     return width, height + 0.4  # for title and legend in two rows
 
@@ -165,7 +174,10 @@ def _contact_name(indentation: xr.Dataset) -> str:
 
 
 def _mirrored(at: xr.Dataset, k: int) -> npt.NDArray[np.float64]:
-    """Return the deformed interface k on both sides of the axis, shape (2 n − 1, 2), in mm."""
+    """Deformed interface k on both sides in mm.
+
+    The shape is (2 n − 1, 2).
+    """
     one = at.isel(interface=k)
     across = MM.of(one.r + one.displacement_r)
     along = MM.of(one.height + one.displacement_z)

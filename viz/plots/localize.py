@@ -1,4 +1,7 @@
-"""Flat figures of the localization: ellipses and their parameters, errors of x, distortion of x0, and bounds."""
+"""Flat figures of the localization.
+
+Ellipses and their parameters, errors of x, distortion of x0, and bounds.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +28,9 @@ _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
 
 _MARGIN = 0.3  # mm
-_SHARE = 0.1  # single neighbours whose effect is a smaller share of the largest one have no name in the legend
+_SHARE = 0.1  # share of the largest effect; single neighbours below it have no name in the legend
 _HIGHEST = 10.0  # largest height in inches of maps one below the other, and width of maps side by side
-_LANDSCAPE = 1.6  # width over height of maps that are drawn one below the other
+_LANDSCAPE = 1.6  # width over height above which maps stand below each other
 _DECADES = 3.0  # largest range of the standard deviations on a map
 _SIGMAS = {"sigma_x": "x", "sigma_y": "y", "sigma_h": "depth"}
 
@@ -36,9 +39,10 @@ _SIGMAS = {"sigma_x": "x", "sigma_y": "y", "sigma_h": "depth"}
 def plot_ellipse_parameters(
     fits: xr.Dataset, model: EllipseModel, state: str, ax: Axes | None = None, published: EllipseModel | None = None
 ) -> Axes:
-    """Draw A, B and x0 of a coil over δ, markers for the fitted ellipses and lines for the polynomials.
+    """Draw A, B and x0 of a coil over δ.
 
-    Like Fig. 5b of Gast & Zimmermann (2020). Levels whose points do not determine their ellipse are crossed out.
+    Markers are the fitted ellipses, and lines are the polynomials, as in Fig. 5b of Gast & Zimmermann (2020). Levels
+    whose points do not determine their ellipse are crossed out.
 
     Parameters
     ----------
@@ -51,12 +55,12 @@ def plot_ellipse_parameters(
     ax : Axes, optional
         Axes to draw into, mm over 10⁻³.
     published : EllipseModel, optional
-        Another model, drawn in grey where it has the coil.
+        Another model, drawn in grey if it has the coil.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -100,7 +104,9 @@ def plot_ellipse_parameters(
 
 @style.styled
 def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: EllipseModel | None = None) -> Figure:
-    """Draw `plot_ellipse_parameters` of every coil of a model, one panel per coil.
+    """Draw `plot_ellipse_parameters` of every coil of a model.
+
+    Each coil has its own panel.
 
     Parameters
     ----------
@@ -133,12 +139,14 @@ def plot_ellipses(
     real: tuple[float, float] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the ellipses of coils and where they meet, like Fig. 6 of Gast & Zimmermann (2020).
+    """Draw the ellipses of coils and their intersections.
+
+    The figure follows Fig. 6 of Gast & Zimmermann (2020).
 
     Parameters
     ----------
     ellipses : mapping of str to Ellipse
-        One or more ellipses by the names of the coils.
+        At least one ellipse, by the names of the coils.
     position : EllipsePosition, optional
         Position where two of them meet, drawn as dots at y and −y and a line at x.
     real : tuple of float, optional
@@ -149,7 +157,7 @@ def plot_ellipses(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -196,14 +204,16 @@ def plot_ellipses(
 
 @style.styled
 def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
-    """Draw the error of a determined x over the position, like Fig. 7 of Gast & Zimmermann (2020).
+    """Draw the error of a determined x over position.
 
-    Colours are symmetric about zero; grey where there is no position.
+    The figure follows Fig. 7 of Gast & Zimmermann (2020). The colours are symmetric about zero. Places without a
+    position are grey.
 
     Parameters
     ----------
     error : xarray.DataArray
-        Determined less real x in m, with the dimensions y and x and their coordinates in m; NaN where there is none.
+        Determined minus real x in m, with the dimensions y and x and their coordinates in m. Places without a position
+        are NaN.
     ax : Axes, optional
         Axes to draw into, in mm.
     outlines : sequence of array_like, each of shape (m, 2)
@@ -212,7 +222,7 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -234,10 +244,11 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
 
 @style.styled
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
-    """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, and as published.
+    """Draw x0 of a coil over δ.
 
-    Levels of which the window leaves too little to know the ellipse are crossed out; the axis is that of the others.
-    Bands are two standard deviations of the posterior on each side, where the result has them.
+    It is predicted with the neighbours grounded and open, and as published. Levels are crossed out if the window shows
+    too little of their ellipse, and the axis fits the other levels. If the result has standard deviations, bands are
+    two standard deviations of the posterior on each side.
 
     Parameters
     ----------
@@ -251,7 +262,7 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -296,9 +307,10 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
 
 @style.styled
 def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
-    """Draw the share of each cause in x0 of a coil over δ, the largest first in the legend.
+    """Draw the share of each cause in x0 over δ.
 
-    Single neighbours are thin lines; those below a tenth of the largest cause have no name.
+    The legend starts with the largest cause. Single neighbours are thin lines. Causes below a tenth of the largest
+    cause have no name.
 
     Parameters
     ----------
@@ -310,7 +322,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -326,7 +338,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     rms = {cause: float(of.rms.sel(cause=cause)) for cause in of.cause.values.tolist()}
     rms = {cause: value for cause, value in rms.items() if math.isfinite(value)}
     largest = max(rms.values(), default=0.0)
-    looks = {cause: curve_look(k) for k, cause in enumerate(sorted(rms))}  # of a cause the same in every panel
+    looks = {cause: curve_look(k) for k, cause in enumerate(sorted(rms))}  # same look of a cause in every panel
     for cause in sorted(rms, key=lambda cause: -rms[cause]):
         single = cause.startswith("neighbour ")
         named = not single or rms[cause] >= _SHARE * largest
@@ -345,7 +357,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
 
 @style.styled
 def distortion_figure(distortion: xr.Dataset) -> Figure:
-    """Draw `plot_distortion` and `plot_causes` of every coil, one row per coil.
+    """Draw `plot_distortion` and `plot_causes`, one row per coil.
 
     Parameters
     ----------
@@ -370,7 +382,9 @@ def distortion_figure(distortion: xr.Dataset) -> Figure:
 def plot_identifiability(
     bounds: xr.Dataset, quantity: str = "sigma_x", ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()
 ) -> Axes:
-    """Draw the Cramér–Rao bound of x, y or depth over the board on a logarithmic scale; grey where it is infinite.
+    """Draw the Cramér–Rao bound of x, y or depth.
+
+    It is drawn over the board on a logarithmic scale. Places with an infinite bound are grey.
 
     Parameters
     ----------
@@ -386,7 +400,7 @@ def plot_identifiability(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -418,7 +432,7 @@ def plot_identifiability(
 
 
 def _conditions(bounds: xr.Dataset) -> str:
-    """Say at which depth and with which noise the bounds hold."""
+    """Text with the depth and noise of the bounds."""
     least, most = np.min(bounds.attrs["noise"]), np.max(bounds.attrs["noise"])
     shown = " to ".join(PER_MILLION.text(value, ".2") for value in np.unique([least, most]))
     common = np.max(bounds.attrs.get("common_noise", 0.0))
@@ -428,9 +442,10 @@ def _conditions(bounds: xr.Dataset) -> str:
 
 @style.styled
 def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
-    """Draw `plot_identifiability` of x, y and, where it is unknown, the depth.
+    """Draw `plot_identifiability` of all unknown quantities.
 
-    Maps of a wide board stand one below the other, others side by side.
+    These are x, y and, if it is unknown, the depth. Maps of a wide board stand below each other, other maps side by
+    side.
 
     Parameters
     ----------
@@ -459,7 +474,10 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
 
 
 def _plane(data: xr.DataArray, what: str, least: str) -> npt.NDArray[np.float64]:
-    """Return values (y, x) in mm; ValueError for a single row, or without a finite value."""
+    """Values (y, x) in mm.
+
+    A single row, or values that are all not finite, raise a ValueError.
+    """
     values = MM.of(data.transpose("y", "x"))
     if min(values.shape) < 2 or not np.isfinite(values).any():
         raise ValueError(f"{what} must have at least two x and two y and {least}; got shape {values.shape}.")

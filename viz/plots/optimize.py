@@ -1,4 +1,7 @@
-"""Pictures of a search: its convergence, the importance of its variables, its Pareto front, and boards."""
+"""Pictures of a search.
+
+Its convergence, the importance of its variables, its Pareto front, and boards.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,9 @@ if TYPE_CHECKING:
 
 @styled
 def plot_search(result: Optimization, objective: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw one score of every trial of a search in turn, as `plot_convergence` does.
+    """Draw one score over the trials of a search.
+
+    It is drawn by `plot_convergence`.
 
     Parameters
     ----------
@@ -37,7 +42,7 @@ def plot_search(result: Optimization, objective: int = 0, ax: Axes | None = None
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -78,14 +83,16 @@ def plot_pareto(
     ax: Axes | None = None,
     named: Mapping[str, str] | None = None,
 ) -> Axes:
-    """Draw two scores of all trials against each other, the Pareto front and the given design.
+    """Draw two scores of all trials.
+
+    The scores are drawn against each other, with the Pareto front and the given design.
 
     Parameters
     ----------
     result : Optimization
         As in `plot_search`.
     objectives : tuple of int
-        Indices of the goal's objectives, across and up; the front is a staircase where the goal has two.
+        Indices of the goal's objectives, across and up. The front is a staircase if the goal has two.
     ax : Axes, optional
         Axes to draw into.
     named : mapping of str to str, optional
@@ -94,7 +101,7 @@ def plot_pareto(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -144,16 +151,18 @@ def plot_convergence(
     log: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the score of every trial in turn, and the best feasible one so far as a line.
+    """Draw the score of every trial.
+
+    A line is the best feasible score up to each trial.
 
     Parameters
     ----------
     scores, feasible : array_like of float and of bool, shape (n,)
-        Score of every trial, NaN where there is no such board; and whether it keeps all bounds.
+        Score of every trial, NaN if there is no such board, and whether it keeps all bounds.
     label : str
         Label of the vertical axis, with the unit.
     maximized, log : bool
-        Whether larger is better, and whether the axis is logarithmic where all scores are above zero.
+        Whether larger is better, and whether the axis is logarithmic if all scores are above zero.
     polished_from : int, optional
         Index of the first trial of the local solver.
     start : float, optional
@@ -164,7 +173,7 @@ def plot_convergence(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -204,7 +213,9 @@ def plot_convergence(
 
 @styled
 def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None = None) -> Axes:
-    """Draw the importance of every variable as a bar, in the given order from the top.
+    """Draw the importance of every variable as a bar.
+
+    The bars are in the given order from the top.
 
     Parameters
     ----------
@@ -218,7 +229,7 @@ def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None =
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -248,28 +259,30 @@ def plot_front(
     stairs: Literal["pre", "post"] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw two scores of all trials against each other, the Pareto front and the given design.
+    """Draw two scores of all trials.
+
+    The scores are drawn against each other, with the Pareto front and the given design.
 
     Parameters
     ----------
     points, feasible : array_like of float, shape (n, 2), and of bool, shape (n,)
-        Scores of the trials, and whether each keeps all bounds; the others are left out.
+        Scores of the trials, and whether each keeps all bounds. Other trials are left out.
     front : sequence of int
-        Indices of the points on the front; a single one is called the best.
+        Indices of the points on the front. A single point is called the best.
     labels, start : tuple of str, and of float, optional
-        Labels of both axes, with units; and the scores of the given design.
+        Labels of both axes, with units, and the scores of the given design.
     named : mapping of int to str, optional
         Names to write beside points, by their indices.
     stairs : {"pre", "post"}, optional
-        Draw the front as a staircase: ``"post"`` where the first score is minimized, ``"pre"`` where it is maximized.
-        None draws no line, as for two out of more scores.
+        Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it is maximized. None
+        draws no line, as for two out of more scores.
     ax : Axes, optional
         Axes to draw into.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -306,7 +319,7 @@ def plot_front(
 
 @styled
 def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
-    """Draw boards one above the other, all at one scale.
+    """Draw boards below each other, at one scale.
 
     Parameters
     ----------
@@ -337,13 +350,19 @@ def _check_objectives(result: Optimization, *asked: int) -> None:
 
 
 def _label(result: Optimization, k: int) -> str:
-    """Return the label of a score: its quantity, whose name contains the unit."""
+    """Label of a score.
+
+    It is the quantity, whose name contains the unit.
+    """
     objective = result.goal.objectives[k]
     return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
 
 
 def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
-    """Show all trials that keep the bounds; those that break them may lie far outside."""
+    """Show all trials that keep the bounds.
+
+    Trials that break them may lie far outside.
+    """
     if log and values.min() > 0:
         ax.set_yscale("log")
         ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
@@ -353,7 +372,10 @@ def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
 
 
 def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
-    """Show the front and the start with as much room again, and leave distant points out."""
+    """Show the front and the start.
+
+    The view has the same room again, and distant points are left out.
+    """
     low, high = wanted.min(axis=0), wanted.max(axis=0)
     room = np.where(high > low, high - low, np.abs(high) + 1e-12)
     near = np.clip(others, low - 0.15 * room, high + 1.0 * room)

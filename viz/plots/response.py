@@ -1,4 +1,7 @@
-"""Flat figures of the sensor response: maps of δ over the position of the indenter, profiles, and bell curves."""
+"""Flat figures of the sensor response.
+
+Maps of δ over the position of the indenter, profiles, and bell curves.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ _BANDS, _TICKS = 20, 9  # largest numbers of bands of colour, and of ticks besid
 _STEPS = (1, 2, 5, 10)
 _FELT = 0.05  # share of the largest |δ| on a line below which a state has no curve
 _NAME_AT = 0.2  # of the way from the lower end of a coil to its centre
-_MOST_NAMES = 9  # coils with their names on every map; the title of a map is its own
+_MOST_NAMES = 9  # largest number of coils with their names on every map; the title of a map names its own coil
 _NOTHING = 0.01  # share of the largest δ below which a map is white and has no zero line
 _GRID_SHAPE = 1.4  # width over height of all maps together
 _PROFILE = (7.5, 3.6)  # inches
@@ -43,16 +46,17 @@ _SMOOTH = 400  # points of a curve between the samples
 def plot_response(
     response: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()
 ) -> Axes:
-    """Draw δ of one state over the position of the indenter, with the outlines of the coils.
+    """Draw a map of δ of one state.
 
-    Colours are symmetric about zero, or from zero for values of one sign, and white where |δ| is below 1 % of its
-    maximum; a dashed line marks the change of sign. Between the positions δ is interpolated linearly; nothing is drawn
-    beside a position without a value.
+    It is drawn over the position of the indenter, with the outlines of the coils. The colours are symmetric about zero,
+    or start at zero for values of one sign. They are white if |δ| is below 1 % of its maximum. A dashed line marks the
+    change of sign. Between the positions δ is interpolated linearly. Nothing is drawn beside a position without a
+    value.
 
     Parameters
     ----------
     response : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and the coordinates in m; at least two x and two y.
+        Response with ``delta`` (depth, y, x, state) and the coordinates in m, with at least two x and two y.
     state, depth : str and int
         Name of the state, and index of the depth in the dataset.
     ax : Axes, optional
@@ -63,7 +67,7 @@ def plot_response(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -101,24 +105,26 @@ def plot_response_profile(
     ax: Axes | None = None,
     along: Literal["x", "y"] = "x",
 ) -> Axes:
-    """Draw δ along a line: one curve for each state and depth that is not fixed.
+    """Draw δ along a line.
+
+    There is a curve for each state and depth that is not fixed.
 
     Parameters
     ----------
     response : xarray.Dataset
-        As in `plot_response`; a single position is drawn as a dot.
+        As in `plot_response`. A single position is drawn as a dot.
     state, depth : str and int, optional
-        Name of the only state and index of the only depth that are drawn; None for all.
+        Name of the only state and index of the only depth that are drawn. None draws all.
     ax : Axes, optional
         Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
-        Direction of the line, which is that with the largest |δ| of the state, for all states of that in the middle.
-        States without a response there are left out.
+        Direction of the line. It is the line with the largest |δ| of the state, or of the middle state if all states
+        are drawn. States without a response on it are left out.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -174,10 +180,11 @@ def plot_response_profile(
 def plot_bell_curve(
     response: xr.Dataset, state: str | None = None, ax: Axes | None = None, along: Literal["x", "y"] = "x"
 ) -> Axes:
-    """Draw δ of one coil along a line through its centre for every depth, with its peak and its width at half of it.
+    """Draw δ along a line through a coil's centre.
 
-    Dots are the positions of the response, curves cubic splines through those that have a value. A bar marks the width
-    at half the peak. The legend gives both, without the width where δ does not fall to half on both sides.
+    Each depth has a curve with its peak and its width at half the peak. Dots are the positions of the response, and
+    curves are cubic splines through the positions with a value. A bar marks the width at half the peak. The legend
+    gives both, without the width if δ does not fall to half on both sides.
 
     Parameters
     ----------
@@ -185,16 +192,16 @@ def plot_bell_curve(
         Result of `coilarray.response_map` or `coilarray.response.two_dimensional` with at least two positions along the
         line.
     state : str, optional
-        Name of the state of a map; by default the one that responds nearest to the middle of the map.
+        Name of the state of a map. The default is the state that responds nearest to the middle of the map.
     ax : Axes, optional
         Axes to draw into, mm across. A dotted line marks the centre of the coil.
     along : {"x", "y"}
-        Direction of the line; on a map the other coordinate is the one nearest to the centre of the coil.
+        Direction of the line. On a map the other coordinate is the value nearest to the centre of the coil.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -246,10 +253,11 @@ def plot_bell_curve(
 
 @style.styled
 def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
-    """Draw the response to the deepest dent or the nearest target, one map per state with a common colour bar.
+    """Draw one map per state with a common colour bar.
 
-    A response along a single line, or at a single position, is drawn as one curve per state instead. At most
-    `MOST_MAPS` states are shown: of those that respond, the nearest to the middle of the map.
+    The maps are the response to the deepest dent or the nearest target. A response along a single line, or at a single
+    position, is drawn as one curve per state instead. At most `MOST_MAPS` states are shown. If more states respond, the
+    nearest to the middle of the map are chosen.
 
     Parameters
     ----------
@@ -276,7 +284,11 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
 
 @dataclass(frozen=True)
 class _Look:
-    """Common look of maps: sides in mm, unit of δ and, in it, the edges of the bands and the |δ| that is white."""
+    """Common look of maps.
+
+    It has the sides in mm and the unit of δ. In this unit it has the edges of the bands and the |δ| below which a map
+    is white.
+    """
 
     outlines: Sequence[npt.ArrayLike]  # m
     x: tuple[float, float]
@@ -292,7 +304,10 @@ class _Look:
 
 
 def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) -> Figure:
-    """Draw one map of the deepest dent for each state, and one colour bar."""
+    """Draw one map of the deepest dent per state.
+
+    They share one colour bar.
+    """
     names = response.state.values.tolist()
     deepest = _delta(response, state=None, depth=-1)
     look = _look(response, deepest, outlines)
@@ -308,7 +323,7 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
         ax.set_title(name)
     for ax in cells[len(names) :]:
         ax.remove()
-    for ax in cells[len(names) - columns : len(names)]:  # the lowest one of every column
+    for ax in cells[len(names) - columns : len(names)]:  # the lowest map of every column
         ax.xaxis.set_tick_params(labelbottom=True)
         ax.set_xlabel(MM.label("x"))
     for ax in axes[:, 0]:
@@ -321,9 +336,10 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
 
 
 def _columns(count: int, shape: float) -> int:
-    """Choose the number of columns that brings a grid of maps, each of this width over height, near `_GRID_SHAPE`.
+    """Choose the number of columns of a grid of maps.
 
-    Empty cells count against it.
+    With this number the shape of the grid is nearest to `_GRID_SHAPE`. Each map has the given width over height. Empty
+    cells count against a number.
     """
 
     def misfit(columns: int) -> float:
@@ -334,11 +350,14 @@ def _columns(count: int, shape: float) -> int:
 
 
 def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) -> QuadContourSet:
-    """Fill axes in mm with δ (y, x), its zero line, and the coils with their names; what is not readable is hatched."""
+    """Draw δ (y, x) with its zero line in mm.
+
+    The coils are drawn with their names. Places that cannot be read are hatched.
+    """
     x, y = MM.of(delta.x), MM.of(delta.y)
     values = look.unit.of(delta)
     bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
-    # a change of sign among positions without a response means nothing
+    # A change of sign among positions without a response has no meaning.
     felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)
     if felt.count() and felt.min() < 0 < felt.max():
@@ -360,14 +379,20 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
 
 
 def _lower_end(outlines: Sequence[npt.ArrayLike], x: float, y: float) -> float | None:
-    """Lowest y in mm of the outline in m that lies about a place in mm; None without outlines."""
+    """Lowest y in mm of the outline about a place.
+
+    The outlines are in m and the place is in mm. Without outlines it is None.
+    """
     shapes = [MM.of(outline) for outline in outlines]
     own = min(shapes, key=lambda shape: float(np.hypot(*(shape.mean(axis=0) - (x, y)))), default=None)
     return None if own is None else float(own[:, 1].min())
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
-    """Show the whole map and, in height, the coils that it touches, in bands of colour about zero."""
+    """Choose the look of a map.
+
+    It shows the whole map and, in height, the coils that the map touches, in bands of colour about zero.
+    """
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
     low, high = (x.min(), y.min()), (x.max(), y.max())
@@ -385,15 +410,18 @@ def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.Arra
 
 
 def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.DataArray:
-    """Return δ of one state or of all, at one depth or at all."""
+    """δ of one or all states and depths."""
     chosen = response if state is None else of_state(response, state)
     delta: xr.DataArray = (chosen if depth is None else at_depth(chosen, depth)).delta
     return delta
 
 
 def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataArray, float | None, str]:
-    """Return δ (depth, along) of a state on the line nearest to its coil, the coil's place on it in m, and the name."""
-    if "state" not in response.dims:  # the two-dimensional model, which has one coil
+    """δ (depth, along) of a state near its coil.
+
+    The line is the nearest to the coil. The coil's place on it in m and the name are returned too.
+    """
+    if "state" not in response.dims:  # the two-dimensional model has one coil
         return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
     name = middle_state(response) if state is None else state
     delta = _delta(response, state=name, depth=None)
@@ -405,7 +433,10 @@ def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataA
 
 
 def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Return the places left and right of the peak where a curve falls to half of it; NaN where it does not."""
+    """Places where a curve falls to half its peak.
+
+    The places are left and right of the peak. They are NaN if the curve does not fall to half on both sides.
+    """
     values = delta(fine)
     peak, half = int(values.argmax()), float(values.max()) / 2
     crossings = delta.solve(half, extrapolate=False)

@@ -1,4 +1,7 @@
-"""Flat figures of the noise of a board: Allan deviation against averaging time."""
+"""Flat figures of the noise of a board.
+
+Allan deviation against averaging time.
+"""
 
 from __future__ import annotations
 
@@ -17,20 +20,22 @@ _SECONDS = DisplayUnit("s")
 
 @style.styled
 def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the Allan deviation of every state against the averaging time, with its confidence intervals.
+    """Draw the Allan deviation of every state.
+
+    It is drawn against the averaging time, with its confidence intervals.
 
     Parameters
     ----------
     found : xarray.Dataset
-        Result of `coilarray.hardware.record.stability.stability`. Where it has ``expected``, white noise of the budget
-        is a dotted line.
+        Result of `coilarray.hardware.record.stability.stability`. If it has ``expected``, white noise of the budget is
+        a dotted line.
     ax : Axes, optional
         Axes to draw into.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------

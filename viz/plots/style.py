@@ -1,6 +1,8 @@
-"""What all flat figures share: settings, sizes, units, colour bars, grids, legends, maps, and the coils' outlines.
+"""Common parts of all flat figures.
 
-The label of an axis reads ``inductance (µH)`` and its ticks are plain numbers, on logarithmic axes too.
+Settings, sizes, units, colour bars, grids, legends, maps, and the coils' outlines.
+
+The label of an axis reads ``inductance (µH)``. Its ticks are plain numbers, on logarithmic axes too.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # else every drawing measures the labels beside the title, for a place that it does not change
+    "axes.titley": 1.0,  # else every drawing measures the labels beside the title, for a place that stays the same
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": "#606060",
@@ -51,19 +53,20 @@ STYLE: dict[Any, Any] = {
 }
 """Matplotlib settings of every figure made here."""
 
-_ROWS = 16  # of a column of a legend
-_MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # along x of a map
+_ROWS = 16  # rows of a column of a legend
+_MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # largest number and steps of ticks along x of a map
 _SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Draw in `STYLE` and leave the caller's settings as they were.
+    """Draw in `STYLE` and keep the caller's settings.
 
-    Matplotlib's own context would undo what a notebook sets when its first figure loads pyplot's backend.
+    Matplotlib's own context would undo the settings that a notebook makes when its first figure loads pyplot's backend.
     """
 
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:
+        """Draw with the settings of `STYLE`."""
         before = {key: matplotlib.rcParams[key] for key in STYLE}
         matplotlib.rcParams.update(STYLE)
         try:
@@ -75,19 +78,23 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 class NotebookFigure(Figure):
-    """Figure of pyplot, which a notebook shows once where the last line of a cell returns it."""
+    """Figure of pyplot for notebooks.
+
+    A notebook shows it once if the last line of a cell returns it.
+    """
 
     def _ipython_display_(self) -> None:
         if "inline" in matplotlib.get_backend():
             close(self)  # else the notebook shows it again at the end of the cell
-        raise NotImplementedError  # then IPython shows it as any figure
+        raise NotImplementedError  # then IPython shows it like any figure
 
 
 def new_figure(width: float, height: float, layout: Literal["compressed"] | None = None) -> Figure:
-    """Figure with sizes in inches, which ``pyplot.show()`` and notebooks display.
+    """Make a figure with sizes in inches.
 
-    They display figures of pyplot only. It is used where the program has imported it or somebody types at a prompt;
-    figures of commands, reports and the studio belong to no window, and go with their last name.
+    ``pyplot.show()`` and notebooks display it. They display figures of pyplot only. It is used if the program has
+    imported it or somebody types at a prompt. Figures of commands, reports and the studio belong to no window, and are
+    freed with their last name.
     """
     prompt = hasattr(sys, "ps1")  # of Python, IPython and notebooks
     if (prompt or "matplotlib.pyplot" in sys.modules) and threading.current_thread() is threading.main_thread():
@@ -98,14 +105,15 @@ def new_figure(width: float, height: float, layout: Literal["compressed"] | None
 
 
 def new_axes(width: float, height: float) -> Axes:
-    """Axes of a new figure, sizes in inches."""
+    """Axes of a new figure with sizes in inches."""
     return new_figure(width, height).add_subplot()
 
 
 def save(figure: Figure, file: Any, **look: Any) -> None:
-    """Save a figure and close it; `look` goes to Matplotlib.
+    """Save a figure and close it.
 
-    Matplotlib's layout cuts labels of axes with equal scales the first time.
+    `look` goes to Matplotlib. The figure is drawn first, because Matplotlib's layout cuts labels of axes with equal
+    scales the first time.
     """
     figure.draw_without_rendering()
     figure.savefig(file, **look)
@@ -113,19 +121,25 @@ def save(figure: Figure, file: Any, **look: Any) -> None:
 
 
 def close(figure: Figure) -> None:
-    """Make pyplot forget a figure that it knows: a file has it."""
+    """Remove a saved figure from pyplot."""
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close(figure)
 
 
 def figure_size(width: float, height: float) -> tuple[float, float]:
-    """Size in inches of a figure for a picture of equal scales, with room for labels; long ones stay readable."""
+    """Size in inches of a figure of equal scales.
+
+    It has room for labels, and long pictures stay readable.
+    """
     scale = min(8.0 / width, 6.0 / height)
     return max(width * scale, 2.5) + 1.2, max(height * scale, 1.5) + 1.0
 
 
 def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
-    """Draw a colour bar exactly as high as the axes; the height of a colour band is proportional to its values."""
+    """Draw a colour bar exactly as high as the axes.
+
+    The height of a colour band is proportional to its values.
+    """
     figure = ax.get_figure(root=True)
     if figure is None:
         raise ValueError("ax must belong to a figure.")
@@ -133,19 +147,28 @@ def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
 
 
 def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:
-    """Draw a grid behind everything, in a user's axes too."""
+    """Draw a grid behind everything.
+
+    This also works in a user's axes.
+    """
     ax.grid(axis=axis, color=FAINT)
     ax.set_axisbelow(True)
 
 
 def legend_beside(ax: Axes, title: str | None = None) -> None:
-    """Legend at the right of the axes, where it hides no curve; none if no curve has a name."""
+    """Draw a legend at the right of the axes.
+
+    It hides no curve there. Without named curves there is no legend.
+    """
     if named := ax.get_legend_handles_labels()[0]:
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(named) / _ROWS), title=title)
 
 
 def one_legend(figure: Figure) -> None:
-    """Legend at the right of all axes of a figure, with every name once, in place of those of the axes."""
+    """Draw one legend at the right of a figure.
+
+    It has every name once, and replaces the legends of the axes.
+    """
     named: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, name in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -158,14 +181,20 @@ def one_legend(figure: Figure) -> None:
 def legend_above(
     ax: Axes, columns: int, side: Literal["left", "center", "right"] = "right", columnspacing: float = 1.0, **look: Any
 ) -> None:
-    """Legend above the axes, beside the title, where it hides no curve; `look` goes to Matplotlib."""
+    """Draw a legend above the axes, beside the title.
+
+    It hides no curve there. `look` goes to Matplotlib.
+    """
     anchor = ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0)
     look = {"loc": f"lower {side}", "borderaxespad": 0.2, "columnspacing": columnspacing, **look}
     ax.legend(bbox_to_anchor=anchor, ncols=columns, **look)
 
 
 def mark_undetermined(ax: Axes, x: npt.ArrayLike, y: npt.ArrayLike, undetermined: npt.ArrayLike, colour: str) -> None:
-    """Cross out points, named once in the legend, whose values are only a guess."""
+    """Cross out points whose values are only a guess.
+
+    The legend names them once.
+    """
     hidden = np.asarray(undetermined, dtype=bool) & np.isfinite(y)
     if hidden.any():
         known = [line.get_label() for line in ax.lines]
@@ -185,7 +214,10 @@ def zero_line(ax: Axes) -> None:
 
 
 def state_colours(response: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
-    """Return the colour of each state: that which the coil of its name has in every picture."""
+    """Colour of each state.
+
+    It is the colour of the coil with its name in every picture.
+    """
     known = {"coil", "coil_x", "coil_y"} <= set(response.coords)
     if not known or not set(names) <= set(response.coil.values.tolist()):
         return coil_colours(names)
@@ -194,19 +226,28 @@ def state_colours(response: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
 
 
 def write_name(ax: Axes, x: float, y: float, name: str, **look: Any) -> None:
-    """Write the name of a coil in a white box with its middle at a place in mm."""
+    """Write the name of a coil in a white box.
+
+    The middle of the box is at a place in mm.
+    """
     box: dict[str, Any] = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
     ax.text(x, y, name, ha="center", va="center", bbox=box, **look)
 
 
 def draw_outlines(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Draw the coils' outlines, corners in m of shape (m, 2) with the first one not repeated, into axes in mm."""
+    """Draw the coils' outlines into axes in mm.
+
+    The corners are in m with shape (m, 2), with the first corner not repeated.
+    """
     for outline in outlines:
         ax.add_patch(Polygon(MM.of(outline), closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
 
 
 def finish_map(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Draw the coils on a map in mm without changing its limits; grey where it has no value."""
+    """Draw the coils on a map in mm.
+
+    The limits stay as they are. Places without a value are grey.
+    """
     limits = ax.get_xlim(), ax.get_ylim()
     draw_outlines(ax, outlines)
     ax.set_xlim(*limits[0])
@@ -224,9 +265,10 @@ def signed_map(
     *,
     rasterized: bool = False,
 ) -> QuadMesh:
-    """Fill axes in mm with values (y, x) in colours symmetric about zero, at the coordinates of `at` in m.
+    """Draw values (y, x) in colours symmetric about zero.
 
-    The coils' outlines lie above it, and it is grey where there is no value.
+    The axes are in mm, and the coordinates of `at` are in m. The coils' outlines lie above the map. Places without a
+    value are grey.
     """
     limit = largest(values) if limit is None else limit
     shown = np.ma.masked_invalid(values)
@@ -237,38 +279,47 @@ def signed_map(
 
 
 def plan_axes(ax: Axes) -> None:
-    """Name the axes of a plan of the board in mm and give them equal scales."""
+    """Label the axes of a plan in mm.
+
+    Both axes have equal scales.
+    """
     ax.set(aspect="equal", xlabel=MM.label("x"), ylabel=MM.label("y"))
     ax.xaxis.set_major_locator(MaxNLocator(_MOST_TICKS, steps=_STEPS))
 
 
 def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
-    """Return the size in inches of a figure for a map over the coordinates of `at`."""
+    """Size of a figure of a map in inches.
+
+    The map lies over the coordinates of `at`.
+    """
     return figure_size(float(np.ptp(at.x.values)), float(np.ptp(at.y.values)))
 
 
 def require_plane(at: xr.DataArray | xr.Dataset) -> None:
-    """Raise ValueError if there are fewer than two x or y."""
+    """Raise ValueError for fewer than two x or y."""
     if min(at.sizes["x"], at.sizes["y"]) < 2:
         raise ValueError(f"a map must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
 
 
 def main_title(figure: Figure, title: str) -> None:
-    """Write a title above all axes of a figure, at its left."""
+    """Write a title above all axes, at the left."""
     figure.suptitle(title, x=0.01, ha="left", fontsize="large")
 
 
 def largest(values: npt.NDArray[np.float64]) -> float:
-    """Return the largest magnitude of the finite values, or 1 for zero: the limit of colours symmetric about zero."""
+    """Largest magnitude of the finite values.
+
+    It is 1 for zero, and is the limit of colours symmetric about zero.
+    """
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max(initial=0.0)) or 1.0
 
 
 def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> DisplayUnit:
-    """Choose the prefix that brings the largest of the finite values between 1 and 1000.
+    """Choose the prefix of a unit for an axis.
 
-    `unit` is an SI unit without a prefix, by default that in the attributes of `values`. For a pure number, "" or "1",
-    the power of ten is written out.
+    It brings the largest of the finite values between 1 and 1000. `unit` is an SI unit without a prefix, by default
+    from the attributes of `values`. For a pure number, "" or "1", the power of ten is written out.
 
     Examples
     --------
@@ -279,7 +330,7 @@ def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> 
     """
     named = str(getattr(values, "attrs", {}).get("units", "1")) if unit is None else unit
     symbol = _SYMBOLS.get(named, named)
-    # the small excess keeps 1000 (1 − 1e-16) from being shown as 1000 of the smaller unit
+    # The small excess keeps 1000 (1 − 1e-16) from being shown as 1000 of the smaller unit.
     decades = math.log10(largest(np.asarray(values, dtype=np.float64)) * (1 + 1e-12))
     exponent = min(max(3 * math.floor(decades / 3), -24), 24)
     power = power_of_ten(exponent) if exponent else ""
@@ -287,7 +338,10 @@ def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> 
 
 
 def logarithmic_ticks(axis: Axis, decades: float) -> None:
-    """Write plain numbers on a logarithmic axis: 1, 2 and 5 of each decade where there are few."""
+    """Write plain numbers on a logarithmic axis.
+
+    If there are few decades, each has 1, 2 and 5.
+    """
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -1,4 +1,7 @@
-"""Figures of sweeps: over the frequency, and over entries of a design as lines, coupling with zeros, maps and dots."""
+"""Figures of sweeps.
+
+Sweeps over the frequency, and over entries of a design as lines, coupling with zeros, maps and dots.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +39,11 @@ MOST_PANELS = 24
 _PANEL = (4.2, 3.0)  # inches
 _LEGEND = 2.0  # inches
 _COLUMNS = 3
-_MOST_TICKS = 8  # values of an entry that a map writes, each at its cells
-_MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
+_MOST_TICKS = 8  # largest number of values of an entry that a map writes at its cells
+_MOST_INSIDE = 4  # largest number of pairs of coils whose legend has room beside their curves
 _TEXT = 14  # characters of a text in one line beside a tick
 _LONGEST = 24  # characters of the name of an axis in one line
-_ONE_ZERO = 1e-9  # share of the range within which two zeros are one: a zero at a sample is found from both sides
+_ONE_ZERO = 1e-9  # share of the range within which two zeros are equal, as a zero at a sample is found from both sides
 
 _NAMES = {
     "apparent_inductance": "apparent inductance Im Z/ω",
@@ -48,13 +51,13 @@ _NAMES = {
     "impedance_imag": "reactance Im Z",
     "quality_factor": "quality factor Im Z/Re Z",
 }
-_POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # at the self-resonance
+_POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # with a pole at the self-resonance
 _RESONANCES = ("frequency_MHz[", "self_resonance_MHz[")
-_MANY = 10.0  # of the largest over the least
-_FAR_APART = 3.0  # of the largest over the least
+_MANY = 10.0  # largest over least value
+_FAR_APART = 3.0  # largest over least value
 _CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
 _HEADROOM = 1.08
-_MOST_CURVES = 9  # that can be told apart where coils are alike
+_MOST_CURVES = 9  # number of curves that can be distinguished if coils are alike
 _RANGE = 0.35  # opacity of the range of all curves
 
 
@@ -62,7 +65,9 @@ _RANGE = 0.35  # opacity of the range of all curves
 def plot_frequency_sweep(
     sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None, *, scan: xr.Dataset | None = None
 ) -> Axes:
-    """Draw a quantity over frequency, one curve per state, of many states three and the range of all.
+    """Draw a quantity over frequency, one curve per state.
+
+    If there are many states, three of them and the range of all are drawn.
 
     Parameters
     ----------
@@ -71,16 +76,16 @@ def plot_frequency_sweep(
     quantity : str
         Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
     ax : Axes, optional
-        Axes to draw into. They start at zero; for a quantity with a pole they end at four times its value at the lowest
+        Axes to draw into. They start at zero. For a quantity with a pole they end at four times its value at the lowest
         frequency.
     scan : xarray.Dataset, optional
-        Result of `coilarray.circuit.impedance.scan_design` of the same states: a dot marks the resonance with the tank
-        on each curve, a dotted line the self-resonance.
+        Result of `coilarray.circuit.impedance.scan_design` of the same states. A dot marks the resonance with the tank
+        on each curve, and a dotted line the self-resonance.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -110,12 +115,12 @@ def plot_frequency_sweep(
     names = sweep.state.values.tolist()
     chosen = _chosen(sweep)
     if len(chosen) < len(names):
-        within = (values > 0).all(axis=1)  # beyond a pole of some there is no range
+        within = (values > 0).all(axis=1)  # no range beyond a pole of some states
         low, high = (shown.of(edge) for edge in (values.min(axis=1), values.max(axis=1)))
         ax.fill_between(f, low, high, where=within, color=GREY, alpha=_RANGE, lw=0, label=f"all {len(names)} states")
     for k in chosen:
         name, curve = names[k], shown.of(values[:, k])
-        # losses make a pole of the inductance a steep fall, of which a sample may lie within the axis
+        # Losses turn a pole of the inductance into a steep fall, and a sample on it may lie within the axis.
         falls = (np.diff(values[:, k]) < 0) & ((values[:-1, k] > top) | (np.diff(np.sign(values[:, k])) < 0))
         pole = np.flatnonzero(falls & (quantity == "apparent_inductance")) + 1
         drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
@@ -140,7 +145,11 @@ def plot_frequency_sweep(
 
 
 def _chosen(sweep: xr.Dataset) -> list[int]:
-    """Numbers of the states that are drawn: all, or of many those of the least, the middle and the most inductance."""
+    """Choose the states that are drawn.
+
+    Their indices are returned. These are all states. If there are many, they are the states with the least, the middle
+    and the most inductance.
+    """
     count = sweep.sizes["state"]
     if count <= _MOST_CURVES:
         return list(range(count))
@@ -151,7 +160,9 @@ def _chosen(sweep: xr.Dataset) -> list[int]:
 
 @styled
 def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
-    """Draw apparent inductance, resistance and quality factor over frequency, with the resonances of every state.
+    """Draw impedance quantities over frequency.
+
+    These are apparent inductance, resistance and quality factor, with the resonances of every state.
 
     Parameters
     ----------
@@ -178,14 +189,17 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
         ax = figure.add_subplot(len(names), 1, k + 1)
         plot_frequency_sweep(sweep, name, ax, scan=scan)
         if k and (legend := ax.get_legend()) is not None:
-            legend.remove()  # it says what the first one does
+            legend.remove()  # it repeats the first legend
         if name == "impedance_real":
             _logarithmic(ax, sweep[name].values)
     return figure
 
 
 def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
-    """Give an axis powers of ten where the values span many, as the resistance near a self-resonance does."""
+    """Use powers of ten if values span many.
+
+    The resistance near a self-resonance does so.
+    """
     positive = values[values > 0]
     if positive.size and positive.max() > _MANY * positive.min():
         ax.set_yscale("log")
@@ -202,7 +216,10 @@ def _mark_resonances(
     curve: npt.NDArray[np.float64],
     colour: str,
 ) -> None:
-    """Mark the resonances of a state that lie within the frequencies, in the unit shown, of its curve."""
+    """Mark the resonances of a state on its curve.
+
+    Only resonances within the frequencies are marked. The frequencies are in the unit shown.
+    """
     of_state = scan.sel(state=state)
     tank, own = (float(shown(of_state[name])) for name in ("frequency", "state_self_resonance"))
     if f[0] <= tank <= f[-1]:
@@ -213,20 +230,22 @@ def _mark_resonances(
 
 @styled
 def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the coupling coefficients of pairs over one entry of a design, such as the pitch, with their zeros.
+    """Draw the coupling coefficients of pairs over an entry.
+
+    The entry of the design may be the pitch. The zeros of the coefficients are marked.
 
     Parameters
     ----------
     sweep : xarray.Dataset
-        Result of `coilarray.sweep` over one entry with numbers; all its ``k[coil,coil]`` are drawn.
+        Result of `coilarray.sweep` over one entry with numbers. All its ``k[coil,coil]`` are drawn.
     ax : Axes, optional
-        Axes to draw into. Circles, and values in the legend, mark the `zero_crossings` where a pair does not couple; a
+        Axes to draw into. Circles, and values in the legend, mark the `zero_crossings` where a pair does not couple. A
         dashed line is the design's own value.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -270,9 +289,10 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Find the ascending places where samples at ascending x change their sign, by monotone cubics between them.
+    """Find places where samples change their sign.
 
-    There is none between two samples of one sign, and none is looked for beside a NaN; a sample that is zero counts.
+    The samples are at ascending x, and the places ascend too. Monotone cubics interpolate between the samples. Two
+    samples of one sign have no zero between them, and no zero is looked for beside a NaN. A sample that is zero counts.
 
     Examples
     --------
@@ -294,7 +314,9 @@ def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> npt.NDArray[np.fl
 
 @styled
 def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | None = None) -> Axes:
-    """Draw a quantity of a sweep over one of its entries, one dot per point.
+    """Draw a quantity of a sweep over an entry.
+
+    There is a dot per point.
 
     Parameters
     ----------
@@ -303,12 +325,12 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
     quantity, entry : str
         Names of a variable and of a coordinate.
     ax : Axes, optional
-        Axes to draw into; a dashed line is the design's own value.
+        Axes to draw into. A dashed line is the design's own value.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -328,20 +350,22 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
 
 @styled
 def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
-    """Draw a quantity of a sweep over an entry with numbers, one line for each text of a second entry.
+    """Draw a quantity of a sweep as lines.
+
+    It is drawn over an entry with numbers, with a line for each text of a second entry.
 
     Parameters
     ----------
     sweep, quantity
-        As in `plot_sweep_points`, of a grid over one entry, or over two of which one has texts; a point without a value
-        is a gap.
+        As in `plot_sweep_points`, of a grid over one entry, or over two entries if one of them has texts. A point
+        without a value is a gap.
     ax : Axes, optional
-        Axes to draw into; a dashed line is the design's own value.
+        Axes to draw into. A dashed line is the design's own value.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -377,19 +401,21 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
 
 @styled
 def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
-    """Draw a quantity of a sweep over two entries as colours; grey where there is no result.
+    """Draw a quantity over two entries as colours.
+
+    Places without a result are grey.
 
     Parameters
     ----------
     sweep, quantity
         As in `plot_sweep_points`, of a grid over two entries.
     ax : Axes, optional
-        Axes to draw into; a diamond marks the design's own values.
+        Axes to draw into. A diamond marks the design's own values.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -436,12 +462,12 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     Returns
     -------
     Figure
-        One panel per quantity: a line over the one entry of a grid, lines or a map over two. For a grid over more
-        entries, and for samples, one panel for each quantity and entry, with one dot per point. Over one entry with
-        numbers coupling coefficients share a panel, drawn by `plot_coupling_sweep`, and so do the resonances with the
-        tank and the self-resonances. A dashed line or a diamond marks the design's own value; points without a
-        result are left out, or grey on a map; crosses mark those that break fabrication rules or that no converter
-        reads.
+        One panel per quantity, with a line for a grid over a single entry, and lines or a map for two entries. For a
+        grid over more entries, and for samples, one panel for each quantity and entry, with a dot per point. Over one
+        entry with numbers, coupling coefficients share a panel, drawn by `plot_coupling_sweep`. The resonances with the
+        tank and the self-resonances share a panel too. A dashed line or a diamond marks the design's own value. Points
+        without a result are left out, or grey on a map. Crosses mark points that break fabrication rules or that no
+        converter reads.
 
     Raises
     ------
@@ -491,7 +517,10 @@ def sweep_figure(result: xr.Dataset) -> Figure:
 
 
 def _explained(sweep: xr.Dataset, entries: Sequence[str], *, mapped: bool) -> list[str]:
-    """Say what the marks of a figure are: over two entries without texts it has `mapped` ones."""
+    """Texts that explain the marks of a figure.
+
+    For two entries without texts the marks are on a map if `mapped` is true.
+    """
     own = [_own(sweep[entry]) is not None for entry in entries]
     mapped = mapped and not _line_entries(sweep, entries)[0]
     marks = ["×  breaks fabrication rules, or no converter reads it"] if _broken(sweep).any() else []
@@ -501,7 +530,10 @@ def _explained(sweep: xr.Dataset, entries: Sequence[str], *, mapped: bool) -> li
 
 
 def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
-    """Draw resonances over the one entry of a sweep, one line each; those far apart on powers of ten."""
+    """Draw resonances over the entry of a sweep.
+
+    Each resonance has a line. If they are far apart, the axis has powers of ten.
+    """
     (entry,) = _entries(sweep)
     along = sweep.sortby(entry)
     for k, name in enumerate(names):
@@ -516,13 +548,19 @@ def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
 
 
 def _broken(sweep: xr.Dataset) -> npt.NDArray[np.bool_]:
-    """Return whether each point breaks fabrication rules or cannot be read, as far as a sweep says."""
+    """Check which points break rules or cannot be read.
+
+    The rules are fabrication rules, as far as the sweep records them.
+    """
     marks = [sweep[name].values > 0 for name in (RULES, UNREAD) if name in sweep]
     return np.asarray(np.any(marks, axis=0)) if marks else np.zeros(1, dtype=bool)
 
 
 def _cross_out(ax: Axes, sweep: xr.Dataset, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> None:
-    """Mark the places of points that break fabrication rules, given in the order of the sweep."""
+    """Mark points that break fabrication rules.
+
+    Their places are given in the order of the sweep.
+    """
     broken = _broken(sweep).ravel()
     if broken.any():
         seen = [withStroke(linewidth=2.5, foreground="white")]  # on dark colours of a map too
@@ -538,7 +576,10 @@ def _is_coupling(name: str) -> bool:
 
 
 def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
-    """Return the entry along lines and the entry of texts with one line each; empty if there is none."""
+    """Entry along lines and entry of the lines' texts.
+
+    Each text has a line of its own. An entry that does not exist is empty.
+    """
     if "sample" in sweep.dims:
         return "", ""
     if len(entries) == 1:
@@ -550,7 +591,10 @@ def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
 
 
 def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-    """Return the places of values on an axis: texts are numbered in the order in which they first appear."""
+    """Places of values on an axis.
+
+    Texts are numbered in the order in which they first appear.
+    """
     if not _is_text(coordinate):
         return values.astype(np.float64)
     texts = list(dict.fromkeys(coordinate.values.tolist()))
@@ -558,6 +602,7 @@ def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> npt.N
 
 
 def _finish(ax: Axes, entry: xr.DataArray, label: str) -> None:
+    """Label the axes and mark the design's own value."""
     _name_axis(ax.xaxis, entry)
     own = _own(entry)
     if own is not None:
@@ -567,6 +612,7 @@ def _finish(ax: Axes, entry: xr.DataArray, label: str) -> None:
 
 
 def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
+    """Label an axis and set its ticks."""
     axis.set_label_text(_label(coordinate))
     if _is_text(coordinate):
         texts = list(dict.fromkeys(coordinate.values.tolist()))
@@ -576,7 +622,10 @@ def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
 
 
 def _own(coordinate: xr.DataArray) -> float | None:
-    """Return the design's own value of an entry; None for a text, and for a value outside the sweep."""
+    """Read the design's own value of an entry.
+
+    It is None for a text, and for a value outside the sweep.
+    """
     own = coordinate.attrs.get("design_value")
     if _is_text(coordinate) or own is None:
         return None
@@ -588,7 +637,10 @@ def _is_text(coordinate: xr.DataArray) -> bool:
 
 
 def _label(array: xr.DataArray) -> str:
-    """Return the name and the unit of an entry or quantity, both with the prefix that the dataset has."""
+    """Name and unit of an entry or quantity.
+
+    Both have the prefix of the dataset.
+    """
     name = str(array.name)
     if len(name) > _LONGEST:  # the options of a quantity on a line of their own
         name = name.replace("[", "\n[", 1)

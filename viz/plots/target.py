@@ -1,4 +1,4 @@
-"""Flat figures of a target: what the coils show against its distance."""
+"""Flat figures of readings against the distance of a target."""
 
 from __future__ import annotations
 
@@ -23,21 +23,22 @@ _SHOWN = {
 }
 _MOST_STATES = 8  # curves of a panel
 _PANELS = (9.5, 6.4)  # inches
-_LOGARITHMIC = 30.0  # last over first distance from which their axis is logarithmic
+_LOGARITHMIC = 30.0  # last over first distance above which their axis is logarithmic
 
 
 @style.styled
 def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None = None) -> Axes:
-    """Draw a quantity against the distance of a target, one curve per state, where the target moves it the most.
+    """Draw a quantity against the distance of a target.
 
-    What no converter can read is crossed.
+    There is a curve per state, at the place where the target changes it the most. Values that no converter can read are
+    crossed.
 
     Parameters
     ----------
     response : xarray.Dataset
         Result of `coilarray.target_map`.
     quantity : str
-        ``delta``, whose size is drawn on a logarithmic axis beside the noise; ``effective_inductance``,
+        ``delta``, whose magnitude is drawn on a logarithmic axis beside the noise, or ``effective_inductance``,
         ``quality_factor`` or ``frequency``, with a dotted line for each value without the target.
     ax : Axes, optional
         Axes to draw into, mm across.
@@ -45,7 +46,7 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Raises
     ------
@@ -103,10 +104,11 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
 
 @style.styled
 def target_figure(response: xr.Dataset) -> Figure:
-    """Draw |δ|, inductance, quality factor and frequency against the distance of a target.
+    """Draw all quantities against the distance of a target.
 
-    `response` is the result of `coilarray.target_map`. Every state is shown where the target moves it the most; of many
-    states, those nearest to the middle of the map.
+    These are |δ|, inductance, quality factor and frequency. `response` is the result of `coilarray.target_map`. Every
+    state is shown where the target changes it the most. If there are many states, the nearest to the middle of the map
+    are shown.
 
     Returns
     -------
@@ -129,7 +131,10 @@ _BASES = {"effective_inductance": "inductance"}  # names of values without the t
 
 
 def _along(response: xr.Dataset, quantity: str, state: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Values (distance,) of a state by its number, at its best place."""
+    """Values (distance,) of a state at its best place.
+
+    The state is given by its index.
+    """
     of = response.isel(state=state)
     at = of[quantity].sel(x=float(of.best_x), y=float(of.best_y))
     return np.asarray(at.transpose("distance").values)

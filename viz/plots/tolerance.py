@@ -1,4 +1,7 @@
-"""Flat figures of a tolerance analysis: what contributes to every spread, and how the drawn boards scatter."""
+"""Flat figures of a tolerance analysis.
+
+The contributions to every spread, and the scatter of the drawn boards.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +24,16 @@ _LEAST_SHARE = 0.02
 
 @styled
 def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -> Figure:
-    """Draw the shares of the contributors and, with samples, the histograms of the first outputs.
+    """Draw the shares of the contributors.
+
+    With samples the histograms of the first outputs are drawn too.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result of `coilarray.studies.tolerance.analyse`.
     outputs : sequence of str, optional
-        Names of the outputs; all by default. The first six have a histogram.
+        Names of the outputs, all by default. The first six have a histogram.
 
     Returns
     -------
@@ -59,7 +64,9 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
 
 @styled
 def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Stack the shares of every kind of error in the variance of each output; board parts plain, layers hatched.
+    """Stack the shares of every kind of error.
+
+    They are shares in the variance of each output. Board parts are plain, and layers are hatched.
 
     Parameters
     ----------
@@ -71,7 +78,7 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -110,7 +117,9 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes:
-    """Draw the histogram of one output over the drawn boards, the linearised spread, and the limits.
+    """Draw the histogram of an output over the drawn boards.
+
+    The linearised spread and the limits are drawn too.
 
     Parameters
     ----------
@@ -124,7 +133,7 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
     Returns
     -------
     matplotlib.axes.Axes
-        The axes that were drawn into: new ones where none are given.
+        The given axes, or new axes by default.
 
     Examples
     --------
@@ -157,5 +166,5 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
 
 
 def _shares_size(outputs: int) -> tuple[float, float]:
-    """Return the size in inches of a figure of the shares."""
+    """Size in inches of a figure of the shares."""
     return 9.0, 0.9 + 0.24 * outputs

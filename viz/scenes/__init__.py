@@ -1,4 +1,6 @@
-"""Scenes: what is drawn, in which colour, seen from where; and how it is shown: pictures, windows, films and pages.
+"""Scenes, and their pictures, windows, films and pages.
 
-`of_design` and `touch` compute scenes of a design and load the physics; the other modules do not.
+A scene defines the drawn parts, their colours and the direction of view.
+
+`of_design` and `touch` compute scenes of a design and load the physics. The other modules do not.
 """

@@ -1,4 +1,7 @@
-"""The board: laminate, copper of every layer, barrels, the names of the coils, rulers, and the sheets on top."""
+"""Scene of a board and the sheets on top.
+
+The board has laminate, copper of every layer, barrels, the names of the coils, and rulers.
+"""
 
 from __future__ import annotations
 
@@ -36,19 +39,23 @@ _COPPER = "copper "
 
 @dataclass(frozen=True, eq=False)
 class CoilColours:
-    """One value per coil, shown as the colour of its copper."""
+    """Values of the coils as colours of their copper.
 
-    values: npt.NDArray[np.float64]  # shape (coils,); NaN for a coil without one
+    There is a value per coil.
+    """
+
+    values: npt.NDArray[np.float64]  # shape (coils,), NaN for a coil without a value
     scale: Scale  # its `array` is the name of the values in the meshes
 
 
 def board_scene(
     array: CoilArray, sheets: Sequence[Sheet] = (), *, plotter: pyvista.Plotter, show_sheets: bool = True
 ) -> None:
-    """Put a board into a plotter: laminate, copper, barrels, coil names, legend and a scale in mm, and aim the camera.
+    """Put a board into a plotter.
 
-    Copper is coloured by layer; the laminate is translucent, so that the lower layers show through it. The sheets
-    are lifted off the board and off each other and drawn as thin glass with clear edges.
+    It has laminate, copper, barrels, coil names, a legend and a scale in mm. The camera is aimed at it. Copper is
+    coloured by layer. The laminate is translucent, so that the lower layers show through it. The sheets are lifted off
+    the board and off each other and drawn as thin glass with clear edges.
 
     Parameters
     ----------
@@ -57,7 +64,7 @@ def board_scene(
     sheets : sequence of Sheet
         Elastomer sheets on it, the lowest first.
     plotter : pyvista.Plotter
-        Plotter that gets the actors; lengths in mm.
+        Plotter that gets the actors. Lengths are in mm.
     show_sheets : bool
         False leaves the sheets out.
     """
@@ -65,8 +72,11 @@ def board_scene(
 
 
 def scene_of_lifted_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> Scene:
-    """Return a board with its sheets lifted off it and off each other."""
-    # raised until the nearest edge of the lowest sheet stands above the farthest edge of the board
+    """Scene of a board with its sheets lifted.
+
+    The sheets are lifted off the board and off each other.
+    """
+    # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     lift = (array.bounds[3] - array.bounds[1]) * math.tan(direction("oblique").elevation)
     above = scene_of_sheets(array, sheets, lift, lift / 3)
     risers = _risers(array, min(part.mesh.bounds[4] for part in above.parts)) if above.parts else ()
@@ -81,16 +91,19 @@ def scene_of_board(
     box: Box | None = None,
     name_heights: npt.ArrayLike = 0.0,
 ) -> Scene:
-    """Return laminate, copper with one group per layer, barrels, names of the coils and rulers.
+    """Scene of a board.
 
-    `layers` are the copper layers that are shown, all by default; `colours` of the coils replace those of the layers. A
-    `box` x_min, y_min, x_max, y_max in m shows that part, without rulers, barrels and names. `name_heights` in m, one
-    or one for each coil, lift the names above what covers the coils. GeometryError for a layer that the board lacks.
+    It has laminate, copper with a group per layer, barrels, names of the coils and rulers.
+
+    `layers` are the copper layers that are shown, all by default. `colours` of the coils replace the layers' colours. A
+    `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names. `name_heights` in m, a
+    number or an array over the coils, lift the names above anything that covers the coils. A layer that the board lacks
+    raises a GeometryError.
     """
     parts = board_solids(array)
     copper = copper_parts(array, layers, colours, box, parts)
     board = cut_upright(board_mesh(parts), box)
-    # copper may share a face with the board: draw the board just behind it
+    # Copper may share a face with the board, so the board is drawn just behind it.
     plate = Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
     laminate = [plate] if board.n_cells else []
     if box is not None:
@@ -113,7 +126,10 @@ def copper_parts(
     box: Box | None = None,
     parts: Mapping[str, trimesh.Trimesh] | None = None,
 ) -> tuple[Part, ...]:
-    """Return the copper of a board alone, one part per layer with copper; arguments as for `scene_of_board`."""
+    """Copper of a board, one part per layer.
+
+    Layers without copper have no part. The arguments are the same as for `scene_of_board`.
+    """
     parts = board_solids(array) if parts is None else parts
     copper = tuple(
         Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None)
@@ -124,14 +140,17 @@ def copper_parts(
 
 
 def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
-    """Return the copper of a board, to be coloured by `recoloured`, and the scene of the rest."""
+    """Copper of a board, and the scene of the rest.
+
+    The copper can be coloured by `recoloured`.
+    """
     board = scene_of_board(array)
     copper = tuple(part for part in board.parts if part.name.startswith(_COPPER))
     return copper, replace(board, parts=tuple(part for part in board.parts if part not in copper))
 
 
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
-    """Give the copper of `copper_parts` other values of the coils."""
+    """Give the copper of `copper_parts` other coil values."""
     values, scale = colours.values, colours.scale
     return tuple(
         replace(
@@ -143,7 +162,10 @@ def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]
 
 
 def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
-    """Return flat sheets on a board as glass with clear edges, the uppermost first; `lift` as in `sheet_meshes`."""
+    """Scene of flat sheets on a board as glass.
+
+    The sheets have clear edges, and the uppermost sheet comes first. `lift` has the same meaning as in `sheet_meshes`.
+    """
     thick = {sheet.name: sheet.thickness for sheet in sheets}
     colours = cycled(SHEETS, list(thick))
     parts: list[Part] = []
@@ -155,12 +177,15 @@ def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0
 
 
 def sheet_label(name: str, thickness: float) -> str:
-    """Return the text of a sheet in a legend; its thickness in m."""
+    """Legend text of a sheet with a thickness in m."""
     return f"{name} {thickness * MM_PER_M:g} mm"
 
 
 def coil_names(array: CoilArray, heights: npt.ArrayLike = 0.0) -> tuple[Text, ...]:
-    """Return every coil's name over the middle of its winding, at heights in m: one, or one for each coil."""
+    """Names of the coils over the centres of their windings.
+
+    The heights in m are a number, or an array over the coils.
+    """
     z = np.broadcast_to(np.asarray(heights, dtype=np.float64), (len(array.names),)) * MM_PER_M
     return tuple(
         Text(name, (x, y, up), 24.0, bold=True)
@@ -169,7 +194,10 @@ def coil_names(array: CoilArray, heights: npt.ArrayLike = 0.0) -> tuple[Text, ..
 
 
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
-    """Cut a mesh upright to a rectangle x_min, y_min, x_max, y_max in m, if any; it is open where it was cut."""
+    """Cut a mesh upright to a rectangle in m.
+
+    The rectangle is x_min, y_min, x_max, y_max. Without a rectangle nothing is cut. The mesh is open at the cuts.
+    """
     if box is None or not mesh.n_cells:
         return mesh
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in box)
@@ -178,7 +206,7 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
 
 
 def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, str]:
-    """Return the colour of every copper layer that is shown."""
+    """Colour of every copper layer that is shown."""
     colours = cycled(LAYERS, array.stackup.names)
     for layer in layers or ():
         if layer not in colours:
@@ -187,12 +215,18 @@ def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, s
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
-    """Return the edges of a mesh's bounding box, which are those of a board or sheet."""
+    """Edges of a mesh's bounding box.
+
+    They are equal to the edges of a board or sheet.
+    """
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
 
 
 def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
-    """Return upright lines from the board's far corners to the height `top` in mm, along which sheets are lifted."""
+    """Upright lines from the board's far corners.
+
+    They end at the height `top` in mm. Sheets are lifted along them.
+    """
     from coilarray.viz.extra_3d import pyvista
 
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
@@ -201,7 +235,10 @@ def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
-    """Return ticks of a length, with numbers, along an axis where the other coordinate is `at`; all in mm."""
+    """Ticks with numbers along an axis, in mm.
+
+    The other coordinate is `at`, and `length` is the length of the ticks. All lengths are in mm.
+    """
     from matplotlib.ticker import MaxNLocator
 
     from coilarray.viz.extra_3d import pyvista
@@ -212,11 +249,14 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
     edge_on: Side = "right" if axis == "x" else "front"
 
     def place(along: float, outwards: float) -> tuple[float, float, float]:
-        """Return a place as far below the board as outside it, so that from the side numbers stand below it."""
+        """Place of a text beside the board.
+
+        It is as far below the board as outside it, so that numbers stand below the board when seen from the side.
+        """
         return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
     texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
-    # beyond the end of the edge, where it is clear of the numbers unless the board is small in the picture
+    # Beyond the end of the edge it is clear of the numbers unless the board is small in the picture.
     title = Text(f"{axis} (mm)", place(high + 4 * length, 2.2 * length), hidden_from=(edge_on,), always=True)
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]

@@ -1,4 +1,7 @@
-"""Cameras for scenes: without perspective, so that lengths compare, and aimed at the whole scene."""
+"""Cameras for scenes, without perspective.
+
+Without it lengths can be compared. The cameras are aimed at the whole scene.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +23,24 @@ FILLED = 0.88
 
 @dataclass(frozen=True)
 class Direction:
-    """Direction from the scene to the camera: elevation and azimuth in rad; azimuth 0 is +x, −π/2 the front."""
+    """Direction from the scene to the camera in rad.
+
+    It has an elevation and an azimuth. Azimuth 0 is +x, and −π/2 is the front.
+    """
 
     elevation: float
     azimuth: float
 
 
 def direction(side: Side) -> Direction:
-    """Return the direction of a side."""
+    """Direction of a side."""
     elevation, azimuth = _ANGLES[side]
     return Direction(math.radians(elevation), math.radians(azimuth))
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera without perspective."""
+    """Camera without perspective."""
 
     position: tuple[float, float, float]  # mm
     focus: tuple[float, float, float]  # mm, point in the centre of its picture
@@ -50,10 +56,10 @@ def aim(
     right: float = 0.0,
     bottom: float = 0.0,
 ) -> Camera:
-    """Aim at the middle of a box so that all of it is seen.
+    """Aim a camera at the centre of a box.
 
-    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm; shares `left`, `right` and `bottom` of the picture's
-    width and height at its edges stay free, for a legend, colour bars and notes.
+    All of the box is visible. `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares `left`, `right`
+    and `bottom` of the picture's width and height stay free at its edges, for a legend, colour bars and notes.
     """
     sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
     out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
@@ -68,7 +74,10 @@ def aim_again(
     left: float,
     right: float,
 ) -> Camera:
-    """Aim a camera at the middle of a box from where it looks, as `aim`."""
+    """Aim a camera at the centre of another box.
+
+    The direction stays the same. The other arguments are the same as for `aim`.
+    """
     out = np.array(camera.position) - camera.focus
     along = np.cross(camera.up, out)
     return _aimed(bounds, size, out / np.linalg.norm(out), along / np.linalg.norm(along), left, right)
@@ -83,7 +92,10 @@ def _aimed(
     right: float,
     bottom: float = 0.0,
 ) -> Camera:
-    """Aim from a direction, with another one from left to right; both of length 1."""
+    """Aim from a direction.
+
+    `along` is the direction from left to right. Both directions have length 1.
+    """
     up = np.cross(out, along)
     corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
     seen = corners @ np.column_stack((along, up))
@@ -91,14 +103,17 @@ def _aimed(
     width, height = size
     free = 1.0 - left - right
     scale = max(float(extent[1]) / (1.0 - bottom), float(extent[0]) * height / (width * free)) / 2 / FILLED
-    shift = (right - left) * scale * width / height  # of the middle towards the free side
+    shift = (right - left) * scale * width / height  # of the centre towards the free side
     focus = (middle[0] + shift) * along + (middle[1] - bottom * scale) * up
     distance = 2.0 * float(np.linalg.norm(np.ptp(corners, axis=0)))
     return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale)
 
 
 def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.float64]:
-    """Return the places of points, shape (n, 3) in mm, in a picture of a size: shape (n, 2), 0 to 1 across and up."""
+    """Places of points in a picture of a given size.
+
+    The points have shape (n, 3) in mm. The places have shape (n, 2), and go from 0 to 1 across and up.
+    """
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
     along = np.cross(up, out / np.linalg.norm(out))

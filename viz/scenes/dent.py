@@ -1,4 +1,7 @@
-"""A dent: the deformed sheets on the board and the indenter, a quarter of them cut out."""
+"""Scene of a dent.
+
+It has the deformed sheets on the board and the indenter, with a quarter of them cut out.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ VEILED = 0.13
 """Opacity of dented sheets through which the coils are visible."""
 
 _INTO_THE_CUT = Direction(math.radians(28), math.radians(-118))
-_WIDTH = 2.5  # width shown on each side of a dent, in thicknesses of the stack
+_WIDTH = 2.5  # width shown on each side of a dent, in stack thicknesses
 _TALL = 0.7  # height of the indenter over the thickness of the stack
 
 
@@ -44,7 +47,9 @@ def dent_scene(
     depth: int = -1,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Put a dent into a plotter: the board, the deformed sheets on it and the indenter, a quarter of them cut out.
+    """Put a dent into a plotter.
+
+    It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out.
 
     Parameters
     ----------
@@ -53,11 +58,11 @@ def dent_scene(
     sheets : sequence of Sheet
         Indented sheets from the board upwards.
     indentation, depth : xarray.Dataset and int
-        Result of `coilarray.indent`, and index of the depth in it, the deepest by default.
+        Result of `coilarray.indent`, and index of the depth in it. The default is the deepest.
     indenter, centre : Indenter and tuple of float
         Body that made the dent, and its x and y on the board in m.
     plotter : pyvista.Plotter
-        Plotter that gets the actors; lengths in mm.
+        Plotter that gets the actors. Lengths are in mm.
 
     Raises
     ------
@@ -81,10 +86,11 @@ def scene_of_dent(
     *,
     opacity: float = 1.0,
 ) -> Scene:
-    """Return the deformed sheets and the indenter for one depth of an indentation, without the board.
+    """Scene of the deformed sheets and the indenter.
 
-    Arguments as of `dent_scene`; a `box` x_min, y_min, x_max, y_max in m shows that part of the sheets, by default all
-    over the board. ValueError if the centre is not in it.
+    It shows one depth of an indentation, without the board. The arguments are the same as for `dent_scene`. A `box`
+    x_min, y_min, x_max, y_max in m shows this part of the sheets, by default all over the board. A centre outside it
+    raises a ValueError.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])
@@ -101,13 +107,16 @@ def scene_of_dent(
 
 
 def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> npt.NDArray[np.float64]:
-    """Return the heights in m of the coils' names: on top of dented sheets, and on the board in the open quarter."""
+    """Heights of the coils' names in m.
+
+    They are on top of dented sheets, and on the board in the open quarter.
+    """
     open_ = (array.centres < centre).all(axis=1)
     return np.where(open_, 0.0, thickness)
 
 
 def _around(array: CoilArray, centre: tuple[float, float], half: float) -> Box:
-    """Return the square about a point cut to the board, in m."""
+    """Square about a point in m, cut to the board."""
     x_min, y_min, x_max, y_max = array.bounds
     x, y = centre
     if not (x_min < x < x_max and y_min < y < y_max):

@@ -1,6 +1,7 @@
-"""Put a scene into a PyVista plotter: actors, texts, legend, colour bars and the camera.
+"""Put a scene into a PyVista plotter.
 
-Actors are the same for windows, pictures and pages, and need no screen.
+This makes the actors, texts, legend, colour bars and the camera. Actors are the same for windows, pictures and pages,
+and need no screen.
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ if TYPE_CHECKING:
     import pyvista
 
 BAR_WIDTH = 0.085
-"""Width of one colour bar with its numbers, over that of the picture."""
+"""Width of one colour bar with its numbers, over the width of the picture."""
 
-_HEIGHT, _WIDTH = 900, 1400  # pixels of the reference picture, in which letters and lines have their nominal sizes
-# legend, in pixels of the reference picture: letters, their mean width, a line, a sign with room, the rim
+_HEIGHT, _WIDTH = 900, 1400  # pixels of the reference picture, with letters and lines in their nominal sizes
+# The legend in pixels of the reference picture: letters, their mean width, a line, a sign with room, the rim.
 _LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
 _TICKS = 5  # numbers on a colour bar
 _TITLE = 13  # letters in a line of its title
-_PLAIN = 1e-2  # least value without a unit that is shown without a power of ten
+_PLAIN = 1e-2  # least unitless value that is shown without a power of ten
 _FONT_FILE = 4  # VTK_FONT_FILE of vtkTextProperty
-# notes, in pixels of the reference picture: letters, a line, their lower edge with room above them
+# Notes in pixels of the reference picture: letters, a line, their lower edge with room above them.
 _NOTE, _NOTE_LINE, _NOTE_RIM = 15, 17.5, 40
 _COLOURS = "colour"  # array of red, green and blue
 _SHARP = 30.0  # angle in degrees between triangles above which their edge stays sharp
@@ -42,24 +43,24 @@ _BEHIND = 2.0  # units of polygon offset
 
 
 Panel = tuple[float, float]
-"""Width and height of a panel at the top left, over those of the picture."""
+"""Width and height of a panel at the top left, over the sides of the picture."""
 
 
 def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None) -> None:
-    """Draw a scene on white and aim the camera at all of it.
+    """Draw a whole scene on white.
 
     Parameters
     ----------
     scene : Scene
         Scene that is drawn, at the first position of its slider.
     plotter : pyvista.Plotter
-        Plotter that gets the actors; lengths in mm. A part or text replaces one of the same name.
+        Plotter that gets the actors. Lengths are in mm. A part or text replaces another with the same name.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen.
     panel : tuple of float, optional
         Size of a panel that stands in place of the legend.
     """
-    view: Any = plotter  # PyVista's decorators lose the signatures of its methods, each version in its own way
+    view: Any = plotter  # PyVista's decorators lose the signatures of its methods, differently in each version
     scene = scene.still()
     view.set_background("white")
     pixel = pixel_of(view.window_size)
@@ -73,7 +74,10 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
 
 
 def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
-    """Draw the parts, texts and notes of a scene alone; `pixel` as of `pixel_of`, from the height alone by default."""
+    """Draw only the parts, texts and notes of a scene.
+
+    `pixel` has the meaning of `pixel_of`. By default it depends on the height alone.
+    """
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT
@@ -81,12 +85,12 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
     for part in scene.parts:
         if part.name in known:
             view.remove_actor(part.name, reset_camera=False, render=False)
-        view.renderer.AddActor(actor_of(part, pixel))  # PyVista's own looks through all others for one of its name
+        view.renderer.AddActor(actor_of(part, pixel))  # PyVista's own method searches all others for its name
     alike: dict[tuple[str, float, bool, bool], list[Text]] = defaultdict(list)
     for text in scene.texts:
         alike[text.group, text.height, text.bold, text.always].append(text)
     for (group, height, bold, always), texts in alike.items():
-        # PyVista lets texts of one actor give way to each other where they meet, and none to those of another actor
+        # In PyVista, texts of one actor give way to each other if they meet, but not to texts of another actor.
         points = np.array([text.position for text in texts], dtype=np.float64)
         view.add_point_labels(
             points, [text.text for text in texts], name=text_name(group, height, bold, always),
@@ -100,12 +104,15 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
 
 
 def actor_of(part: Part, pixel: float = 1.0) -> Any:
-    """Return the pyvista.Actor of a part, its colours in the mesh, so that every renderer shows the same."""
+    """Make the pyvista.Actor of a part.
+
+    Its colours are in the mesh, so that every renderer shows the same.
+    """
     from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
 
     from coilarray.viz.extra_3d import pyvista
 
-    mapper = vtkPolyDataMapper()  # PyVista's own makes a table of colours each time, which takes longer than all this
+    mapper = vtkPolyDataMapper()  # PyVista's own makes a slow table of colours each time
     mapper.SetInputDataObject(_surface(part))
     mapper.SetScalarVisibility(part.scale is not None)
     if part.scale is not None:
@@ -127,7 +134,10 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
 
 
 def _surface(part: Part) -> pyvista.PolyData:
-    """Return the surface of a part's mesh with its colours and normals only."""
+    """Surface of a part's mesh.
+
+    It has only its colours and normals.
+    """
     mesh: Any = surface_of(part.mesh)
     surface: pyvista.PolyData = mesh.copy(deep=False)
     surface.clear_data()
@@ -145,12 +155,15 @@ def _surface(part: Part) -> pyvista.PolyData:
 
 
 def text_name(group: str, height: float, bold: bool, always: bool = False) -> str:
-    """Return the name of the actor of all texts that look alike."""
+    """Name of the actor of all texts that look alike."""
     return f"texts {group} {height:g}{' bold' if bold else ''}{' always' if always else ''}"
 
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
-    """Return the camera that shows all of a scene above its notes and beside its colour bars, legend or panel."""
+    """Camera that shows all of a scene.
+
+    The scene is above its notes and beside its colour bars, legend or panel.
+    """
     bars, towards = BAR_WIDTH * len(scene.scales), direction(side)
     notes = (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0
     camera = aim(scene.bounds, size, towards, right=bars, bottom=notes)
@@ -165,7 +178,10 @@ def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
-    """Return the width and height of the legend of a scene with its rim, over those of a picture."""
+    """Size of a scene's legend over the picture.
+
+    The width and height include its rim.
+    """
     pixel = pixel_of(size)
     longest = max((len(group) for group in scene.groups), default=0)
     width, height = _RIM + _SIGN + _LETTER * longest, _RIM + _LINE * len(scene.groups)
@@ -182,7 +198,9 @@ def set_camera(plotter: pyvista.Plotter, camera: Camera) -> None:
 
 
 def pixel_of(size: Sequence[int]) -> float:
-    """Return the pixels per pixel of the reference picture; fewer in a narrow one, so that legend and bars have room.
+    """Pixels per pixel of the reference picture.
+
+    In a narrow picture they are fewer, so that legend and bars have room.
 
     Examples
     --------
@@ -194,12 +212,15 @@ def pixel_of(size: Sequence[int]) -> float:
 
 
 def _legend(view: Any, scene: Scene) -> None:
-    """Write every group in ink beside a square of its colour: VTK's own legend colours the letters too."""
+    """Write every group beside a square of its colour.
+
+    The letters are in ink, because VTK's own legend colours the letters too.
+    """
     pixel, height = pixel_of(view.window_size), view.window_size[1]
     look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
     for row, (group, colours) in enumerate(scene.groups.items()):
         y = height - (_RIM + (row + 1) * _LINE) * pixel
-        # a scale of colours shows its ends, each in one half of the sign
+        # A scale of colours shows its ends, each in one half of the sign.
         halves = {"■": colours[0]} if len(colours) == 1 else {"◧": colours[0], "◨": colours[-1]}
         for half, colour in halves.items():
             view.add_text(half, position=(_RIM * pixel, y), color=colour, name=f"legend sign {group} {half}", **look)
@@ -207,7 +228,10 @@ def _legend(view: Any, scene: Scene) -> None:
 
 
 def _bar(view: Any, scale: Scale, place: int) -> None:
-    """Draw a colour bar at the right edge, the next one to the left of the one before."""
+    """Draw a colour bar at the right edge.
+
+    Each next bar is to the left of the bar before.
+    """
     from coilarray.viz.extra_3d import pyvista
 
     factor, title = shown_units(scale)
@@ -218,7 +242,7 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
     )
     pixel = pixel_of(view.window_size)
     bar = view.add_scalar_bar(
-        title=textwrap.fill(title, _TITLE),  # so that it does not run into that of the next bar
+        title=textwrap.fill(title, _TITLE),  # keeps it clear of the title of the next bar
         mapper=mapper, vertical=True, n_labels=_TICKS, fmt="%.3g", width=0.35 * BAR_WIDTH, height=0.55,
         position_x=1.0 - BAR_WIDTH * (place + 1), position_y=0.2, title_font_size=round(17 * pixel),
         label_font_size=round(16 * pixel), color=INK, unconstrained_font_size=True, render=False,
@@ -230,7 +254,9 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
 
 
 def shown_units(scale: Scale) -> tuple[float, str]:
-    """Return the factor from the values of a scale to the numbers on its bar, and the title with the unit.
+    """Factor and title of a scale's colour bar.
+
+    The factor converts values to the numbers on the bar. The title contains the unit.
 
     Examples
     --------
@@ -247,19 +273,28 @@ def shown_units(scale: Scale) -> tuple[float, str]:
 
 
 def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
-    """Return the title, colours ``#rrggbb`` at equal steps, and numbers of a colour bar on a web page, from below."""
+    """Title, colours and numbers of a colour bar.
+
+    The bar is for a web page. The colours ``#rrggbb`` are at equal steps. Colours and numbers go from below upwards.
+    """
     factor, title = shown_units(scale)
     ticks = [true_minus(f"{value * factor:.3g}") for value in scale.values(_TICKS).tolist()]
     return title, scale.steps(stops), ticks
 
 
 def gradient(colours: Sequence[str], towards: str = "right") -> str:
-    """Return the background of a page that shows colours from one side to the other."""
+    """CSS background that shows colours along a direction.
+
+    It goes from one side to the other.
+    """
     return colours[0] if len(colours) == 1 else f"linear-gradient(to {towards}, {', '.join(colours)})"
 
 
 def font_file(bold: bool = False) -> str:
-    """Return the font file of all texts: that of the plots, which has Greek letters."""
+    """Font file of all texts.
+
+    It is the font of the plots, which has Greek letters.
+    """
     import matplotlib
 
     return f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans{'-Bold' if bold else ''}.ttf"

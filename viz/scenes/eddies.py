@@ -1,4 +1,7 @@
-"""Eddy currents of a design for pictures: at the frequency and with the currents with which a coil is measured."""
+"""Eddy currents of a design for pictures.
+
+They are computed at the frequency and with the currents of a measured coil.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,16 @@ Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
 """Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
 
 _ALONG = 20  # number of arrows along the longest side of an infinite plate
-_FLAT = 0.9  # cosine of the angle between face and triangle: the rest is the rim
-_BLURRED = 0.4  # of their distance, over which the current of each is averaged
+_FLAT = 0.9  # least cosine of the angle between face and triangle; other triangles are the rim
+_BLURRED = 0.4  # width over which the current of an arrow is averaged, over their distance
 
 
 @dataclass(frozen=True, eq=False)
 class WorkingPoint:
-    """Currents of all coils in A, shape (n,), while one of them carries `current`, at a frequency in Hz."""
+    """Currents of all coils in A at a frequency.
+
+    They have shape (n,). One coil carries `current`. The frequency is in Hz.
+    """
 
     currents: ComplexArray
     current: float
@@ -38,7 +44,10 @@ class WorkingPoint:
 
 
 def working_point(design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool) -> WorkingPoint:
-    """Return the operation in which a coil is measured with a current in A, without a target."""
+    """Operation in which a coil is measured.
+
+    The coil carries a current in A, and there is no target.
+    """
     currents = current * operating_currents(design, coupling, coil, terminated=terminated)
     return WorkingPoint(currents, current, float(coupling.frequency.sel(coil=coil)))
 
@@ -46,7 +55,10 @@ def working_point(design: Design, coupling: xr.Dataset, coil: str, current: floa
 def eddies_of_plates(
     design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Return the eddy currents of the plates of a design; infinite ones over the rectangle `within` in m."""
+    """Eddy currents of the plates of a design.
+
+    Infinite plates have them over the rectangle `within` in m.
+    """
     endless = [plate for plate in plates if isinstance(plate, Plate)]
     _require_alike(plates)
     return [*_endless(design, endless, endless, operation, within), *_outlined(design, plates, operation)]
@@ -55,7 +67,10 @@ def eddies_of_plates(
 def eddies_of_target(
     design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
 ) -> list[Phasors | None]:
-    """Return the eddy currents of the target over a place on the board, at distances, all in m; None for a ball."""
+    """Eddy currents of the target at several distances.
+
+    The target is over a place on the board. All lengths are in m. The result is None for a ball.
+    """
     found: list[Phasors | None] = []
     for distance in distances:
         target = target_of(design)
@@ -74,7 +89,10 @@ def eddies_of_target(
 
 
 def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse infinite plates beside those with an outline, whose currents change theirs: MetalError."""
+    """Refuse infinite plates beside plates with an outline.
+
+    Each kind changes the currents of the other. Both together raise a MetalError.
+    """
     kinds = {isinstance(plate, FinitePlate) for plate in plates}
     if len(kinds) > 1:
         raise MetalError(
@@ -84,7 +102,10 @@ def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
 
 
 def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint) -> list[Phasors]:
-    """Eddy currents through the thickness of plates with an outline, at the triangles of their upper faces."""
+    """Eddy currents of plates with an outline.
+
+    They flow through the thickness of the plates, and are given at the triangles of the upper faces.
+    """
     outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
     if not outlined:
         return []
@@ -93,7 +114,7 @@ def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: 
         outlined, eddy_currents(design.array, plates, operation.frequency, design.sheets), strict=True
     ):
         density = np.tensordot(operation.currents, one.density, axes=1)
-        half = len(density) // 2  # the upper half, and its mirror image in the same order
+        half = len(density) // 2  # the upper half, then its mirror image in the same order
         upper, through = one.corners[:half], density[:half] + density[half:]
         first, second, third = np.moveaxis(upper, 1, 0)
         normals = np.cross(second - first, third - first)
@@ -106,7 +127,10 @@ def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: 
 def _endless(
     design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Eddy currents of the first plates of `plates`, those `shown`, on a grid over their upper faces."""
+    """Eddy currents of infinite plates.
+
+    They are computed for `shown`, the first of `plates`, on a grid over their upper faces.
+    """
     if not shown:
         return []
     x_min, y_min, x_max, y_max = within
@@ -124,9 +148,9 @@ def _endless(
 
 
 def at_their_largest(all_phasors: Sequence[Phasors]) -> tuple[list[Eddies], str]:
-    """Return eddy currents at the instant at which they are the stronger, and when that is.
+    """Eddy currents at the instant of their largest strength.
 
-    The instants are that at which the current of the coil is largest, and a quarter of a period before it.
+    The instant is named too. It is either the instant of the coil's largest current, or a quarter of a period before.
     """
     in_phase, before = (
         sum(float((part(density) ** 2).sum()) for *_, density in all_phasors) for part in (np.real, np.imag)

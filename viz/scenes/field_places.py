@@ -1,4 +1,7 @@
-"""Points at which the field of a coil is computed for a scene: two planes, a box, and seeds of field lines."""
+"""Points at which a scene needs a coil's field.
+
+Two planes, a box, and seeds of field lines.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,16 @@ Axes = tuple[FloatArray, FloatArray, FloatArray]
 
 _WIDE, _TALL = 2.2, 1.6  # half sides of the box along and across the board, in radii of the coil
 _IN_SKIN = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # depths in skin depths
-_OFF = 1e-8  # m between a face of a plate and a point on either side of it, where B along it may jump
+_OFF = 1e-8  # m from a face of a plate to a point on either side; B along the face may jump
 _RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # rings of seeds: radius in inner radii, and number of seeds
 
 
 @dataclass(frozen=True)
 class Span:
-    """Points of one axis from `low` to `high`, at most a spacing apart; lengths in m."""
+    """Points of one axis from `low` to `high` in m.
+
+    They are at most a spacing apart.
+    """
 
     low: float
     high: float
@@ -35,7 +41,7 @@ class Span:
 
     @property
     def points(self) -> FloatArray:
-        """The points."""
+        """Points of the axis in m."""
         return np.linspace(self.low, self.high, self.count)
 
 
@@ -49,7 +55,10 @@ def count_of(places: Iterable[Spans]) -> int:
 
 
 def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
-    """Return a level plane at the design's field height, and an upright one along x through the middle of a coil."""
+    """Level and upright plane for a coil's field.
+
+    The level plane is at the design's field height. The upright plane is along x through the centre of the coil.
+    """
     x_min, y_min, x_max, y_max = design.array.bounds
     z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
@@ -58,7 +67,10 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
 
 
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
-    """Return a box about a coil, its middle on the top of the board."""
+    """Box about a coil.
+
+    Its centre is on the top of the board.
+    """
     (x, y), _, radius = _middle_and_radii(design.array, coil)
     wide, tall = _WIDE * radius, _TALL * radius
     bottom = -design.array.stackup.thickness - tall
@@ -66,9 +78,10 @@ def field_box(design: Design, coil: str, spacing: float) -> Spans:
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
-    """Return the axes of a box without points in the copper, where B of thin wires is not that of the traces.
+    """Axes of a box without points in the copper.
 
-    B_z is continuous across the copper, so that interpolation between the points above and below is right.
+    In the copper, B of thin wires differs from B of the traces. B_z is continuous across the copper, so interpolation
+    between the points above and below is right.
     """
     x, y, z = box
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
@@ -77,10 +90,11 @@ def points_of_box(design: Design, box: Spans) -> Axes:
 
 
 def beside_faces(design: Design, heights: FloatArray, frequency: float) -> FloatArray:
-    """Return heights in m and others at the faces of infinite plates between them and in their skin, all ascending.
+    """Heights in m with added points at infinite plates.
 
-    Below its face the field of a plate changes over a skin depth, at a frequency in Hz; between two points of a grid
-    it would go on into the metal.
+    The added heights are at the faces of plates between them and in their skin. All heights ascend. Below its face the
+    field of a plate changes over a skin depth, at a frequency in Hz. Between two points of a grid it would continue
+    into the metal.
     """
     found = [heights]
     for plate in design.plates:
@@ -94,7 +108,10 @@ def beside_faces(design: Design, heights: FloatArray, frequency: float) -> Float
 
 
 def line_seeds(design: Design, coil: str) -> FloatArray:
-    """Return points on rings above a coil, at the design's field height or under the metal there, (n, 3) in m."""
+    """Seeds of field lines, (n, 3) in m.
+
+    They are on rings above a coil, at the design's field height or under the metal there.
+    """
     centre, inner, _ = _middle_and_radii(design.array, coil)
     free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)
     height = design.field_height if design.field_height < free else free / 2
@@ -107,7 +124,10 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
 
 
 def _middle_and_radii(array: CoilArray, coil: str) -> tuple[FloatArray, float, float]:
-    """Return the middle of a coil's outline on the board, and half its smaller and larger extent, in m."""
+    """Centre and radii of a coil's outline in m.
+
+    The radii are half its smaller and larger extent.
+    """
     place = array.placements[array.names.index(coil)]
     outline = place.to_board(place.coil.outline)
     low, high = outline.min(axis=0), outline.max(axis=0)

@@ -1,4 +1,7 @@
-"""Scenes of metal: plates over and under a board, a target at its distances, and eddy currents as arrows."""
+"""Scenes of metal.
+
+Plates over and under a board, a target at its distances, and eddy currents as arrows.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +22,20 @@ from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider
 if TYPE_CHECKING:
     import pyvista
 
-_GLASS, _DENSER = 0.22, 0.45  # opacities of what covers the board, and of what covers a part of it
-_BEYOND = 0.06  # of the board's longer side, by which an infinite plate is drawn beyond it
+_GLASS, _DENSER = 0.22, 0.45  # opacities of bodies that cover the whole board, and a part of it
+_BEYOND = 0.06  # length of an infinite plate beyond the board, over the board's longer side
 _DECADES = 1.5  # range of current densities that the colours resolve, in powers of ten
-_ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of all that is shown
-_STRONG = 0.98  # quantile of the current densities that has the last colour: at rims they grow without end
+_ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of the whole picture
+_STRONG = 0.98  # quantile of the current densities with the last colour; at rims they diverge
 _SHARP = 30.0  # angle in degrees of an edge that is drawn
 
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """One position of a target: its distance and place in m, its eddy currents if they are shown, and lines about it.
+    """One position of a target.
 
-    `place` is that of its centre, of an infinite plate that of its lower face.
+    It has its distance and place in m, its eddy currents if they are shown, and lines about it. `place` is the place of
+    its centre, or of the lower face of an infinite plate.
     """
 
     distance: float
@@ -41,14 +45,17 @@ class Position:
 
 
 def around_board(array: CoilArray) -> Box:
-    """Return the rectangle in m to which infinite plates are cut in pictures."""
+    """Rectangle in m to which pictures cut infinite plates."""
     x_min, y_min, x_max, y_max = array.bounds
     rim = _BEYOND * max(x_max - x_min, y_max - y_min)
     return x_min - rim, y_min - rim, x_max + rim, y_max + rim
 
 
 def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene:
-    """Return the plates of a design, translucent and with clear edges; infinite ones are cut to `within` in m."""
+    """Scene of the plates of a design.
+
+    They are translucent with clear edges. Infinite plates are cut to `within` in m.
+    """
     colours = cycled(METALS, [plate.name for plate in plates])
     parts: list[Part] = []
     for plate in plates:
@@ -58,10 +65,10 @@ def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene
 
 
 def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
-    """Return a target at all its positions, each with its lines and eddy currents, for a slider of its distance.
+    """Scene of a target with a slider of its distance.
 
-    Infinite plates are cut to `within` in m; `scale` is that of the eddy currents where they are shown, `first` the
-    position of the slider at first.
+    Each position has its lines and eddy currents. Infinite plates are cut to `within` in m. `scale` belongs to the eddy
+    currents if they are shown. `first` is the first position of the slider.
     """
     group = f"target: {_body_words(body)}"
     parts: list[Part] = []
@@ -77,9 +84,10 @@ def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scal
 
 
 def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
-    """Return the eddy currents of a body as arrows in the colours of a scale; none if they are below it.
+    """Eddy currents of a body as coloured arrows.
 
-    `within` is the rectangle in m that is shown, whose size says how small an arrow may be.
+    The colours are from a scale. Below the scale there are no arrows. `within` is the rectangle in m that is shown, and
+    its size limits how small an arrow may be.
     """
     x_min, y_min, x_max, y_max = within
     least = max(x_max - x_min, y_max - y_min) / _MOST_ARROWS
@@ -91,7 +99,10 @@ def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Pa
 
 
 def scale_of_eddies(all_eddies: Sequence[Eddies]) -> Scale:
-    """Return one logarithmic scale of current densities up to the largest ones."""
+    """Logarithmic scale of current densities.
+
+    It reaches up to the largest densities.
+    """
     amounts = [np.linalg.norm(one.density, axis=1) for one in all_eddies]
     largest = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0)
     high = largest if largest > 0 else 1.0
@@ -99,7 +110,7 @@ def scale_of_eddies(all_eddies: Sequence[Eddies]) -> Scale:
 
 
 def _glass(name: str, mesh: pyvista.PolyData, group: str, colour: str, covers: bool) -> list[Part]:
-    """Return a translucent body, and its edges where it has any."""
+    """Translucent body, with its edges if it has any."""
     parts = [Part(name, mesh, group, colour, opacity=_GLASS if covers else _DENSER, ambient=0.35, smooth=True)]
     edges = mesh.clean().extract_feature_edges(_SHARP, manifold_edges=False, non_manifold_edges=False)
     if edges.n_cells:
@@ -112,7 +123,10 @@ def _at(part: Part, step: int) -> Part:
 
 
 def _body_words(body: Body) -> str:
-    """Return material and thickness or diameter of a body, as in a legend."""
+    """Material and size of a body for a legend.
+
+    The size is its thickness or diameter.
+    """
     if isinstance(body, Ball):
         return f"sphere of {body.material.words}, {body.radius * 2e3:g} mm"
     kind = "infinite plate of " if isinstance(body, Plate) else ""

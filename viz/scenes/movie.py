@@ -1,4 +1,4 @@
-"""Films: scenes one after the other, as GIF with Pillow or as MP4 with PyAV."""
+"""Films of scenes as GIF (Pillow) or MP4 (PyAV)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ SIZE = (960, 540)
 """Default width and height of a film in pixels."""
 
 _SAMPLED = 6  # pictures from which the colours of a GIF are chosen
-_SLOWEST, _FASTEST = 0.1, 100.0  # pictures per second; a GIF counts hundredths of a second
-_RATE = 24  # constant rate factor of H.264: smaller is better, 18 is visually lossless
+_SLOWEST, _FASTEST = 0.1, 100.0  # pictures per second, as a GIF counts hundredths of a second
+_RATE = 24  # constant rate factor of H.264; smaller is better, and 18 is visually lossless
 
 
 def save_movie(
@@ -45,12 +45,12 @@ def save_movie(
     still : Scene
         Scene in every picture.
     moving : iterable of Scene
-        Additional scene of each picture, read as the film is made. All must have the same groups and scales; the camera
+        Additional scene of each picture, read as the film is made. All must have the same groups and scales. The camera
         is aimed at the first.
     path : Path
-        File to write, .gif or .mp4; it appears only when it is complete.
+        File to write, .gif or .mp4. It appears only when it is complete.
     side, size
-        As in `save_picture`; for .mp4 both sides of a picture must be even.
+        As in `save_picture`. For .mp4 both sides of a picture must be even.
     rate : float
         Pictures per second.
 
@@ -69,7 +69,10 @@ def save_movie(
 
 
 def check_movie(path: Path, size: tuple[int, int] = SIZE, rate: float = 12.0) -> None:
-    """Refuse a film that `save_movie` would refuse, before its scenes are computed; same arguments and errors."""
+    """Refuse a film that `save_movie` would refuse.
+
+    It is refused before its scenes are computed, with the same arguments and errors.
+    """
     suffix = path.suffix.lower()
     if suffix not in (".gif", ".mp4"):
         raise OutputError(f"a film must end in .gif or .mp4; got {path}.")
@@ -83,6 +86,7 @@ def check_movie(path: Path, size: tuple[int, int] = SIZE, rate: float = 12.0) ->
 
 
 def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -> Iterator[Image]:
+    """Draw one picture after the other."""
     following = iter(moving)
     first = next(following, None)
     if first is None:
@@ -95,9 +99,10 @@ def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -
 
 
 def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
+    """Write pictures as an animated GIF."""
     from PIL import Image as Pillow
 
-    # one set of 256 colours for all pictures, chosen from some of them: nothing flickers
+    # One set of 256 colours for all pictures, chosen from some of them, so that nothing flickers.
     kept, shape = [], (0, 0, 0)
     for one in pictures:
         shape = one.shape
@@ -107,7 +112,8 @@ def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
         return Pillow.fromarray(np.frombuffer(zlib.decompress(kept[k]), dtype=np.uint8).reshape(shape))
 
     chosen = sorted(set(np.linspace(0, len(kept) - 1, _SAMPLED).round().astype(int).tolist()))
-    # an octree keeps the colours of small things, as a colour bar; Pillow's median cut gives them to the large areas
+    # An octree keeps the colours of small things such as a colour bar. Pillow's median cut gives them to the large
+    # areas.
     colours = Pillow.fromarray(np.vstack([np.asarray(picture(k)) for k in chosen])).quantize(
         colors=256, method=Pillow.Quantize.FASTOCTREE
     )
@@ -116,6 +122,7 @@ def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
 
 
 def _write_mp4(path: Path, pictures: Iterator[Image], rate: float) -> None:
+    """Write pictures as an MP4 with H.264."""
     from fractions import Fraction
 
     import av
@@ -124,7 +131,7 @@ def _write_mp4(path: Path, pictures: Iterator[Image], rate: float) -> None:
         first = next(pictures)
         stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
         stream.height, stream.width = first.shape[:2]
-        stream.pix_fmt = "yuv420p"  # what every player shows
+        stream.pix_fmt = "yuv420p"  # every player shows it
         stream.options = {"crf": str(_RATE)}
         for one in chain((first,), pictures):
             film.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(one), format="rgb24")))

@@ -1,4 +1,7 @@
-"""Scenes of a design: computes what a view asks for and puts it together."""
+"""Scenes of a design.
+
+All parts that a view requests are computed and joined.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ if TYPE_CHECKING:
     import pyvista
 
 Tracker = Callable[[str], Progress | None]
-"""Takes the name of a computation and returns its progress function, called with (done, total)."""
+"""Takes the name of a computation and returns its progress function, which is called with (done, total)."""
 
 Item = Literal[
     "board",
@@ -76,37 +79,39 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board.
+    """Selection of the shown parts of a design.
+
+    It also controls how they are computed. Currents colour the copper of the board.
 
     Parameters
     ----------
     show : tuple of str
-        Of `ITEMS`; sheets are lifted off a bare board, and a dent replaces them.
+        Items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them.
     layers : tuple of str, optional
-        Copper layers; all by default.
+        Copper layers, all by default.
     coil : str, optional
-        Measured coil, for field, lines, surfaces, currents and response; the middle one by default.
+        Measured coil, for field, lines, surfaces, currents and response. The default is the middle coil.
     others_open : bool
-        Leave the other coils open, instead of terminated as the design says.
+        Leave the other coils open, instead of terminated as in the design.
     current : float
         Current in the measured coil in A, for the field.
     spacing : float, optional
-        Distance between points of B in m; 0.5 mm on planes and 1 mm in a box by default.
+        Distance between points of B in m. The default is 0.5 mm on planes and 1 mm in a box.
     at : tuple of float, optional
-        Place of the indenter or target on the board in m; off the map's middle by default.
+        Place of the indenter or target on the board in m. The default is off the map's centre.
     distance : float, optional
-        Distance of the target in m, the least one by default: where B is not shown, that at which a slider stands
-        first.
+        Distance of the target in m. The default is the least distance. If B is not shown, a slider stands at this
+        distance first.
     depth : float, optional
-        Depth of the indentation in m; the deepest of the design by default.
+        Depth of the indentation in m. The default is the deepest of the design.
     response : xarray.Dataset, optional
-        Response that is draped; computed by default.
+        Response that is draped. By default it is computed.
     table : xarray.Dataset, optional
         Table of `coilarray.localize.forward.table_for`, which a location needs.
     reading : mapping of str to float, or sequence of float, optional
-        δ to locate; that at `at` by default.
+        δ to locate. The default is δ at `at`.
     noise : float, optional
-        Standard deviation of δ; that of the table by default.
+        Standard deviation of δ. The default is the noise of the table.
     """
 
     show: tuple[Item, ...] = ("board",)
@@ -125,9 +130,10 @@ class View:
 
 
 def board_and_metal(design: Design) -> tuple[Item, ...]:
-    """Return what is shown of a design where nothing is said: its board, and its plates and target if it has some.
+    """Default items to show of a design.
 
-    With metal the sheets are shown too, for the distances of a target begin on them.
+    They are its board, and its plates and target if it has any. With metal the sheets are shown too, because the
+    distances of a target begin on them.
     """
     plates: tuple[Item, ...] = ("plates",) if design.plates else ()
     target: tuple[Item, ...] = ("target",) if design.target is not None else ()
@@ -136,30 +142,33 @@ def board_and_metal(design: Design) -> tuple[Item, ...]:
 
 
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
-    """Compute and put together what a view asks for, by default the board.
+    """Compute the scene of a view, by default the board.
 
-    `track` gives the progress function of each computation. GeometryError if there is no such coil or layer, the
-    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError if the indentation,
-    map or reading is impossible, MetalError for metal that the design does not have or that is not computed.
+    `track` gives the progress function of each computation. An unknown coil or layer, an indenter off the board, or a
+    field that needs too much memory raises a GeometryError. An impossible indentation, map or reading raises an
+    ElastomerError or LocalizeError. Metal that the design does not have or that is not computed raises a MetalError.
 
     Returns
     -------
     Scene
-        What can be rendered, exported or shown in the studio, in mm.
+        Scene in mm, to be rendered, exported or shown in the studio.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 
 
 @dataclass(frozen=True, eq=False)
 class _Making:
-    """One scene that is being made; results that several items need are computed once."""
+    """Scene during its computation.
+
+    Results that several items need are computed once.
+    """
 
     design: Design
     view: View
     track: Tracker
 
     def scene(self) -> Scene:
-        """Return the scene."""
+        """Make the scene."""
         shown = set(self.view.show)
         for item in shown:
             if item not in ITEMS:
@@ -193,6 +202,7 @@ class _Making:
         return scene
 
     def _metal(self) -> Scene:
+        """Make the scene of plates, target and eddy currents."""
         view = self.view
         return scene_of_metal(
             self.design, frozenset(_METAL & set(view.show)), self._coil, lambda: self._coupling, current=view.current,
@@ -201,6 +211,7 @@ class _Making:
         )  # fmt: skip
 
     def _currents(self) -> Scene:
+        """Make the board coloured by the coils' currents."""
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
         colours = overlays.colours_of_currents(currents, design.array.names.index(self._coil))
@@ -222,7 +233,10 @@ class _Making:
 
     @cached_property
     def _with_target(self) -> Design:
-        """The design whose field is shown: where the target is shown too, it is one of its plates."""
+        """Design whose field is shown.
+
+        If the target is shown too, it is one of the plates.
+        """
         shown = set(self.view.show)
         if "target" not in shown or not shown & _OF_B:
             return self.design
@@ -250,7 +264,7 @@ class _Making:
 
     @property
     def _at(self) -> tuple[float, float]:
-        """X and y of the indenter on the board."""
+        """Position of the indenter on the board in m."""
         return off_middle(self._setup) if self.view.at is None else self.view.at
 
     def _dent(self) -> Scene:
@@ -260,7 +274,10 @@ class _Making:
 
     @property
     def _on_board(self) -> tuple[float, float]:
-        """X and y of the indenter, where it is over the board."""
+        """Position of the indenter over the board in m.
+
+        A position that is not over the board raises a GeometryError.
+        """
         x, y = self._at
         x_min, y_min, x_max, y_max = self.design.array.bounds
         if not (x_min < x < x_max and y_min < y < y_max):
@@ -283,6 +300,7 @@ class _Making:
         return name_heights(self.design.array, thickness, self._on_board)
 
     def _response(self) -> Scene:
+        """Make the scene of a draped response."""
         response = self.view.response
         x, y = (self._setup.x, self._setup.y) if response is None else (response.x.values, response.y.values)
         for name, positions in (("x", x), ("y", y)):  # before a map is computed
@@ -296,7 +314,10 @@ class _Making:
         return overlays.scene_of_response(response, state, depth, outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
-        """Return the first state that measures the coil, by the plan of the design or by its name."""
+        """First state that measures the coil.
+
+        The coil is known by the plan of the design or by its name.
+        """
         states = [str(name) for name in response.state.values]
         for wanted in (first_states(self.design).get(self._coil), self._coil):
             if wanted in states:
@@ -304,6 +325,7 @@ class _Making:
         raise LocalizeError(f"the map has no state that measures {self._coil}; there are {', '.join(states)}.")
 
     def _depth_of(self, response: xr.Dataset) -> int:
+        """Find the index of the depth in a response."""
         depths = response.depth.values
         if self.view.depth is None:
             return len(depths) - 1
@@ -316,6 +338,7 @@ class _Making:
         return nearest
 
     def _location(self) -> Scene:
+        """Make the scene of a located indentation."""
         if self.view.table is None:
             raise LocalizeError("a location needs the response table of the design.")
         model = forward_model(on_board(self.view.table))
@@ -332,7 +355,10 @@ class _Making:
         )
 
     def _require_field(self) -> None:
-        """Refuse a field that cannot be computed, before anything is."""
+        """Refuse a field that cannot be computed.
+
+        It is refused before anything is computed.
+        """
         shown = set(self.view.show)
         if shown & _OF_B:
             require_endless(self._with_target)
@@ -349,6 +375,7 @@ class _Making:
             require_memory(count, f"a spacing of {spacing * 1e3:g} mm")
 
     def _b_on(self, axes: Axes, what: str) -> pyvista.RectilinearGrid:
+        """Compute B on a grid."""
         view, design, coupling, (x, y, z) = self.view, self._with_target, self._coupling_with_target, axes
         if len(z) > 1:
             z = beside_faces(design, z, float(coupling.frequency.sel(coil=self._coil)))
@@ -359,6 +386,7 @@ class _Making:
         return flux_density(field)
 
     def _field(self, shown: set[Item]) -> Scene:
+        """Make the scene of planes, lines and surfaces of B."""
         design, coil, spacing = self._with_target, self._coil, self.view.spacing
         planes, boxes = [], []
         if "field" in shown:
@@ -382,7 +410,10 @@ class _Making:
 
     @property
     def _surroundings(self) -> str:
-        """What B is that of, and what that is shown is left out of it."""
+        """Describe the surroundings that B includes.
+
+        Shown parts that B leaves out are named too.
+        """
         design, metal = self._with_target, []
         if design.target is None and self.design.target is not None:
             metal.append(f"the target at {MM.text(self._distance, '.3')}")

@@ -1,4 +1,7 @@
-"""The metal of a design in a scene: its plates, its target at every distance, and the eddy currents in them."""
+"""Metal of a design in a scene.
+
+Its plates, its target at every distance, and the eddy currents in them.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +34,9 @@ from coilarray.viz.scenes.metal import (
 )
 from coilarray.viz.scenes.scene import Scene
 
-_STEPS = 9  # positions of the slider of a distance, at least
-_NEAR = 0.05  # relative distance of a position in between from one that the design gives
-_SHOWN_STATES = 8  # whose δ stand in a line
+_STEPS = 9  # least number of positions of the slider of a distance
+_NEAR = 0.05  # least relative distance of a position in between from the design's own positions
+_SHOWN_STATES = 8  # largest number of states whose δ stand in a line
 
 
 def scene_of_metal(
@@ -49,30 +52,30 @@ def scene_of_metal(
     still: bool = False,
     progress: Progress | None = None,
 ) -> Scene:
-    """Return plates, target and eddy currents of a design.
+    """Scene of plates, target and eddy currents of a design.
 
     Parameters
     ----------
     design : Design
         The design.
     shown : frozenset of str
-        Which of "plates", "target" and "eddies" are shown; eddy currents are those of what is shown with them.
+        Items of "plates", "target" and "eddies" that are shown. Eddy currents flow in the bodies that are shown.
     coil, coupling, current, terminated
-        The measured coil, the function that returns the design's coupling, the coil's current in A, and whether the
-        others are terminated.
+        Measured coil, function that returns the design's coupling, the coil's current in A, and whether the other coils
+        are terminated.
     distance : float, optional
-        Distance of the target in m at which the slider stands first; the least one by default.
+        Distance of the target in m at which the slider stands first. The default is the least distance.
     at : tuple of float, optional
-        x and y of the target on the board in m; by default that of its places that is nearest to the coil.
+        x and y of the target on the board in m. The default is its place nearest to the coil.
     still : bool
-        Show the target at that distance alone, as the rest of the scene is made for it.
+        Show the target at this distance alone, as the rest of the scene is made for it.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Raises
     ------
     MetalError
-        A target of a design that has none, eddy currents of no metal, or what is not computed.
+        If the design has no target, there is no metal for eddy currents, or a case is not computed.
     """
     within = around_board(design.array)
     plates = design.plates if "plates" in shown else ()
@@ -116,13 +119,19 @@ def scene_of_metal(
 def target_at(
     design: Design, place: tuple[float, float], distances: Sequence[float], *, progress: Progress | None = None
 ) -> xr.Dataset:
-    """Compute what the target of a design does at one place on the board, in m, and several distances."""
+    """Compute the effect of a target at several distances.
+
+    The target is at one place on the board. All lengths are in m.
+    """
     x, y = (value - origin for value, origin in zip(place, target_of(design).origin_point, strict=True))
     return target_map(design, distances=distances, x=[x], y=[y], progress=progress)
 
 
 def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
-    """Return what a target at one place does: a line about the state of a coil, and one with the largest other δ."""
+    """Describe the effect of a target at one place.
+
+    There is a line about the state of a coil, and a line with the largest other δ.
+    """
     states = [str(name) for name in at.state.values]
     first = coil if coil in states else states[0]
     one = at.sel(state=first)
@@ -143,14 +152,15 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
 
 
 def percent(delta: xr.DataArray) -> str:
-    """Return a relative change in %, with three digits."""
+    """Relative change in % with three digits."""
     return true_minus(f"{float(delta) * 100:+.3g} %")
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:
-    """Return the distances of the design in m, others between them where it has few, and the wanted one.
+    """Distances of the target in m for a slider.
 
-    A plate with an outline over magnetic sheets or beside plates takes seconds for each, and has none in between.
+    If the design has few distances, others are put between them. The wanted distance is added. A plate with an outline
+    over magnetic sheets or beside plates takes seconds for each distance, so no distances are put in between.
     """
     target = target_of(design)
     given, wanted = target.distances, [] if distance is None else [distance]
@@ -162,7 +172,7 @@ def steps_of(design: Design, distance: float | None = None) -> list[float]:
 
 
 def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> tuple[float, float]:
-    """Return x and y of the target on the board in m."""
+    """Position of the target on the board in m."""
     if at is not None:
         return at
     target, centre = target_of(design), design.array.centres[design.array.names.index(coil)].tolist()
@@ -176,6 +186,7 @@ def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> t
 def _eddy_notes(
     design: Design, coil: str, operation: WorkingPoint, when: str, *, none_in_target: bool
 ) -> tuple[str, ...]:
+    """Describe the shown eddy currents in notes."""
     lines = [
         f"Eddy currents {when}, {operation.frequency * 1e-6:.4g} MHz, {abs(operation.current) * 1e3:g} mA in {coil}, "
         "the currents of the coils as without a target."

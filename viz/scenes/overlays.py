@@ -1,4 +1,7 @@
-"""Scenes of what is laid over a board: fields, coupling, passive currents, a response, and a located indentation."""
+"""Scenes over a board.
+
+Fields, coupling, passive currents, a response, and a located indentation.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ _DECADES = 2.0  # range of |B| that the colours resolve, in powers of ten
 _ARROWS = 34  # number of arrows along the longest side of a plane
 _SEE_THROUGH, _VEIL = 0.8, 0.3  # opacities of a plane and of a surface
 _TUBE = 0.0012  # radius of a line over the diagonal of its box
-_LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of one with a number, over the largest |k|
+_LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of an arc with a number, over the largest |k|
 _WIDEST = 0.02  # radius of the widest arc over the distance of the nearest coils
 _RELIEF = 0.06  # height of a response over the map's longer side
 _OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the outlines above the response
@@ -42,20 +45,26 @@ _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of 
 
 
 def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
-    """Return one logarithmic scale of |B|, up to its largest magnitude on all the meshes."""
+    """Logarithmic scale of |B|.
+
+    It reaches up to the largest |B| on all the meshes.
+    """
     largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
     high = largest if largest > 0 else 1.0
     return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
 
 
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Return planes of `flux_density` coloured by |B| with arrows along B, empty where |B| is below the scale."""
+    """Scene of planes of `flux_density` coloured by |B|.
+
+    Arrows point along B. The planes are empty if |B| is below the scale.
+    """
     parts = []
     for k, plane in enumerate(slices):
         low, high = np.reshape(plane.bounds, (3, 2)).T
         spacing = float((high - low).max()) / _ARROWS * 1e-3
         surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
-        if not surface.n_cells:  # all of it is in metal
+        if not surface.n_cells:  # the whole plane is in metal
             continue
         parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
         arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
@@ -66,7 +75,10 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
 
 
 def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: Scale) -> Scene:
-    """Return field lines of B in a box `grid` through points `seeds`, shape (n, 3) in m, as thin tubes."""
+    """Scene of field lines of B as thin tubes.
+
+    The lines lie in a box `grid` and go through points `seeds`, shape (n, 3) in m.
+    """
     lines = field_lines(grid, seeds)
     if not lines.n_cells:
         return Scene()
@@ -75,7 +87,10 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
 
 
 def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
-    """Return translucent surfaces in a box `grid` on which |B| has the given values in T."""
+    """Scene of translucent surfaces of equal |B|.
+
+    They lie in a box `grid`, and |B| has the given values in T on them.
+    """
     surfaces = field_surfaces(grid, levels)
     if not surfaces.n_cells:
         return Scene()
@@ -83,9 +98,10 @@ def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], sc
 
 
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
-    """Return arcs between all pairs of coils, as thick as |k| is large and coloured by k, the strong ones with numbers.
+    """Scene of arcs between all pairs of coils.
 
-    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
+    The thickness of an arc is proportional to |k|, and its colour shows k. Strong arcs have numbers. `coupling` is a
+    result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
     """
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values
@@ -111,9 +127,10 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
 
 
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
-    """Colour the passive coils by the part of their current in phase with that of the measured one, which is black.
+    """Colour the passive coils by their currents.
 
-    `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
+    The colour is the part of the current in phase with the measured coil, which is black. `currents`, complex of shape
+    (coils,), are in A per A of the measured coil, whose index is `active`.
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
@@ -122,9 +139,10 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
 
 
 def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
-    """Colour the coils by δ, shape (coils,); NaN for a coil without a value.
+    """Colour the coils by δ, shape (coils,).
 
-    The colours reach to `least` at least, so that noise does not look like a touch.
+    NaN stands for a coil without a value. The colours reach to `least` at least, so that noise does not look like a
+    touch.
     """
     numbers = np.asarray(values, dtype=np.float64)
     small = not np.nanmax(np.abs(numbers), initial=0.0) >= least
@@ -140,9 +158,10 @@ def scene_of_response(
     *,
     outlines: Sequence[npt.ArrayLike] = (),
 ) -> Scene:
-    """Return δ of one state draped over the board, higher where it is larger, with the outlines of the coils on it.
+    """Scene of δ of one state draped over the board.
 
-    Arguments as of `coilarray.viz.draped_outlines`.
+    The surface is higher where δ is larger. The outlines of the coils lie on it. The arguments are the same as for
+    `coilarray.viz.draped_outlines`.
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
     surface = meshes.response_surface(response, state, depth, height=_OVER, relief=relief)
@@ -162,12 +181,14 @@ def scene_of_location(
     top: float,
     truth: tuple[float, float] | None = None,
 ) -> Scene:
-    """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y, and notes.
+    """Scene of the possible positions of an indentation.
 
-    All lengths are in m and all places on the board: the `location`, `bounds` of the board (x_min, y_min, x_max,
-    y_max), height `top` of the pins, and the real place `truth`, which gets a cross. An ellipse ends at the edge of the
-    board, and is left out where it is longer than that. One too small to be seen is enlarged by the factor that the
-    legend gives. The notes have position, standard deviations and verdict.
+    Each position has a pin and a 95 % ellipse of x and y. There are notes too.
+
+    All lengths are in m and all places on the board. These are the `location`, the `bounds` of the board (x_min, y_min,
+    x_max, y_max), the height `top` of the pins, and the real place `truth`, which gets a cross. An ellipse ends at the
+    edge of the board, and is left out if it is longer than the board. An ellipse that is too small to be visible is
+    enlarged by the factor in the legend. The notes have position, standard deviations and verdict.
     """
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
@@ -201,7 +222,7 @@ def scene_of_location(
 
 
 def _summary(location: Location) -> str:
-    """Return one line about a location."""
+    """Describe a location in one line."""
     if not location.modes:
         return f"{location.verdict}: {location.reason}"
     best = location.best
@@ -215,7 +236,10 @@ def _summary(location: Location) -> str:
 
 
 def _magnification(modes: Sequence[Mode], length: float) -> float:
-    """Return the least of 1, 2, 5, 10, 20, … by which the largest ellipse is visible on a board of this length."""
+    """Least factor with which the largest ellipse is visible.
+
+    It is one of 1, 2, 5, 10, 20, …. The board has the given length.
+    """
     semi_axes = [_semi_axis(mode) for mode in modes if _is_finite(mode)]
     wanted = _SEEN * length / max(semi_axes) if semi_axes else 0.0
     if wanted <= 1:
@@ -225,7 +249,7 @@ def _magnification(modes: Sequence[Mode], length: float) -> float:
 
 
 def _semi_axis(mode: Mode) -> float:
-    """Return the longer semi-axis of an ellipse in m."""
+    """Longer semi-axis of an ellipse in m."""
     return meshes.semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
 
 

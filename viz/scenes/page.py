@@ -1,4 +1,7 @@
-"""A scene as one web page that needs no network: vtk.js draws the meshes, the page itself all texts."""
+"""Scene as a web page that needs no network.
+
+vtk.js draws the meshes. The page itself draws all texts.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +25,12 @@ from coilarray.viz.scenes.camera import Side, aim, direction
 from coilarray.viz.scenes.draw import actor_of, bar_of, gradient
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 
-_SIZE = (1600, 900)  # size of the picture for which line widths are given
+_SIZE = (1600, 900)  # size of the picture to which line widths refer
 _STOPS = 32  # colours of a bar
-_THIN = 2.0  # line width above which a line becomes a tube: browsers draw all lines one pixel wide
+_THIN = 2.0  # line width above which a line becomes a tube, as browsers draw all lines one pixel wide
 _SIDES = 8  # sides of such a tube
 _ICONS = re.compile(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*")
-# whatever the viewer may try, the browser asks no host
+# The browser contacts no host, whatever the viewer may try.
 _POLICY = (
     "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:\">"
@@ -35,7 +38,9 @@ _POLICY = (
 
 
 def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
-    """Write a scene as a web page, the text of `scene_page`.
+    """Write a scene as a web page.
+
+    The text comes from `scene_page`.
 
     Parameters
     ----------
@@ -57,10 +62,10 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
 
 
 def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique") -> str:
-    """Return a web page on which a scene can be turned, with a switch for every group, and its slider where it has one.
+    """Make a web page with a scene to turn.
 
-    The page asks no host for anything. Making it needs neither a screen nor a graphics driver. MissingDependencyError
-    if trame-vtk is not installed.
+    It has a switch for every group, and a slider if the scene has one. The page contacts no host. Making it needs
+    neither a screen nor a graphics driver. If trame-vtk is not installed, it raises a MissingDependencyError.
     """
     from jinja2 import Environment, PackageLoader
     from markupsafe import escape
@@ -68,7 +73,7 @@ def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique"
     viewer = _viewer()
     loader = PackageLoader("coilarray.viz", "scenes")
     template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True).get_template("page.html.j2")
-    texts = sorted(scene.texts, key=lambda text: not text.always)  # the first ones stay where two meet
+    texts = sorted(scene.texts, key=lambda text: not text.always)  # the first text stays if two overlap
     keys = ("text", "position", "height", "bold", "group")
     addition = template.render(
         title=title,
@@ -90,13 +95,19 @@ def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique"
 
 
 def check_page() -> None:
-    """Refuse pages where PyVista or a known trame-vtk is missing, before a scene is made: MissingDependencyError."""
+    """Refuse pages if a library is missing.
+
+    Without PyVista or a known trame-vtk it raises a MissingDependencyError, before a scene is made.
+    """
     require_pyvista("pages", "3d")
     _viewer()
 
 
 def _viewer() -> str:
-    """Return the page of trame-vtk that shows scenes of vtk.js: it contains the library and loads nothing."""
+    """Page of trame-vtk that shows scenes of vtk.js.
+
+    It contains the library and loads nothing.
+    """
     tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="3d")
     text = Path(tools.HTML_VIEWER_PATH).read_text(encoding="utf-8")
     if text.count("</body>") != 1 or "OfflineLocalView" not in text:
@@ -107,7 +118,7 @@ def _viewer() -> str:
 
 
 def _archive(scene: Scene) -> bytes:
-    """Return meshes and colours in the format of the viewer."""
+    """Meshes and colours in the format of the viewer."""
     from vtkmodules.vtkRenderingCore import vtkRenderer
 
     serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="3d")
@@ -147,7 +158,7 @@ def _thick(part: Part, mm_per_pixel: float) -> Part:
 
 
 def _view(scene: Scene, side: Side) -> dict[str, Any]:
-    """Return the camera for a side in the terms of the page's script."""
+    """Camera for a side in the script's terms."""
     camera = aim(scene.bounds, _SIZE, direction(side))
     position, focus, up = (np.array(one) for one in (camera.position, camera.focus, camera.up))
     distance = float(np.linalg.norm(position - focus))
@@ -162,7 +173,10 @@ def _view(scene: Scene, side: Side) -> dict[str, Any]:
 
 
 def _bar(scale: Scale) -> dict[str, Any]:
-    """Return title, colours from the bottom up, and the numbers of a colour bar."""
+    """Title, colours and numbers of a colour bar.
+
+    The colours go from the bottom up.
+    """
     title, colours, numbers = bar_of(scale, _STOPS)
     places = np.linspace(0.0, 100.0, len(numbers)).tolist()
     ticks = [{"at": at, "text": text} for at, text in zip(places, numbers, strict=True)]

@@ -1,4 +1,7 @@
-"""A scene as files of VTK, which ParaView opens: every part with all its arrays."""
+"""Scene as VTK files for ParaView.
+
+Every part has all its arrays.
+"""
 
 from __future__ import annotations
 
@@ -24,18 +27,18 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     scene : Scene
         Scene to write, with its arrays in SI units and without its colours.
     path : Path
-        A name that ends in .vtm gives one multi-block file, with its blocks in the folder of that name beside it. Any
+        A name that ends in .vtm gives one multi-block file, with its blocks in the folder of this name beside it. Any
         other name is a folder that gets one file per part (.vtp, .vtu or .vtr).
 
     Returns
     -------
     tuple of Path
-        Written files: the .vtm, or those of the parts.
+        Written files, which are the .vtm, or the files of the parts.
 
     Raises
     ------
     OutputError
-        If the files cannot be written; earlier files are kept.
+        If the files cannot be written. Earlier files are kept.
     """
     if path.suffix.lower() == ".vtm":
         files = [f"{path.stem}/{path.stem}_{k}{_suffix(part)}" for k, part in enumerate(scene.parts)]
@@ -48,7 +51,7 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
         return _placed(write_blocks, path.parent, [path.stem, path.name])
     make_folder(path)
     names = [_UNSAFE.sub("_", part.name) + _suffix(part) for part in scene.parts]
-    if len(set(names)) < len(names):  # two layers whose names differ in signs alone
+    if len(set(names)) < len(names):  # two layers whose names differ only in signs
         names = [f"{k:02d}_{name}" for k, name in enumerate(names)]
     return _placed(lambda folder: _write(scene, names, folder), path, names)
 
@@ -63,7 +66,7 @@ def _write(scene: Scene, names: Sequence[str], folder: Path) -> None:
 
 
 def _index(scene: Scene, files: Sequence[str]) -> str:
-    """Return the text of a file .vtm, which names the files of its blocks."""
+    """Text of a .vtm file, listing its blocks' files."""
     blocks = [
         f"<DataSet index={quoteattr(str(k))} name={quoteattr(part.name)} file={quoteattr(file)}/>\n"
         for k, (part, file) in enumerate(zip(scene.parts, files, strict=True))
@@ -73,7 +76,10 @@ def _index(scene: Scene, files: Sequence[str]) -> str:
 
 
 def _placed(write: Callable[[Path], None], folder: Path, names: Sequence[str]) -> tuple[Path, ...]:
-    """Let `write` fill a temporary folder, then move what it made into `folder`, in the order of `names`."""
+    """Fill a folder through a temporary folder.
+
+    `write` fills the temporary folder. Its files are then moved into `folder`, in the order of `names`.
+    """
     with (
         writing(f"into {folder}"),
         tempfile.TemporaryDirectory(prefix=hidden_prefix("vtk"), dir=folder, ignore_cleanup_errors=True) as temporary,

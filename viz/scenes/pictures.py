@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
 
-# pixels; VTK's anti-aliasing needs textures of more than twice that, and 16384 is the limit of graphics cards and of
-# Mesa; a larger picture is blank
+# Pixels. VTK's anti-aliasing needs textures of more than twice this size, and 16384 is the limit of graphics cards and
+# of Mesa. A larger picture is blank.
 _LONGEST = 6000
 
 
@@ -38,7 +38,7 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
     scene : Scene
         Scene that is shown.
     path : Path
-        File to write; the suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it is complete.
+        File to write. The suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it is complete.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen.
     size : tuple of int
@@ -47,7 +47,7 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
     Raises
     ------
     MissingDependencyError
-        If this machine cannot render; the text names the system packages.
+        If this machine cannot render. The text names the system packages.
     OutputError
         If the size is not allowed, or the file cannot be written.
     """
@@ -99,7 +99,10 @@ def save_dent_picture(
 
 
 def check_rendering(size: tuple[int, int] = SIZE) -> None:
-    """Refuse a picture that cannot be made here, before its scene is computed; errors as in `save_picture`."""
+    """Refuse a picture that cannot be made here.
+
+    It is refused before its scene is computed, with the errors of `save_picture`.
+    """
     if not all(1 <= pixels <= _LONGEST for pixels in size):
         raise OutputError(f"a picture must have sides of 1 to {_LONGEST} pixels; got {size[0]}x{size[1]}.")
     problem = rendering_problem()
@@ -109,13 +112,16 @@ def check_rendering(size: tuple[int, int] = SIZE) -> None:
 
 @contextmanager
 def off_screen(size: tuple[int, int]) -> Iterator[Any]:
-    """Open a plotter that has no window; errors as in `save_picture`."""
+    """Open a plotter without a window.
+
+    The errors are the same as in `save_picture`.
+    """
     check_rendering(size)
     from coilarray.viz.extra_3d import pyvista
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size))
     try:
-        plotter.enable_anti_aliasing("ssaa")  # several samples a pixel: turns are about as wide as a pixel
+        plotter.enable_anti_aliasing("ssaa")  # several samples per pixel, as turns are about as wide as a pixel
         yield plotter
     finally:
         plotter.close()

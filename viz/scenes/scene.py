@@ -1,4 +1,7 @@
-"""Contents of a scene as plain values: meshes with their colours, texts, and scales of the colours."""
+"""Contents of a scene as plain values.
+
+Meshes with their colours, texts, and scales of the colours.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +18,26 @@ if TYPE_CHECKING:
     import pyvista
 
 
-# K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009: made for lit surfaces on white, where the
-# white middle of the plots' map would be lost
+# K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009. It is made for lit surfaces on white, on
+# which the white centre of the plots' map would be lost.
 _DIVERGING = "coolwarm"
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Mapping from the values of an array of points or cells to colours; those beyond its ends have that of the end.
+    """Mapping from values of an array to colours.
+
+    The array belongs to points or cells. Values beyond its ends have the colour of the end.
 
     Parameters
     ----------
     array : str
         Name of the array.
     title, unit : str
-        Title of the colour bar, and the unit behind it: SI without a prefix, empty for none.
+        Title of the colour bar, and the unit behind it, which is SI without a prefix, or empty.
     low, high : float
-        Values at the ends of the colours, in that unit.
+        Values at the ends of the colours, in this unit.
     colours : str
         Name of a colour map of Matplotlib.
     logarithmic : bool
@@ -51,7 +56,7 @@ class Scale:
     missing: str = UNKNOWN
 
     def colours_of(self, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-        """Return red, green, blue of values, shape (n, 3).
+        """Red, green and blue of values, shape (n, 3).
 
         Returns
         -------
@@ -67,7 +72,9 @@ class Scale:
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
     def values(self, count: int) -> npt.NDArray[np.float64]:
-        """Return values at equal steps of colour from the lower to the upper end.
+        """Values at equal steps of colour.
+
+        They go from the lower to the upper end.
 
         Returns
         -------
@@ -80,12 +87,14 @@ class Scale:
         return np.asarray(self.low + share * (self.high - self.low))
 
     def steps(self, count: int) -> tuple[str, ...]:
-        """Return colours ``#rrggbb`` at equal steps from the lower to the upper end.
+        """Colours ``#rrggbb`` at equal steps.
+
+        They go from the lower to the upper end.
 
         Returns
         -------
         tuple of str
-            As many as `count`.
+            Colours, of which there are `count`.
         """
         return tuple(
             f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in self.colours_of(self.values(count)).tolist()
@@ -93,52 +102,58 @@ class Scale:
 
 
 def about_zero(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
-    """Return a scale of values about zero, with the colours of `coilarray.viz.palette.signed_colours`."""
+    """Scale of values about zero.
+
+    The colours come from `coilarray.viz.palette.signed_colours`.
+    """
     colours, low, high = signed_colours(values, _DIVERGING)
     return Scale(array, title, unit, low, high, colours)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One mesh of a scene."""
+    """Mesh of a scene."""
 
     name: str  # unique in the scene
     mesh: pyvista.DataSet  # in mm, not empty
-    group: str = ""  # name in the legend, switched on and off together; empty for what is always there
-    colour: str = INK  # where it has no scale
-    scale: Scale | None = None  # by an array of the mesh
+    group: str = ""  # name in the legend, switched on and off together; empty for a permanent part
+    colour: str = INK  # colour without a scale
+    scale: Scale | None = None  # colours by an array of the mesh
     opacity: float = 1.0
     line_width: float = 1.5  # pixels of a picture 900 pixels high
     lit: bool = True  # False for a colour that does not depend on the light
     ambient: float = 0.0  # coefficients of the light
     diffuse: float = 1.0
-    smooth: bool = False  # shade flat triangles as a curved surface; edges stay sharp
+    smooth: bool = False  # shade flat triangles as a curved surface with sharp edges
     closed: bool = False  # the surface encloses a solid, and its inside is not drawn
     sunk: bool = False  # draw it just behind other surfaces in the same place
-    step: int | None = None  # the position of the slider at which it is shown; None for all
+    step: int | None = None  # position of the slider at which it is shown, None for all
 
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text at a place."""
+    """Line of text at a place."""
 
     text: str
-    position: tuple[float, float, float]  # of its middle, in mm
+    position: tuple[float, float, float]  # of its centre in mm
     height: float = 17.0  # of the letters in pixels of a picture 900 pixels high
     bold: bool = False
     group: str = ""  # as in `Part`
     hidden_from: tuple[Side, ...] = ()  # sides from which it would overlap others, and is left out
-    always: bool = False  # shown in any case; where two others overlap, one of them is left out
+    always: bool = False  # always shown; if two other texts overlap, one of them is left out
 
 
 @dataclass(frozen=True)
 class Slider:
-    """Positions of a slider, each of which shows its own parts and lines of text."""
+    """Positions of a slider.
 
-    title: str  # what moves, without the value
+    Each position shows its own parts and lines of text.
+    """
+
+    title: str  # name of the moving thing, without the value
     labels: tuple[str, ...]  # value of every position, with its unit
     notes: tuple[tuple[str, ...], ...]  # lines of text of every position
-    first: int = 0  # where it stands at first, and what a picture shows
+    first: int = 0  # first position, which a picture shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +167,9 @@ class Scene:
     texts : tuple of Text
         Texts in the scene.
     notes : tuple of str
-        Lines of text beside it: assumptions, meanings of numbers.
+        Lines of text beside it, such as assumptions and meanings of numbers.
     slider : Slider or None
-        Slider of a page; None if nothing moves.
+        Slider of a page, or None if nothing moves.
     """
 
     parts: tuple[Part, ...] = ()
@@ -163,7 +178,10 @@ class Scene:
     slider: Slider | None = None
 
     def __add__(self, other: Scene) -> Scene:
-        """Put two scenes together; ValueError if both have a part of the same name, or a slider."""
+        """Join two scenes.
+
+        If both have a part of the same name, or a slider, it raises a ValueError.
+        """
         both = {part.name for part in self.parts} & {part.name for part in other.parts}
         if both:
             raise ValueError(f"parts of a scene must have different names; both have {', '.join(sorted(both))}.")
@@ -173,17 +191,17 @@ class Scene:
         return Scene(self.parts + other.parts, self.texts + other.texts, notes, self.slider or other.slider)
 
     def still(self, step: int | None = None) -> Scene:
-        """Return what is shown at one position of the slider, without the slider.
+        """Scene at one position of the slider, without it.
 
         Parameters
         ----------
         step : int, optional
-            Number of the position from 0; the first one that the slider shows by default.
+            Number of the position from 0. The default is the first position that the slider shows.
 
         Returns
         -------
         Scene
-            A scene of the parts that are shown there.
+            Scene of the parts that are shown there.
         """
         if self.slider is None:
             return self
@@ -193,7 +211,10 @@ class Scene:
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Colours of the sign of every group in the legend: one, or several of a scale, of the group's first part."""
+        """Colours of the sign of every group in the legend.
+
+        There is one colour, or several of a scale, from the group's first part.
+        """
         colours: dict[str, tuple[str, ...]] = {}
         for part in self.parts:
             if part.group:
@@ -207,7 +228,10 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float, float]:
-        """x_min, x_max, y_min, y_max, z_min, z_max of parts and texts in mm; ValueError if there is no part."""
+        """Bounds of parts and texts in mm.
+
+        They are x_min, x_max, y_min, y_max, z_min, z_max. A scene without parts raises a ValueError.
+        """
         if not self.parts:
             raise ValueError("a scene must have at least one part; got none.")
         places = [np.repeat(text.position, 2) for text in self.texts]

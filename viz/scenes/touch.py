@@ -1,4 +1,4 @@
-"""An indenter that moves over the board: the scenes of a film."""
+"""Scenes of a film with a moving indenter."""
 
 from __future__ import annotations
 
@@ -26,20 +26,23 @@ from coilarray.viz.scenes.scene import Scale, Scene, Text, about_zero
 
 _STEPS = 5  # positions of the response per thickness of all sheets, as `coilarray.localize.forward` needs them
 _BELOW = 0.17  # distance from a coil's name down to its number, over the coil's length along y
-_LEAST_STEPS = 3  # along each axis: a cubic needs four positions
+_LEAST_STEPS = 3  # along each axis, as a cubic needs four positions
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Path of the indenter with δ of every coil along it."""
+    """Path of the indenter with δ of every coil."""
 
     design: Design
     depth: float  # m
     places: FloatArray  # shape (n, 2), m on the board
-    delta: FloatArray  # shape (n, coils), of the first state that measures each coil; NaN without one
+    delta: FloatArray  # shape (n, coils), of the first state that measures each coil, or NaN
 
     def scenes(self) -> Iterator[Scene]:
-        """Return one scene per place: the dented sheets, the indenter, and the copper coloured by δ."""
+        """Make one scene per place.
+
+        It has the dented sheets, the indenter, and the copper coloured by δ.
+        """
         design, setup = self.design, indentation_of(self.design)
         dent, copper, scale = dent_of_design(design, self.depth), copper_parts(design.array), self.scale
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
@@ -50,7 +53,10 @@ class Touch:
             yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
 
     def _numbers(self, delta: FloatArray) -> tuple[Text, ...]:
-        """Return δ of every coil below its name, in the unit of the colour bar."""
+        """Texts of δ below the names of the coils.
+
+        They are in the unit of the colour bar.
+        """
         factor, _ = shown_units(self.scale)
         below = _BELOW * float(np.ptp(self.design.array.placements[0].coil.outline[:, 1]))
         return tuple(
@@ -65,7 +71,7 @@ class Touch:
         return about_zero(DELTA, "δ", "", self.delta)
 
     def board(self) -> Scene:
-        """Return the part that does not change: the board without its copper."""
+        """Board without its copper, which does not change."""
         return board_in_pieces(self.design.array)[1]
 
 
@@ -77,12 +83,13 @@ def touch_along(
     depth: float | None = None,
     progress: Progress | None = None,
 ) -> Touch:
-    """Compute δ along a path of the indenter over the board.
+    """Compute δ along a path of the indenter.
 
-    The path has `count` places at equal steps along its `corners` on the board in m, by default a straight line along x
-    over all coils through the middle one; `depth` in m is by default the deepest of the design.
-    ElastomerError if the design has no indenter or the indentation is impossible, GeometryError if the path
-    leaves the board or has no length, or there are fewer than two places.
+    The path has `count` places at equal steps along its `corners` on the board in m. The default is a straight line
+    along x over all coils through the middle coil. `depth` in m is by default the deepest of the design.
+
+    A design without an indenter or an impossible indentation raises an ElastomerError. A path that leaves the board or
+    has no length, or fewer than two places, raises a GeometryError.
     """
     setup = indentation_of(design)
     if count < 2:
@@ -104,21 +111,28 @@ def touch_along(
 
 
 def first_states(design: Design) -> dict[str, str]:
-    """Return the first state of the plan that measures each coil, by the name of the coil."""
+    """First state of the plan that measures each coil.
+
+    The states are keyed by the name of the coil.
+    """
     return {state.measured[0][0]: state.name for state in reversed(design.plan)}
 
 
 def off_middle(setup: Indentation) -> tuple[float, float]:
-    """Return x and y on the board in m of a place an eighth and a quarter of the map off its middle.
+    """Place on the board off the map's centre in m.
 
-    On the middle line of a symmetric board δ does not depend on the position to first order, so that it has no ellipse.
+    It is an eighth and a quarter of the map off the centre along x and y. On the middle line of a symmetric board δ
+    does not depend on the position to first order, so that it has no ellipse.
     """
     x, y = (np.add(axis, origin) for axis, origin in zip((setup.x, setup.y), setup.origin_point, strict=True))
     return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)
 
 
 def dent_of_design(design: Design, depth: float) -> xr.Dataset:
-    """Press into the sheets of a design to a depth in m; see `coilarray.elastomer.contact.indent`."""
+    """Press into a design's sheets to a depth in m.
+
+    See `coilarray.elastomer.contact.indent`.
+    """
     return contact_at(indentation_of(design), design.sheets, np.array([depth])).isel(depth=0)
 
 
@@ -130,7 +144,7 @@ def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]
 
 
 def _along(way: FloatArray, count: int) -> FloatArray:
-    """Return places at equal steps along a path."""
+    """Places at equal steps along a path."""
     length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))]
     if not (np.isfinite(length).all() and length[-1] > 0):
         raise GeometryError("the path of the indenter must have a length; all its corners are the same.")
@@ -139,6 +153,7 @@ def _along(way: FloatArray, count: int) -> FloatArray:
 
 
 def _require_on_board(design: Design, places: FloatArray) -> None:
+    """Refuse places that are not over the board."""
     x_min, y_min, x_max, y_max = design.array.bounds
     inside = ((places > [x_min, y_min]) & (places < [x_max, y_max])).all(axis=1)
     if not inside.all():
@@ -150,7 +165,10 @@ def _require_on_board(design: Design, places: FloatArray) -> None:
 
 
 def _positions(values: FloatArray, step: float) -> FloatArray:
-    """Return at least four positions over all values, at most a step apart."""
+    """Positions over all values, at most a step apart.
+
+    There are at least four positions.
+    """
     low, high = float(values.min()), float(values.max())
     short = _LEAST_STEPS * step - (high - low)
     if short > 0:

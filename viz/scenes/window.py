@@ -1,4 +1,4 @@
-"""A window with a scene, and a switch for every group of it."""
+"""Window with a scene and a switch for every group."""
 
 from __future__ import annotations
 
@@ -21,12 +21,14 @@ _LETTER = 8.5  # width of a letter beside a switch in pixels
 
 
 def show(scene: Scene, *, side: Side = "oblique") -> None:
-    """Open a window with a scene and return when the user closes it.
+    """Open a window with a scene.
+
+    The function returns when the user closes it.
 
     Parameters
     ----------
     scene : Scene
-        Scene that is shown; every group of it has a switch.
+        Scene that is shown. Every group has a switch.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen.
 
@@ -40,7 +42,7 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
 
     scene = scene.still()
     plotter: Any = pyvista.Plotter(title="coilarray", window_size=list(_SIZE))
-    if without_screen(plotter.render_window.GetClassName()):  # the screen has gone since it was asked
+    if without_screen(plotter.render_window.GetClassName()):  # the screen has gone since the check
         plotter.close()
         raise MissingDependencyError(silent_screen())
     plotter.enable_anti_aliasing("ssaa")
@@ -52,21 +54,28 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
 
 
 def check_window() -> None:
-    """Refuse a window that cannot be opened, before its scene is computed: MissingDependencyError."""
+    """Refuse a window that cannot be opened.
+
+    It raises a MissingDependencyError before the scene is computed.
+    """
     problem = window_problem()
     if problem is not None:
         raise MissingDependencyError(problem)
 
 
 def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
-    """Open a window with the board of an `array` and `sheets` on it, until the user closes it; errors as in `show`."""
+    """Open a window with a board.
+
+    It shows the board of an `array` and `sheets` on it, until the user closes it. The errors are the same as in `show`.
+    """
     show(scene_of_lifted_board(array, sheets))
 
 
 def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
-    """Put a switch for every group of a drawn scene into its window, from the top left downwards.
+    """Put a switch for every group into a window.
 
-    Returns the function of each switch by group: True shows the group, False hides it.
+    The scene is drawn already. The switches go from the top left downwards. The function of each switch is returned by
+    group. True shows the group, and False hides it.
     """
     from matplotlib.colors import to_rgb
 
@@ -84,6 +93,7 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
 
 
 def _switch(scene: Scene, plotter: Any, group: str) -> Callable[[bool], None]:
+    """Make the function that shows or hides a group."""
     names = [part.name for part in scene.parts if part.group == group]
     looks = {(text.height, text.bold, text.always) for text in scene.texts if text.group == group}
     names += [f"{text_name(group, *look)}-labels" for look in looks]

@@ -1,4 +1,7 @@
-"""Tab in which a design is built: its coils and their places, lattice, layers, leads, sheets and seat."""
+"""Tab in which a design is built.
+
+It has its coils and their places, lattice, layers, leads, sheets and seat.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +23,13 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 
-_PLACE = ("x_mm", "y_mm", "rotation_deg", "layers")  # of a coil
+_PLACE = ("x_mm", "y_mm", "rotation_deg", "layers")  # keys of a coil
 _OWN = "limits of your own"
 _BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
 
 
 class BuildPanel(Panel):
-    """Panel with what a design is made of."""
+    """Panel with the structure of a design."""
 
     def __init__(self, page: Page) -> None:
         values = {
@@ -44,7 +47,7 @@ class BuildPanel(Panel):
         )  # fmt: skip
 
     def show(self, work: Work) -> None:
-        """Show what a design is made of."""
+        """Show the structure of a design."""
         document, array = work.opened.document, work.design.array.unrouted
         state = self._page.state
         state.build_problem = ""
@@ -93,13 +96,19 @@ class BuildPanel(Panel):
         self._change(structure.set_base, base, before=self._page.earlier)
 
     def _place(self, name: str, key: str, text: str) -> None:
-        """Set a coil's place in one direction, its turn, or its copper layers."""
+        """Set one part of a coil's placement.
+
+        It is its place in one direction, its rotation, or its copper layers.
+        """
         if key not in _PLACE:
             return
         self._change(_with_place, name, key, text)
 
     def _change(self, function: Callable[..., Document], *arguments: Any, **named: Any) -> None:
-        """Change the document of the design; what cannot be gives one line and changes nothing."""
+        """Change the document of the design.
+
+        An impossible change gives one line and changes nothing.
+        """
 
         def made(work: Work) -> Document:
             return function(work.opened.document, work.design, *arguments, **named)
@@ -118,11 +127,17 @@ def _with_layers(document: Document, design: Design, text: str) -> Document:
 
 
 def _shown(value: float) -> str:
-    """Return the text of a place in mm or °, to the nanometre as in a file."""
-    return text_of(round(value, 6) + 0.0)  # and not −0
+    """Text of a place in mm or °.
+
+    It is rounded to the nanometre as in a file.
+    """
+    return text_of(round(value, 6) + 0.0)  # avoids −0
 
 
 def _offered(kind: str, present: str, count: int) -> dict[str, str]:
-    """Return a lattice as the page offers it, with the number of coils that it has or would have."""
+    """Lattice as an item of a list on the page.
+
+    The item has the number of coils that the lattice has or would have.
+    """
     number = count if kind == present else structure.lattice_sizes(kind, count)[1]
     return {"value": kind, "title": f"{kind}, {number} coil{'' if number == 1 else 's'}"}

@@ -1,4 +1,7 @@
-"""Panel with sliders and fields of the design, and with its file: open, save, and the report."""
+"""Panel with sliders and fields of the design.
+
+It opens and saves the file too, and writes the report.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +42,16 @@ class DesignPanel(Panel):
         )  # fmt: skip
 
     def show(self, work: Work, *, typed: bool) -> None:
-        """Show a design; `typed` where it comes from the fields, which then stay unchanged."""
+        """Show a design.
+
+        `typed` is true if it comes from the fields, which then stay unchanged.
+        """
         state = self._page.state
         if not typed:
             entries = entries_of(work.opened)
             state.groups, state.errors = _groups(entries), {}
             state.texts = {entry.key: text_of(entry.value) for entry in entries}
-            state.dirty("texts")  # the page may hold others, which this side does not know
+            state.dirty("texts")  # the page may have other texts, which this side does not know
             self._page.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
         state.title = str(work.opened.document.get("title", ""))
@@ -54,11 +60,14 @@ class DesignPanel(Panel):
         state.report_url = ""
 
     def _enter(self, key: str, text: str) -> None:
-        """Set an entry to a typed value; an impossible one gives an error at its field and changes nothing."""
+        """Set an entry to a typed value.
+
+        An impossible value gives an error at its field and changes nothing.
+        """
         page = self._page
         present = next((one for one in entries_of(page.work.opened) if one.key == key), None)
         if present is not None and key not in page.state.errors and text == text_of(present.value):
-            return  # a field that was only left: it shows twelve digits of a value that may have more
+            return  # the field was only left; it shows twelve digits of a value that may have more
         page.state.errors = {name: line for name, line in page.state.errors.items() if name != key}
 
         def refused(line: str) -> None:
@@ -74,7 +83,10 @@ class DesignPanel(Panel):
         self._page.state.shelf = self._page.setup.shelf.names()
 
     def _open(self, name: str, discarded: str = "") -> None:
-        """Open a file; where that loses changes, its name must be given a second time, as `discarded`."""
+        """Open a file.
+
+        If this loses changes, its name must be given a second time, as `discarded`.
+        """
         page = self._page
         name = str(name)
         if page.work.changed and name != discarded:
@@ -85,7 +97,10 @@ class DesignPanel(Panel):
         page.begin(self._read, name)
 
     async def _read(self, name: str) -> None:
-        """Read a file, which takes seconds where coils are routed to a connector, and show its design."""
+        """Read a file and show its design.
+
+        Reading takes seconds if coils are routed to a connector.
+        """
         page = self._page
         try:
             work = await asyncio.to_thread(page.setup.shelf.open, name)
@@ -98,7 +113,10 @@ class DesignPanel(Panel):
             page.take(work)
 
     def _save(self, name: str, title: str | None, replaced: str = "") -> None:
-        """Save under a name and a title; to replace another file its name must be given again, as `replaced`."""
+        """Save under a name and a title.
+
+        To replace another file, its name must be given again, as `replaced`.
+        """
         page = self._page
         name = str(name).strip()
         try:
@@ -119,7 +137,10 @@ class DesignPanel(Panel):
         )
 
     def _export(self, to: Format) -> None:
-        """Write the board into the folder; what this page has not written itself is not replaced."""
+        """Write the board into the folder.
+
+        A file that this page has not written itself is not replaced.
+        """
         page = self._page
         if to not in SUFFIXES:
             return
@@ -136,6 +157,7 @@ class DesignPanel(Panel):
         page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done)
 
     def _report(self) -> None:
+        """Write the report into the folder."""
         page = self._page
         write = page.setup.services.write_report
         if write is None:
@@ -144,6 +166,7 @@ class DesignPanel(Panel):
         folder = page.setup.shelf.folder / f"{design.name}-report"
 
         def done(result: Path) -> None:
+            """Offer the report of the design."""
             if page.work.design.digest == design.digest:
                 try:
                     page.state.report_url = f"reports/{page.setup.reports.add(result)}"

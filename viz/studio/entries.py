@@ -1,4 +1,7 @@
-"""Entries of a design with a slider: their labels, units and ranges."""
+"""Entries of a design with a slider.
+
+Their labels, units and ranges.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ _NOT_OF = {
     "single": ("rows", "direction_deg"),
     "rings": ("rows",),
     "triangle": ("rows",),
-}  # entries of _ARRAY that a lattice has not
+}  # entries of _ARRAY that a lattice lacks
 _CONNECTOR = {
     "pitch_mm": "distance of the holes", "distance_mm": "distance from the coils", "trace_width_mm": "traces to it",
     "gap_mm": "gap between them",
@@ -65,11 +68,14 @@ _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry with a slider; a typed number may lie beyond its ends."""
+    """Entry with a slider.
+
+    A typed number may lie beyond its ends.
+    """
 
     key: str  # dotted, as for `coilarray.design.vary.vary`
     label: str  # without the unit
-    unit: str  # of all numbers; empty for none
+    unit: str  # of all numbers, or empty
     group: str  # heading above the entry
     value: float
     low: float
@@ -78,7 +84,7 @@ class Entry:
 
 
 def entries_of(file: DesignFile) -> tuple[Entry, ...]:
-    """Return the main entries of a design, in the order in which they are shown.
+    """List a design's main entries in the shown order.
 
     Examples
     --------
@@ -91,9 +97,12 @@ def entries_of(file: DesignFile) -> tuple[Entry, ...]:
 
 
 def number_of(key: str, text: str) -> float:
-    """Read a typed number; DesignError, with the key, for any other text."""
+    """Read a typed number.
+
+    Any other text raises a DesignError with the key.
+    """
     try:
-        if "_" in text:  # which only Python reads as a number
+        if "_" in text:  # only Python reads it as a number
             raise ValueError
         value = float(text.strip().replace("−", "-"))
     except ValueError:
@@ -104,12 +113,14 @@ def number_of(key: str, text: str) -> float:
 
 
 def place_text(value: float) -> str:
-    """Return the text of a coordinate in m in its field, in mm."""
+    """Text of a coordinate in m, shown in mm."""
     return f"{value * 1e3:.2f}".replace("-0.00", "0.00")
 
 
 def text_of(value: float) -> str:
-    """Return the text of a value in its field, with all its significant digits.
+    """Text of a value in its field.
+
+    It has all its significant digits.
 
     Examples
     --------
@@ -120,6 +131,7 @@ def text_of(value: float) -> str:
 
 
 def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
+    """Go through the entries of all tables."""
     for name in dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils.")):
         yield from _table(values, f"coils.{name}", f"Coil {name}", _COIL)
         yield from _table(values, f"coils.{name}.leads", f"Coil {name}", _LEADS)
@@ -155,6 +167,7 @@ def _stackup(values: Mapping[str, object]) -> Iterator[Entry]:
 
 
 def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
+    """Make an entry with the range of its slider."""
     unit = entry_unit(name)
     unit = _SYMBOLS.get(unit, unit)
     if unit == "°" and name != "half_angle_deg":
@@ -171,7 +184,10 @@ def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
 
 
 def _range(value: float) -> tuple[float, float, float]:
-    """Return half and twice a value, and a hundredth of its decade as step."""
+    """Half and twice a value, and a step.
+
+    The step is a hundredth of the value's decade.
+    """
     if value <= 0:
         return min(value, 0.0), _RANGE_OF_ZERO, _RANGE_OF_ZERO / 100
     step = 10.0 ** math.floor(math.log10(value)) / _STEPS_IN_A_DECADE

@@ -1,4 +1,7 @@
-"""History of δ for a plot, of any length in the same memory: least and largest value in each of many equal times."""
+"""History of δ for a plot.
+
+It takes the same memory for any length, because it has the least and largest value in each of many equal times.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ SPANS = (10.0, 60.0, 600.0, 3600.0)
 """Lengths in s of the histories that are kept."""
 
 BINS = 300
-"""Number of equal times of each of them."""
+"""Number of equal times of each history."""
 
 
 class History:
@@ -38,7 +41,10 @@ class History:
         self._last = [-1] * len(SPANS)  # number of the latest time, counted from 0 s
 
     def add(self, time: float, delta: Mapping[str, float | None]) -> None:
-        """Add a scan; `time` in s never falls, and None stands for no value."""
+        """Add a scan.
+
+        `time` in s never falls. None stands for no value.
+        """
         self.end = time
         values = np.array([delta.get(name) for name in self.states], dtype=np.float64)  # None is NaN
         for k, span in enumerate(SPANS):
@@ -55,9 +61,10 @@ class History:
             np.fmax(self._largest[k, at], values, out=self._largest[k, at])
 
     def values(self, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times in s, and the least and the largest δ (state, time) of one of the `SPANS`.
+        """Read least and largest δ (state, time) over time.
 
-        Times without a scan are left out; NaN is a time with scans in which the state had no value.
+        They cover one of the `SPANS`. Times without a scan are left out. NaN is a time with scans but without a value
+        of the state.
         """
         k = SPANS.index(span)
         numbers = np.arange(max(self._last[k] - BINS + 1, 0), self._last[k] + 1)

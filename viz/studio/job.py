@@ -1,4 +1,7 @@
-"""Long work beside the page: a process that reports its progress, can be stopped, and never outlives the studio."""
+"""Long work beside the page in a process.
+
+The process reports its progress, can be stopped, and never outlives the studio.
+"""
 
 from __future__ import annotations
 
@@ -22,26 +25,29 @@ from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.services import Orders, Tell
 
 Task = Callable[[Any, Tell, Orders], Any]
-"""Function of a module: takes an item, a function to send messages, and the orders of the page, first to stop."""
+"""Function of a module. It takes an item, a function to send messages, and the orders of the page, first to stop."""
 
 PATIENCE = 0.5
 """Default time in s for a process to end by itself after `Job.stop`."""
 
-_TOLD = 0.03  # of a job, before which nothing is said of how long it takes
+_TOLD = 0.03  # share of a job before which no remaining time is shown
 _SOME_MINUTES = 90.0  # s
 
 _STOP = "stop"
 _MOST_ORDERS = 100
-_GOODBYE = 5.0  # s; longest time for a killed process to end
+_GOODBYE = 5.0  # s, longest time for a killed process to end
 
 
 class Cancelled(Exception):  # noqa: N818 - it is no error
-    """Raised by `Tell` in the process of a job that is to stop."""
+    """Raised by `Tell` in a process of a stopped job."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """End of a job, with the result of one that is done, and the reason of a failure in one line."""
+    """End of a job.
+
+    It has the result of a finished job, or the reason of a failure in one line.
+    """
 
     kind: Literal["done", "failed", "cancelled"]
     result: Any = None
@@ -49,10 +55,10 @@ class Outcome:
 
 
 class Job:
-    """A task with its pickled `item` that runs in a process of its own, which starts at once.
+    """Task that runs in a process of its own.
 
-    In a thread of the job, `on_message` is called with every message of the task, and `on_end` once with the `Outcome`.
-    After `stop` the process has `patience` seconds to end by itself.
+    It has a pickled `item`, and starts at once. In a thread of the job, `on_message` is called with every message of
+    the task, and `on_end` once with the `Outcome`. After `stop` the process has `patience` seconds to end by itself.
     """
 
     def __init__(
@@ -69,7 +75,7 @@ class Job:
         self._process = context.Process(
             target=_serve, args=(theirs, pickle.dumps((task, item)), patience), daemon=True, name="coilarray-studio"
         )
-        with starting():  # an interrupt is for the studio, which then ends the job
+        with starting():  # an interrupt goes to the studio, which then ends the job
             self._process.start()
         theirs.close()
         self._patience = patience
@@ -79,7 +85,10 @@ class Job:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask it to end and return at once; the outcome comes as for any other end. May be called again."""
+        """Ask the job to end and return at once.
+
+        The outcome arrives as for any other end. It may be called again.
+        """
         if not self._stopped.is_set():
             self._stopped.set()
             with suppress(OSError):
@@ -87,17 +96,21 @@ class Job:
             threading.Thread(target=self._end, daemon=True).start()
 
     def send(self, order: str) -> None:
-        """Send an order to the task, which takes it from its `coilarray.viz.studio.services.Orders`."""
+        """Send an order to the task.
+
+        The task takes it from its `coilarray.viz.studio.services.Orders`.
+        """
         if not self._stopped.is_set():
             with suppress(OSError):
                 self._connection.send(order)
 
     def close(self) -> None:
-        """Stop it, and wait until its process has ended."""
+        """Stop the job, and wait until its process has ended."""
         self.stop()
         self._thread.join(self._patience + 2 * _GOODBYE)
 
     def _listen(self) -> None:
+        """Pass on messages until the process ends."""
         outcome = Outcome("cancelled")
         with suppress(EOFError, OSError):
             while True:
@@ -128,18 +141,26 @@ class Job:
 
 
 def with_progress(item: Any, tell: Tell, _: Orders) -> Any:
-    """Task that calls a function, the first part of `item`, with the other parts and a progress function."""
+    """Call a function with a progress function.
+
+    This task takes the function from the first part of `item`, and its arguments from the other parts.
+    """
     function, *arguments = item
     return function(*arguments, progress_of(tell))
 
 
 def progress_of(tell: Tell) -> Callable[[int, int], None]:
-    """Return a `coilarray.compute.threads.Progress` that sends (done, total)."""
+    """Make a progress function that sends (done, total).
+
+    It is a `coilarray.compute.threads.Progress`.
+    """
     return lambda done, total: tell((done, total))
 
 
 def time_left(part: float, since: float) -> str:
-    """Say how long a job is likely to go on of which a part, from 0 to 1, is done in some seconds; empty at first.
+    """Text of the likely remaining time of a job.
+
+    A part of the job, from 0 to 1, is done in some seconds. The text is empty at first.
 
     Examples
     --------
@@ -155,7 +176,10 @@ def time_left(part: float, since: float) -> str:
 
 
 def _serve(connection: Connection, payload: bytes, patience: float) -> None:
-    """Run the task; the process ends with the connection at the latest."""
+    """Run the task.
+
+    The process ends with the connection at the latest.
+    """
     collect_seldom()
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _leave)
@@ -189,7 +213,10 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
 
 
 class _Orders:
-    """Orders to the task of this process; see `coilarray.viz.studio.services.Orders`."""
+    """Orders to the task of this process.
+
+    See `coilarray.viz.studio.services.Orders`.
+    """
 
     def __init__(self) -> None:
         self.stopped = threading.Event()
@@ -203,7 +230,10 @@ class _Orders:
 
 
 def _watch(connection: Connection, orders: _Orders, patience: float) -> None:
-    """Wait for the request to stop or the end of the studio; then the process ends, by force if need be."""
+    """Wait for a stop or the studio's end.
+
+    Then the process ends, by force if necessary.
+    """
     with suppress(EOFError, OSError):
         while (order := connection.recv()) != _STOP:
             orders.waiting.append(order)

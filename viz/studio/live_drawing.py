@@ -1,4 +1,7 @@
-"""Drawings of a live display as plain values for the page: curves of δ with presses, their list, and the trail."""
+"""Drawings of a live display as plain values.
+
+Curves of δ with presses, their list, and the trail.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +23,19 @@ from coilarray.viz.studio.history import History
 from coilarray.viz.studio.top_view import TopView
 
 TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)
-"""Width and height of the drawing of the curves in the studio and in a window of its own, in its own unit."""
+"""Width and height of the drawing of the curves in the studio and in a separate window, in its own unit."""
 
 _LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
-_LEAST_RANGE = 2e-6  # of δ: noise of a board at rest does not fill the picture
+_LEAST_RANGE = 2e-6  # of δ, so that noise of a board at rest does not fill the picture
 _ROOM = 0.06  # of the range of δ, above and below
 _TICKS = 6
 
 
 def state_colours(design: Design) -> dict[str, str]:
-    """Return the colour of each state: that of the first coil that it measures, as in every picture."""
+    """Colour of each state.
+
+    It is the colour of the first coil that the state measures, as in every picture.
+    """
     colours = coil_colours(design.array.names, design.array.centres)
     return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 
@@ -37,9 +43,10 @@ def state_colours(design: Design) -> dict[str, str]:
 def curves(
     history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press], size: tuple[float, float] = TAB
 ) -> dict[str, Any]:
-    """Return curves of δ over the last `span` in s, one of the `SPANS`, with ticks and the presses as marks.
+    """Curves of δ over the last `span` in s.
 
-    The axis of δ reaches from the least to the largest value shown.
+    `span` is one of the `SPANS`. The drawing has ticks and the presses as marks. The axis of δ reaches from the least
+    to the largest value shown.
     """
     times, least, largest = history.values(span)
     stop = max(history.end, span)
@@ -73,14 +80,17 @@ def curves(
 
 
 def _path(times: FloatArray, least: FloatArray, largest: FloatArray, across: Any, down: Any) -> str:
-    """Return the path of a curve: through the least and the largest value of each time, broken where there is none."""
+    """Path of a curve.
+
+    It goes through the least and the largest value of each time. It is broken at times without values.
+    """
     parts, before, reach = [], False, 0.0
     for time, a, b in zip(times.tolist(), least.tolist(), largest.tolist(), strict=True):
         if math.isnan(a):
             before = False
             continue
         x, first, last = across(time), a, b
-        if before and abs(b - reach) < abs(a - reach):  # go on with the nearer one
+        if before and abs(b - reach) < abs(a - reach):  # continue with the nearer value
             first, last = b, a
         parts.append(f"{'L' if before else 'M'}{x:g},{down(first):g}")
         if first != last or not before:
@@ -90,6 +100,7 @@ def _path(times: FloatArray, least: FloatArray, largest: FloatArray, across: Any
 
 
 def _limits(least: FloatArray, largest: FloatArray) -> tuple[float, float]:
+    """Find the limits of the axis of δ."""
     known = np.isfinite(least)
     low = float(least[known].min(initial=0.0)) if known.any() else 0.0
     high = float(largest[known].max(initial=0.0)) if known.any() else 0.0
@@ -104,7 +115,10 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def press_row(press: Press) -> dict[str, Any]:
-    """Return a press as texts for a list: number, begin, duration, place, depth, and the largest δ."""
+    """Texts of a press for a list.
+
+    They are number, begin, duration, place, depth, and the largest δ.
+    """
     place, depth = "–", "–"
     if press.location is not None and press.location.modes:
         best = press.location.modes[0]
@@ -122,7 +136,7 @@ def press_row(press: Press) -> dict[str, Any]:
 
 
 def press_places(view: TopView, presses: Iterable[Press]) -> list[dict[str, Any]]:
-    """Return the places of presses with their numbers, where they are known."""
+    """Known places of presses with their numbers."""
     places = []
     for press in presses:
         if press.location is not None and press.location.modes:
@@ -136,7 +150,10 @@ def _length(value: float, sigma: float | None) -> str:
 
 
 def nearest_place(location: Location, before: tuple[float, float] | None) -> tuple[float, float]:
-    """Return the place in m of the mode nearest to the place before, so that no trail jumps; else of the best one."""
+    """Place in m of the mode nearest the last place.
+
+    So no trail jumps. Without a place before, it is the place of the best mode.
+    """
     modes = location.modes
     if before is None:
         return modes[0].x, modes[0].y
@@ -145,7 +162,10 @@ def nearest_place(location: Location, before: tuple[float, float] | None) -> tup
 
 
 def trail_lines(view: TopView, trail: Sequence[tuple[int, float, float]]) -> list[dict[str, Any]]:
-    """Return the lines of a trail of (number of the press, x, y in m), paler with age; none from press to press."""
+    """Lines of a trail of places.
+
+    A place is (number of the press, x, y in m). The lines are paler with age. No line goes from press to press.
+    """
     lines = []
     for k, ((press, *start), (other, *end)) in enumerate(pairwise(trail), start=1):
         if press == other:

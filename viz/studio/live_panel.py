@@ -1,7 +1,9 @@
-"""Tab of the live board, its emulator or a recording: history of δ, place of the finger, presses, and a log.
+"""Tab of the live board, its emulator or a recording.
 
-The readings come from another process, several at once. The page asks for a drawing when it has shown the one before,
-so that a slow page drops drawings, never scans.
+It shows the history of δ, the place of the finger, presses, and a log.
+
+The readings come from another process, several at once. The page requests a drawing after it has shown the last
+drawing. So a slow page drops drawings, never scans.
 """
 
 from __future__ import annotations
@@ -39,10 +41,10 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _JOB = "board"
-_PATIENCE = 8.0  # s; time in which a board can be put to rest
-_MOST_PRESSES = 500  # that are kept for the marks and the list
-_LISTED = 50  # that are shown in the list
-_MARKED = 12  # that are shown on the board
+_PATIENCE = 8.0  # s, time in which a board can be put to rest
+_MOST_PRESSES = 500  # largest number that is kept for the marks and the list
+_LISTED = 50  # number shown in the list
+_MARKED = 12  # number shown on the board
 _TRAIL = 60  # places
 _SPAN = 60.0  # s
 _LOG_SUFFIXES = (".csv", ".nc")
@@ -80,7 +82,10 @@ class LivePanel(Panel):
         self.show(page.work.design)
 
     def show(self, design: Design) -> None:
-        """Show another design; a running board keeps the design with which it was started."""
+        """Show another design.
+
+        A running board keeps the design with which it was started.
+        """
         state = self._page.state
         state.live_other = bool(state.live_running) and design.digest != self._design.digest
         if state.live_running:
@@ -94,14 +99,20 @@ class LivePanel(Panel):
         state.live_bars, state.live_lines, state.live_pins, state.live_fills = [], [], [], {}
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the board coloured by the last δ, or None before the first; runs in a thread."""
+        """Board coloured by the last δ.
+
+        It is None before the first δ. The method runs in a thread.
+        """
         frame = self._frame
         if frame is None or not _has_delta(frame) or self._design is not design:
             return None
         return coloured_by_delta(board, frame.delta, LEAST)
 
     def start(self) -> None:
-        """Begin to read the board or the recording that the page names."""
+        """Begin to read a board or a recording.
+
+        The page names it.
+        """
         page, state = self._page, self._page.state
         services = page.setup.services
         watch = services.watch_board
@@ -132,7 +143,10 @@ class LivePanel(Panel):
             })  # fmt: skip
 
     def _file(self, name: str, given: str | None, suffixes: Sequence[str]) -> Path:
-        """Return the file of the folder with a name, or the one that the caller of the studio named."""
+        """File of the folder with a name.
+
+        It may also be the file that the caller of the studio named.
+        """
         return Path(name) if name == given else self._page.setup.shelf.file(name, suffixes)
 
     def _list(self) -> None:
@@ -160,7 +174,10 @@ class LivePanel(Panel):
         self._page.state.update({"live_presses": [], "live_places": [], "live_trail": []})
 
     def _take(self, frames: Sequence[BoardFrame]) -> None:
-        """Keep every scan; drawings are made when the page asks for them."""
+        """Keep every scan.
+
+        Drawings are made when the page requests them.
+        """
         for frame in frames:
             self._keep(frame)
         self._new = True
@@ -170,12 +187,13 @@ class LivePanel(Panel):
             self._page.state.live_line = self._frame.line
 
     def _keep(self, frame: BoardFrame) -> None:
+        """Add a scan to history, presses and trail."""
         before, self._frame = self._frame, frame
         if not frame.delta:
             return
         if self._history is _NOTHING:
             self._history = History(tuple(frame.delta))
-        if before is not None and before.delta and frame.time < before.time:  # the board began anew
+        if before is not None and before.delta and frame.time < before.time:  # the board has restarted
             self._shift = self._history.end
         time = frame.time + self._shift
         self._history.add(time, frame.delta)
@@ -188,15 +206,16 @@ class LivePanel(Panel):
                 number = frame.press.number
                 at = self._trail[-1][1:] if self._trail and self._trail[-1][0] == number else None
                 self._trail.append((number, *nearest_place(frame.location, at)))
-        elif last is not None and last.end is None:  # the baseline was measured anew meanwhile
+        elif last is not None and last.end is None:  # the baseline was measured again meanwhile
             self._presses[last.number] = replace(last, end=time)
 
     def _look(self) -> None:
-        """Draw what is new, if anything is."""
+        """Draw new readings, if there are any."""
         if self._new and not self._page.state.live_paused:
             self._draw()
 
     def _draw(self) -> None:
+        """Draw the last readings."""
         frame, state = self._frame, self._page.state
         self._new = False
         if frame is None:
@@ -221,6 +240,7 @@ class LivePanel(Panel):
             self._page.redraw(moving=True)
 
     def _ended(self, outcome: Outcome) -> None:
+        """Show why the readings have ended."""
         state = self._page.state
         state.live_running = False
         self._draw()
@@ -234,17 +254,23 @@ class LivePanel(Panel):
 
 
 def _later(press: Press, shift: float) -> Press:
-    """Return a press that began later by a time in s."""
+    """Shift a press by a time in s."""
     return replace(press, begin=press.begin + shift, end=None if press.end is None else press.end + shift)
 
 
 def _has_delta(frame: BoardFrame) -> bool:
-    """Return whether a frame has δ: the first ones come while the board is opened, or before there is a baseline."""
+    """Check if a frame has δ.
+
+    The first frames come while the board is opened, or before there is a baseline.
+    """
     return bool(frame.delta) and not frame.waiting
 
 
 def _lines(frame: BoardFrame) -> list[str]:
-    """Return the lines under the bars: position of the finger or why it is unknown, and rate of the scans."""
+    """Lines under the bars.
+
+    They are the position of the finger or why it is unknown, and the rate of the scans.
+    """
     if not frame.delta:
         return []
     if frame.waiting:

@@ -1,8 +1,11 @@
-"""What a page may say to its session: frames of bytes in, checked messages out.
+"""Messages from a page to its session.
 
-A frame has a head of three numbers, which message it is a part of, where the part begins and how long the message is,
-as wslink's client sends them. What no page of the studio sends is a MessageError, after which its session ends; what a
-page may send by accident, a number that is none, is refused in one line, and the session goes on.
+Frames of bytes come in, and checked messages go out.
+
+A frame has a head of three numbers, as wslink's client sends them. They are the message that it is a part of, the place
+where the part begins, and the length of the message. Bytes that no page of the studio sends raise a MessageError, after
+which its session ends. Content that a page may send by accident, such as a number that is not finite, is refused in one
+line, and the session continues.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ LARGEST = 10_000_000
 
 _HEAD = struct.Struct("<III")
 _MOST_UNFINISHED = 16  # messages
-_DEEPEST = 16  # lists and mappings in one another
+_DEEPEST = 16  # nested lists and mappings
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 _WHOLE = ConfigDict(strict=True, extra="allow")
 
@@ -36,7 +39,7 @@ class MessageError(CoilarrayError):
 
 @with_config(_STRICT)
 class Axis(TypedDict):
-    """One axis of a sweep as the page has it."""
+    """Axis of a sweep as on the page."""
 
     number: int
     key: str | None
@@ -45,7 +48,10 @@ class Axis(TypedDict):
 
 @with_config(_STRICT)
 class _Changes(TypedDict, total=False):
-    """Values in the state of a page that the page itself may change; a field that is cleared is None."""
+    """Values in the state that the page may change.
+
+    A field that is cleared is None.
+    """
 
     tab: str
     problem: str
@@ -87,7 +93,7 @@ class _Change(TypedDict):
 
 @with_config(_WHOLE)
 class Message(TypedDict):
-    """A call of a method of the session."""
+    """Call of a method of the session."""
 
     id: str
     method: str
@@ -102,7 +108,7 @@ _CALLS: dict[str, Any] = {
     "trame.lifecycle.update": tuple[str],
     "trame.error.client": tuple[Any],
 }
-_OF_VIEW = "viewport."  # calls of the picture, which trame's own code checks
+_OF_VIEW = "viewport."  # calls of the picture, checked by trame's own code
 
 
 class Inbox:
@@ -112,7 +118,10 @@ class Inbox:
         self._parts: dict[int, bytearray] = {}
 
     def take(self, frame: bytes) -> Message | None:
-        """Return the message that a frame completes, or None while it is not whole; MessageError where it is none."""
+        """Take a frame and return the message that it completes.
+
+        The result is None while the message is incomplete. An invalid frame raises a MessageError.
+        """
         if len(frame) < _HEAD.size:
             raise MessageError("a frame must have a head.")
         number, begin, size = _HEAD.unpack_from(frame)
@@ -127,7 +136,10 @@ class Inbox:
 
 
 def refusal(message: Message) -> str:
-    """Return why a message is refused, in one line; empty where it is as a page sends it."""
+    """Explain in one line why a message is refused.
+
+    The line is empty for a message as a page sends it.
+    """
     method, arguments = message["method"], message["args"]
     if any(isinstance(one, float) and not math.isfinite(one) for one in _leaves(message)):
         return f"the numbers of {shown(method)} must be finite."
@@ -142,10 +154,14 @@ def refusal(message: Message) -> str:
 
 
 def checked(name: str, function: Callable[..., Any]) -> Callable[..., Awaitable[None]]:
-    """Return a coroutine for what the page calls by a name: MessageError where arguments are not of its types."""
+    """Wrap a function that the page calls by a name.
+
+    The coroutine raises a MessageError if the arguments are not of its types.
+    """
     strict = validate_call(config=_STRICT)(function)
 
     async def call(*arguments: Any) -> None:
+        """Call the function with checked arguments."""
         try:
             result = strict(*arguments)
             if inspect.isawaitable(result):
@@ -157,6 +173,7 @@ def checked(name: str, function: Callable[..., Any]) -> Callable[..., Awaitable[
 
 
 def _message(data: bytes) -> Message:
+    """Decode and check a message."""
     msgpack: Any = import_extra("msgpack", "pages of the studio", package="msgpack", extra="studio")
     try:
         found = msgpack.unpackb(data)
@@ -173,7 +190,10 @@ def _message(data: bytes) -> Message:
 
 
 def _leaves(tree: Any, depth: int = 0) -> Iterator[Any]:
-    """Give the keys and values of a tree; MessageError for one that is too deep."""
+    """Go through the keys and values of a tree.
+
+    A tree that is too deep raises a MessageError.
+    """
     if depth > _DEEPEST:
         raise MessageError(f"a message must be at most {_DEEPEST} deep.")
     if isinstance(tree, dict):
@@ -201,7 +221,10 @@ def _problem(kind: Any, value: Any) -> str:
 
 
 def _first(error: ValidationError) -> str:
-    """Return the first of the errors in one line, with its place."""
+    """Describe the first of the errors in one line.
+
+    The line has its place.
+    """
     first = error.errors(include_url=False, include_context=False)[0]
     place = ".".join(map(str, first["loc"]))
     return f"{place}: {first['msg']}; got {shown(first['input'])}."

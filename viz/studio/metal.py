@@ -1,4 +1,7 @@
-"""Metal of a design in the studio: bodies that are added and removed, and what a target does at every distance."""
+"""Metal of a design in the studio.
+
+Bodies are added and removed, and the effect of a target is computed at every distance.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.structure import without_entry
 
 KINDS = ("plate above", "plate below", "target")
-"""What a new body can be."""
+"""Kinds of a new body."""
 SIZES: Mapping[str, tuple[str, ...]] = {
     "infinite plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
@@ -32,12 +35,15 @@ FIRST = {
     "kind": "target", "shape": "disc", "material": "aluminium", "thickness": "1", "distance": "0.5, 1, 2, 5, 10",
     "size": "20", "second": "10",
 }  # fmt: skip
-"""What the fields of a new body say at first."""
+"""First texts of the fields of a new body."""
 
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """What the target of a design does at one place on the board, in m, and several distances."""
+    """Effect of a design's target at several distances.
+
+    The target is at one place on the board, in m.
+    """
 
     design: Design
     place: tuple[float, float]
@@ -45,23 +51,25 @@ class Moved:
 
     @property
     def distances(self) -> list[float]:
-        """Distances in m."""
+        """Distances of the target in m."""
         return [float(one) for one in self.numbers.distance.values]
 
 
 def moved(design: Design, place: tuple[float, float] | None) -> Moved:
-    """Move the target of a design over a place on the board in m, by default over its middle coil, at all distances.
+    """Move a design's target through all distances.
 
-    MetalError for a design without a target, or what is not computed.
+    It is over a place on the board in m, by default over its middle coil. A design without a target, or a case that is
+    not computed, raises a MetalError.
     """
     at = target_place(design, design.array.middle_coil, place)
     return Moved(design, at, target_at(design, at, steps_of(design)))
 
 
 def target_rows(moved: Moved, step: int) -> list[list[str]]:
-    """Return a row for each state at one distance: its name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz.
+    """Rows of the states at one distance.
 
-    The name is followed by the limit of the converter that is broken, where it cannot read the state.
+    A row has name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz. If the converter cannot read the state, the broken
+    limit follows the name.
     """
     at = with_reasons(moved.numbers.isel(distance=step, x=0, y=0))[0]
     return [
@@ -79,7 +87,10 @@ def target_rows(moved: Moved, step: int) -> list[list[str]]:
 
 
 def body_rows(design: Design) -> list[dict[str, str]]:
-    """Return the bodies of a design: a key by which each is removed, and what it is."""
+    """Rows of the bodies of a design.
+
+    A row has a key by which the body is removed, and a description.
+    """
     rows = [
         {
             "key": str(number),
@@ -96,10 +107,10 @@ def body_rows(design: Design) -> list[dict[str, str]]:
 
 
 def with_body(document: Document, form: Mapping[str, Any]) -> Document:
-    """Return the document of a design with a new body.
+    """Add a new body to the document of a design.
 
-    `form` has the texts of the fields, with the keys of `FIRST`; a new target replaces an old one. DesignError for a
-    text that is no number or a shape that a plate cannot have.
+    `form` has the texts of the fields, with the keys of `FIRST`. A new target replaces an old target. A text that is
+    not a number, or a shape that a plate cannot have, raises a DesignError.
 
     Examples
     --------
@@ -130,7 +141,10 @@ def with_body(document: Document, form: Mapping[str, Any]) -> Document:
 
 
 def without_body(document: Document, key: str) -> Document:
-    """Return the document of a design without the body of a key of `body_rows`."""
+    """Remove a body from the document of a design.
+
+    `key` is a key of `body_rows`.
+    """
     if key != "target":
         if not key.isdecimal():
             raise DesignError(f"a body must be target or the number of a plate; got {shown(key)}.")

@@ -1,4 +1,7 @@
-"""Tab of metal: add and remove plates and a target, and move the target by a slider of its distance."""
+"""Tab of metal.
+
+Plates and a target are added and removed, and the target is moved by a slider of its distance.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ class MetalPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._moved: Moved | None = None
-        self._place: tuple[float, float] | None = None  # that was chosen
+        self._place: tuple[float, float] | None = None  # chosen place
         self._step = 0
         values = {
             "bodies": [], "body_form": FIRST, "body_kinds": list(KINDS), "body_shapes": list(SIZES),
@@ -55,7 +58,10 @@ class MetalPanel(Panel):
         )  # fmt: skip
 
     def show(self, design: Design, *, anew: bool) -> None:
-        """Show the bodies of a design; what a target did to another one is marked as out of date."""
+        """Show the bodies of a design.
+
+        The effect of a target on another design is marked as out of date.
+        """
         state = self._page.state
         state.bodies, state.body_problem = body_rows(design), ""
         state.has_target = design.target is not None
@@ -67,14 +73,20 @@ class MetalPanel(Panel):
             state.target_rows, state.distances, state.target_problem = [], [], ""
 
     def steps(self, design: Design) -> list[Step]:
-        """Return the step that moves the target over its place; none for a design without."""
+        """Make the step that moves the target over its place.
+
+        A design without a target has no step.
+        """
         if design.target is None:
             return []
         compute = partial(moved, design, self._place)
         return [Step("target", compute, self._show, partial(self._fail, design), rest=_REST)]
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the board with its metal, the target at the distance of the slider; runs in a thread."""
+        """Board with its metal, and the target at its distance.
+
+        The distance is set by the slider. The method runs in a thread.
+        """
         if not design.plates and design.target is None:
             return None
         known = self._moved if self._moved is not None and self._moved.design is design else None
@@ -83,6 +95,7 @@ class MetalPanel(Panel):
         return metal_scene(board, known, self._step, coupling)
 
     def _show(self, found: Moved) -> None:
+        """Show the numbers of a moved target."""
         if not self._page.is_current(found.design):
             return
         self._moved = found
@@ -101,6 +114,7 @@ class MetalPanel(Panel):
             self._page.failed("target", design, problem)
 
     def _move(self, step: int) -> None:
+        """Show the target at a position of the slider."""
         if self._moved is None or not 0 <= int(step) < len(self._moved.distances):
             return
         self._step = int(step)

@@ -1,4 +1,7 @@
-"""A new design from a few choices, made in a process beside the page."""
+"""New design from a few choices.
+
+It is made in a process beside the page.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,10 @@ class NewPanel(Panel):
         super().__init__(page, values, make_design=self._make)
 
     def _make(self, texts: Mapping[str, Any], discard: bool = False) -> None:
-        """Make a design; where that loses changes, `discard` must say that they may be lost."""
+        """Make a design.
+
+        If this loses changes, `discard` must confirm it.
+        """
         page, state = self._page, self._page.state
         name = str(texts.get("name", "")).strip().removesuffix(".toml")
         try:
@@ -65,6 +71,7 @@ class NewPanel(Panel):
             state.new_problem, state.new_dialog = problem, True
 
         def done(file: DesignFile) -> None:
+            """Show the new design."""
             if page.work is not begun and page.work.changed:  # meanwhile
                 state.new_over = True
                 failed(page.work.unsaved)
@@ -81,7 +88,9 @@ class NewPanel(Panel):
 
 
 def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the choices for `coilarray.studies.create.new_design` from texts of the page, sizes in mm.
+    """Choices for a new design from texts of the page.
+
+    They are arguments of `coilarray.studies.create.new_design`. The sizes in the texts are in mm.
 
     Examples
     --------
@@ -111,7 +120,7 @@ def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> DesignFile:
-    """Make a design; runs in a process of its own."""
+    """Make a design in a process of its own."""
     from coilarray.studies.create.new_design import new_design
 
     return new_design(name, **choices)

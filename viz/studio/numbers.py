@@ -1,4 +1,7 @@
-"""Numbers on a page: inductances, couplings, resonances and the margins to the fabrication rules."""
+"""Numbers on a page.
+
+Inductances, couplings, resonances and the margins to the fabrication rules.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,10 @@ _SHOWN_MARGINS = 40
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Inductance matrix of a design, which is known while a slider moves."""
+    """Inductance matrix of a design.
+
+    It is known while a slider moves.
+    """
 
     names: tuple[str, ...]  # of the n coils
     inductance: FloatArray  # H, shape (n, n)
@@ -39,7 +45,10 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """What the converter sees of a design, which takes seconds."""
+    """Circuit of a design as the converter sees it.
+
+    Its solution takes seconds.
+    """
 
     network: Network  # coils, switches and tank with all losses and strays
     coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
@@ -47,7 +56,7 @@ class Circuit:
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of a matrix on the page."""
+    """Cell of a matrix on the page."""
 
     text: str  # rounded number
     full: str  # name, number with all digits, and unit
@@ -56,21 +65,28 @@ class Cell:
 
 
 def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
-    """Compute the inductance matrix of a design under its flat sheets; "screen" is quick enough for a moving slider.
+    """Compute the inductance matrix of a design.
 
-    NetworkError for coils that are impossible, such as two in one place.
+    The design has its flat sheets. The accuracy "screen" is quick enough for a moving slider. Impossible coils, such as
+    two in one place, raise a NetworkError.
     """
     inductance = checked_network(design_inductance(design, accuracy=accuracy)[0], 0.0)[0]
     return Numbers(design.array.names, inductance, accuracy)
 
 
 def circuit_of(design: Design) -> Circuit:
-    """Solve the circuit of a design; NetworkError where a state of its scan plan has no resonance."""
+    """Solve the circuit of a design.
+
+    A state of its scan plan without a resonance raises a NetworkError.
+    """
     return Circuit(design_circuit(design), couple_design(design))
 
 
 def margins_of(design: Design) -> tuple[Margin, ...]:
-    """Return the worst margin of every rule on every layer, the worst first."""
+    """Worst margin of every rule on every layer.
+
+    The worst margin comes first.
+    """
     worst: dict[tuple[str, str], Margin] = {}
     for margin in check_rules(design.array, design.rules):
         worst.setdefault((margin.rule, margin.layer), margin)
@@ -78,12 +94,18 @@ def margins_of(design: Design) -> tuple[Margin, ...]:
 
 
 def coupling_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
-    """Return the cells of the coupling matrix: colours of both signs about zero, the diagonal left out."""
+    """Cells of the coupling matrix.
+
+    They have colours of both signs about zero. The diagonal is not coloured.
+    """
     return _cells(numbers.k, numbers.names, lambda a, b, k: (number_text(k, 4, "+"), f"k({a}, {b}) = {k!r}"))
 
 
 def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
-    """Return the cells of the inductance matrix in µH, coloured as those of the coupling."""
+    """Cells of the inductance matrix in µH.
+
+    They are coloured like the cells of the coupling matrix.
+    """
 
     def texts(a: str, b: str, L: float) -> tuple[str, str]:
         return true_minus(f"{L * 1e6:.3f}"), f"{'L' if a == b else 'M'}({a}, {b}) = {L!r} H"
@@ -92,13 +114,17 @@ def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
 
 
 def largest_of_two(matrix: FloatArray) -> float:
-    """Return the largest magnitude off the diagonal, where the colours end; 0 for one coil."""
+    """Largest magnitude off the diagonal.
+
+    The colours end at this value. It is 0 for a single coil.
+    """
     return float(np.abs(matrix[~np.eye(len(matrix), dtype=bool)]).max(initial=0.0))
 
 
 def _cells(
     matrix: FloatArray, names: Sequence[str], texts: Callable[[str, str, float], tuple[str, str]]
 ) -> tuple[tuple[Cell, ...], ...]:
+    """Make the cells of a matrix."""
     colours = _colours(matrix / (largest_of_two(matrix) or 1.0))
     rows = zip(names, matrix.tolist(), colours, strict=True)
     return tuple(
@@ -111,9 +137,10 @@ def _cells(
 
 
 def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[str, ...], ...]:
-    """Return a row for each coil: name, L and L_eff in µH, change in %, R in Ω, Q, resonance in MHz, ideal L_eff in µH.
+    """Rows of the coils.
 
-    All from L_eff on is "…" until the circuit is known.
+    A row has name, L and L_eff in µH, change in %, R in Ω, Q, resonance in MHz, and ideal L_eff in µH. Until the
+    circuit is known, all values from L_eff on are "…".
     """
     rows = []
     for name, own in zip(numbers.names, np.diag(numbers.inductance).tolist(), strict=True):
@@ -133,7 +160,10 @@ def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[s
 
 
 def margin_rows(margins: Sequence[Margin]) -> tuple[tuple[str, str, str, str, str, str, bool], ...]:
-    """Return a row for each margin: rule, layer, feature, value, limit, margin, and whether it is kept."""
+    """Rows of the margins.
+
+    A row has rule, layer, feature, value, limit, margin, and whether the rule is kept.
+    """
     return tuple(
         (
             margin.rule,
@@ -154,7 +184,10 @@ def _length(value: float, unit: str, sign: str = "-") -> str:
 
 
 def _colours(parts: FloatArray) -> list[list[tuple[str, str]]]:
-    """Colours of a matrix of values from −1 to 1, and inks that are read on them."""
+    """Colours of a matrix, and legible inks on them.
+
+    The values are from −1 to 1.
+    """
     shades = colormaps[DIVERGING]((parts + 1) / 2)[..., :3]
     dark = shades @ (0.2126, 0.7152, 0.0722) < _DARK
     inks = np.where(dark, "#FFFFFF", Cell.ink).tolist()

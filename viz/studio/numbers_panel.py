@@ -1,4 +1,7 @@
-"""Tab of numbers: matrix of couplings or inductances, the coils, and the margins to the rules."""
+"""Tab of numbers.
+
+The matrix of couplings or inductances, the coils, and the margins to the rules.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +30,8 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.work import Work
 
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
-_MOST_IN_DIGITS = 8  # coils whose matrix has numbers in its cells from the start
-_PATIENCE = 2.0  # s; longest delay of the margins, which take the time of some pictures, while a slider moves
+_MOST_IN_DIGITS = 8  # largest number of coils whose matrix has numbers in its cells from the start
+_PATIENCE = 2.0  # s, longest delay of the margins while a slider moves; they take the time of some pictures
 
 
 class NumbersPanel(Panel):
@@ -46,22 +49,25 @@ class NumbersPanel(Panel):
 
     @property
     def numbers(self) -> Numbers | None:
-        """Numbers of the current design; None where they are not known yet."""
+        """Numbers of the current design, or None if unknown."""
         if self._numbers is None or not self._page.is_current(self._numbers[0]):
             return None
         return self._numbers[1]
 
     @property
     def circuit(self) -> Circuit | None:
-        """Circuit of the design as it is; None where it is not known yet."""
+        """Circuit of the current design, or None if unknown."""
         if self._circuit is None or not self._page.is_current(self._circuit[0]):
             return None
         return self._circuit[1]
 
     def _compare(self) -> None:
-        """Compute the numbers of the given design read or last saved."""
+        """Compute the numbers of the design as in its file.
+
+        The file was given, or saved last.
+        """
         work = self._page.work
-        if not work.kept:  # of a new design
+        if not work.kept:  # a new design has no file
             return
         self._page.state.saved_line = f"{work.file} as saved: …"
 
@@ -80,7 +86,10 @@ class NumbersPanel(Panel):
         self._page.slow.ask([Step("saved", compute, show, fail)])
 
     def forget_saved(self, work: Work) -> None:
-        """Remove the numbers of the design as saved, where another one is; of a new design say that there are none."""
+        """Remove the numbers of the saved design.
+
+        The page now has another design. For a new design a line states that it is not saved yet.
+        """
         state = self._page.state
         state.saved_rows = []
         state.can_compare = bool(work.kept)
@@ -91,27 +100,31 @@ class NumbersPanel(Panel):
         self._page.state.accuracy = "working"
 
     def rough(self, design: Design) -> Step:
-        """Return the quick step after every change."""
+        """Make the quick step after every change."""
         return Step("rough", lambda: (design, numbers_of(design, "screen")), self._show, partial(self._fail, design))
 
     def full(self, design: Design) -> Step:
-        """Return the accurate step after the last change."""
+        """Make the accurate step after the last change."""
         return Step("full", lambda: (design, numbers_of(design)), self._show, partial(self._fail, design), rest=_REST)
 
     def _solve(self, design: Design) -> None:
-        """Solve the circuit, which takes from seconds to minutes; the numbers of a later design do not wait for it."""
+        """Solve the circuit.
+
+        This takes from seconds to minutes. The numbers of a later design do not wait for it.
+        """
         if self._page.is_current(design):
             fail = partial(self._fail_circuit, design)
             self._page.slow.ask([Step("circuit", lambda: (design, circuit_of(design)), self._show_circuit, fail)])
 
     def rules(self, design: Design) -> Step:
-        """Return the step that computes the margins."""
+        """Make the step that computes the margins."""
         fail = partial(self._page.failed, "rules", design)
         return Step(
             "rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST, patience=_PATIENCE
         )
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
+        """Show numbers of the design."""
         design, numbers = found
         present = self.numbers
         if numbers.accuracy == "screen" and present is not None and present.accuracy == "full":
@@ -126,7 +139,10 @@ class NumbersPanel(Panel):
             self._solve(design)
 
     def draw(self) -> None:
-        """Show the matrix that the page asks for: both together take twice the time of many coils."""
+        """Show the matrix that the page requests.
+
+        If there are many coils, both matrices together take twice the time.
+        """
         if self._numbers is None:
             return
         numbers, state = self._numbers[1], self._page.state
@@ -142,6 +158,7 @@ class NumbersPanel(Panel):
         }  # fmt: skip
 
     def _show_circuit(self, found: tuple[Design, Circuit]) -> None:
+        """Show numbers of the circuit."""
         self._circuit = found
         if self.numbers is not None:
             with self._page.state as state:
@@ -157,7 +174,7 @@ class NumbersPanel(Panel):
     def _fail_circuit(self, design: Design, problem: str) -> None:
         if self._page.is_current(design):
             self._page.switches.fail(problem)
-        for name in ("circuit", "summary"):  # which is made of it
+        for name in ("circuit", "summary"):  # it depends on the circuit
             self._page.failed(name, design, problem)
 
     def _fail(self, design: Design, problem: str) -> None:

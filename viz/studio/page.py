@@ -1,4 +1,7 @@
-"""One page: a trame server with the values of its session, the panels, and their Vue templates in ``html``."""
+"""Page of the studio.
+
+It is a trame server with the values of its session, the panels, and their Vue templates in ``html``.
+"""
 
 from __future__ import annotations
 
@@ -45,9 +48,9 @@ class Setup:
 
     shelf: Shelf
     services: Services
-    reports: ReportPages  # that its pages have written
-    threads: Executor  # in which steps are computed
-    rendering_problem: str | None  # why there is no picture in three dimensions
+    reports: ReportPages  # written by its pages
+    threads: Executor  # computes the steps
+    rendering_problem: str | None  # why there is no picture in 3-D
 
 
 _LOG = logging.getLogger(__name__)
@@ -55,17 +58,17 @@ _PARTS = (
     "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "live",
     "dialogs",
 )  # fmt: skip
-# results that a change of the design makes stale
+# Results that a change of the design makes stale.
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
-_NUMBERS_FIRST = 0.015  # s for which the scene waits: of two threads of Python each makes the other one slow
-_JOINED = 1.0  # s: what a slider changes within it is undone as one
-_NOTICED = 0.3  # s after which the page says that leads are being routed
+_NUMBERS_FIRST = 0.015  # s for which the scene waits, as two threads of Python make each other slow
+_JOINED = 1.0  # s, changes of a slider within it are undone together
+_NOTICED = 0.3  # s after which the page shows that leads are being routed
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change of the design that waits until those before it are made."""
+    """Change of the design that waits for earlier changes."""
 
     made: Callable[[Work], Document]
     refused: Callable[[str], None]
@@ -73,24 +76,24 @@ class _Change:
 
 
 class Page:
-    """One open page, which begins with the design `work`."""
+    """Open page, which begins with the design `work`."""
 
     def __init__(self, setup: Setup, work: Work) -> None:
         from trame.app import get_server
 
         self.setup = setup
-        self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes all letters small
+        self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes letters small
         self.work, self._trail, self._changed_at = work, Trail(), -math.inf
-        self._changes: dict[object, _Change] = {}  # that wait
+        self._changes: dict[object, _Change] = {}  # waiting changes
         self._changing: asyncio.Task[None] | None = None
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        # numbers and scenes wait neither for each other nor for what takes long: circuit, summary, target
+        # Numbers and scenes wait neither for each other nor for slow steps (circuit, summary, target).
         self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
-        self.endpoint: Any = None  # of its messages
+        self.endpoint: Any = None  # endpoint of its messages
         self.state.update(
             {
                 "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "can_undo": False,
@@ -153,7 +156,10 @@ class Page:
     # ---------------------------------------------------------------- for the panels
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
-        """Let the page call a function or coroutine by a name, and show its errors."""
+        """Let the page call a function or coroutine by name.
+
+        Its errors are shown.
+        """
         strict = checked(name, function)
 
         async def call(*arguments: Any) -> None:
@@ -163,14 +169,20 @@ class Page:
         self.server.controller.trigger(name)(call)
 
     def _refuse_call(self, error: Exception) -> None:
-        """Show what was wrong with a call of the page; with a traceback where it is ours, not of what was called."""
+        """Show the error of a call of the page.
+
+        An error of our own code also prints a traceback, but an error of the call does not.
+        """
         frames = traceback.walk_tb(error.__traceback__)
         if any(str(frame.f_globals.get("__name__")).startswith("coilarray.") for frame, _ in frames):
             traceback.print_exception(error)
         self.say(str(CoilarrayError(f"{type(error).__name__}: {error}")))
 
     def take(self, work: Work, *, typed: bool = False) -> None:
-        """Show another or a changed design; `typed` where it comes from the fields."""
+        """Show another or a changed design.
+
+        `typed` is true if it comes from the fields.
+        """
         if work.file != self.work.file:
             self._trail = Trail()
             self._changes.clear()
@@ -180,9 +192,12 @@ class Page:
         self._show(work, typed=typed)
 
     def saved(self, work: Work) -> None:
-        """Show that the design is in a file now, perhaps with another name or title."""
+        """Show that the design is in a file now.
+
+        It may have another name or title.
+        """
         same = work.design is self.work.design
-        self.work = replace(self.work, file=work.file)  # of which none is opened
+        self.work = replace(self.work, file=work.file)  # no other file is opened
         if not same:
             self._show(work, typed=True)
             return
@@ -199,10 +214,13 @@ class Page:
         entry: str = "",
         typed: bool = False,
     ) -> None:
-        """Show the design of a document made of the present one; `refused` is called with one line where it cannot be.
+        """Change the document of the design and show the design.
 
-        Routing all coils to a connector takes seconds: that is done beside the page, and what is changed meanwhile
-        waits for it, of several changes of one `entry` the last. `typed` is as in `take`.
+        `made` makes the new document from the present design. `refused` is called with one line if the change is
+        impossible.
+
+        Routing all coils to a connector takes seconds, so it is done beside the page. Changes in the meantime wait for
+        it. From several changes of one `entry` only the last is made. `typed` has the same meaning as in `take`.
         """
         change = _Change(made, refused, typed)
         if self._changing is None or self._changing.done():
@@ -219,7 +237,10 @@ class Page:
         self._changes[entry or change] = change
 
     async def _route(self) -> None:
-        """Make the changes that wait, unless the design is undone or another one opened meanwhile."""
+        """Make the changes that wait.
+
+        They are dropped if the design is undone or another design is opened meanwhile.
+        """
 
         def say(routing: bool) -> None:
             with self.state:
@@ -248,11 +269,17 @@ class Page:
 
     @property
     def earlier(self) -> list[Document]:
-        """Documents of the design before its changes, the last first."""
+        """Documents of the design before its changes.
+
+        The last document comes first.
+        """
         return [*(work.opened.document for work in reversed(self._trail.before)), self.work.kept]
 
     def _follow_trail(self, *, back: bool) -> None:
-        """Show the design before the last change, or the one that was undone last."""
+        """Undo the last change, or redo it.
+
+        It shows the design before the last change, or the design that was undone last.
+        """
         if self._trail.before if back else self._trail.after:
             self._trail, work = (self._trail.undo if back else self._trail.redo)(self.work)
             self._changed_at = -math.inf
@@ -260,6 +287,7 @@ class Page:
             self._show(work, typed=False)
 
     def _show(self, work: Work, *, typed: bool) -> None:
+        """Show a design on all panels."""
         opened = work.file != self.work.file
         other = opened or set(work.design.array.names) != set(self.work.design.array.names)
         if work.kept is not self.work.kept:
@@ -299,27 +327,34 @@ class Page:
         self.slow.ask(self.metal.steps(design))
 
     def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
-        """Compute the scene of the current tab again, `after` so many seconds.
+        """Compute the scene of the current tab again.
 
-        The one on show is marked as stale until then, unless the scene is `moving` and so always a little late.
+        It begins after `after` seconds. The shown scene is marked as stale until then. A `moving` scene is not marked,
+        because it is always a little late.
         """
         if not moving:
             self.scene.expect()
         self.scenes.ask([replace(step, rest=after, patience=after) for step in self.scene.steps()])
 
     def is_current(self, design: Design) -> bool:
-        """Return whether a design is the current one."""
+        """Check if a design is the current design."""
         return design is self.work.design
 
     def arrived(self, name: str, design: Design) -> None:
-        """Remove the marks of what is stale or failed where it is of the current design; say how accurate all are."""
+        """Remove the marks of stale or failed results.
+
+        They are removed if the results belong to the current design. The shown accuracy of all results is updated.
+        """
         if self.is_current(design):
             self.state.stale = [one for one in self.state.stale if one != name]
             self.state.failures = {one: why for one, why in self.state.failures.items() if one != name}
         self._say_accuracy()
 
     def failed(self, name: str, design: Design, problem: str) -> None:
-        """Say beside the picture, whatever tab is open, that results of the current design will not come."""
+        """Show that results of the current design will not come.
+
+        The message is beside the picture, so it is visible in any tab.
+        """
         with self.state:
             self.arrived(name, design)
             if self.is_current(design):
@@ -327,7 +362,10 @@ class Page:
                 self._say_accuracy()
 
     def say(self, problem: str) -> None:
-        """Show one line above the page; an empty one removes it."""
+        """Show one line above the page.
+
+        An empty line removes it.
+        """
         with self.state:
             self.state.problem = problem
 
@@ -341,7 +379,10 @@ class Page:
         on_end: Callable[[Outcome], None],
         patience: float = PATIENCE,
     ) -> bool:
-        """Start a `Job`; False where one of that name still runs. `on_message` and `on_end` are called on the page."""
+        """Start a `Job`.
+
+        If a job of this name still runs, the result is False. `on_message` and `on_end` are called on the page.
+        """
         if name in self._jobs:
             return False
 
@@ -368,10 +409,10 @@ class Page:
         cancelled: Callable[[], None] = lambda: None,
         watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
-        """Start a job with a progress bar; exactly one of `done`, `failed` and `cancelled` is called at its end.
+        """Start a job with a progress bar.
 
-        Without `failed` a failure is said above the page, whatever tab is open by then. Messages other than
-        (done, total) go to `watch`.
+        At its end exactly one of `done`, `failed` and `cancelled` is called. Without `failed` a failure is shown above
+        the page, in whatever tab is open by then. Messages other than (done, total) go to `watch`.
         """
         begun = time.monotonic()
 
@@ -384,6 +425,7 @@ class Page:
             self.state.job = {"name": name, "text": text, "part": part, "left": left, "running": True}
 
         def ended(outcome: Outcome) -> None:
+            """Remove the bar and pass on the outcome."""
             self.state.job = _NO_JOB
             if outcome.kind == "done":
                 done(outcome.result)
@@ -399,7 +441,7 @@ class Page:
         return started
 
     def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> asyncio.Task[None]:
-        """Let a coroutine begin on the page, and show its errors."""
+        """Start a coroutine on the page, and show its errors."""
 
         async def shown() -> None:
             with self._showing_errors():
@@ -418,7 +460,10 @@ class Page:
             self._jobs[name].stop()
 
     def _say_accuracy(self) -> None:
-        """Say "full accuracy" only where all numbers on show are those of the design."""
+        """Show the accuracy of the numbers.
+
+        "full accuracy" is shown only if all shown numbers belong to the current design.
+        """
         stale, accuracy = self.state.stale, self.state.accuracy
         if self.state.failures:
             self.state.shown_accuracy = "not computed"
@@ -435,6 +480,8 @@ class Page:
         self.endpoint = server["ws"]
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Let another thread call a function on the page's loop."""
+
         def shown(value: Any) -> None:
             with self._showing_errors():
                 function(value)
@@ -447,7 +494,10 @@ class Page:
 
     @contextmanager
     def _showing_errors(self) -> Iterator[None]:
-        """Show an error of the block on the page, where no other code would see it."""
+        """Show an error of the block on the page.
+
+        No other code would see it.
+        """
         try:
             yield
         except MessageError as error:
@@ -457,6 +507,7 @@ class Page:
             self.say(f"{type(error).__name__}: {error}")
 
     def _build_layout(self) -> None:
+        """Build the page from its HTML parts."""
         from trame.ui.vuetify3 import VAppLayout
 
         text = template("page")
@@ -467,5 +518,8 @@ class Page:
 
 
 def _log_error(message: Any) -> None:
-    """Write an error of the page's scripts as one line, whatever is in it."""
+    """Log an error of the page's scripts in one line.
+
+    The error may contain anything.
+    """
     _LOG.warning("coilarray: the page of the studio reports %s", shown(message))

@@ -1,4 +1,7 @@
-"""What all panels of a page share: values in its state and functions that it calls."""
+"""Common parts of all panels of a page.
+
+Values in its state, and functions that it calls.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,10 @@ _DPI = 110
 
 
 class Panel:
-    """One panel of a page: first `values` in the page's state, and functions that the page calls by their names."""
+    """Panel of a page.
+
+    It puts its first `values` into the page's state. The page calls its functions by their names.
+    """
 
     def __init__(self, page: Page, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
         self._page = page
@@ -28,13 +34,13 @@ class Panel:
 
 
 def template(name: str) -> str:
-    """Return a part of the page from the folder ``html``."""
+    """Part of the page from the folder ``html``."""
     return resources.files("coilarray.viz.studio").joinpath("html", f"{name}.html").read_text(encoding="utf-8")
 
 
 def image_of(figure: Figure) -> str:
-    """Return a figure as an image in a data URL."""
-    from coilarray.viz.plots.style import save  # Matplotlib, which has drawn the figure, takes long to load
+    """Figure as an image in a data URL."""
+    from coilarray.viz.plots.style import save  # imported late, as Matplotlib loads slowly
 
     buffer = io.BytesIO()
     save(figure, buffer, format="png", dpi=_DPI)

@@ -1,4 +1,7 @@
-"""Runs of ``coilarray optimize``, read from their study during the search or later; nothing is written."""
+"""Runs of ``coilarray optimize`` from their study.
+
+They are read during the search or later. Nothing is written.
+"""
 
 from __future__ import annotations
 
@@ -29,50 +32,57 @@ _MOST_SHOWN = 200
 
 @dataclass(frozen=True, eq=False)
 class RunPoint:
-    """One point of a search with a possible board."""
+    """Point of a search with a possible board."""
 
     name: str  # kind and number, as in "search 12"
     quantities: dict[str, float]  # in the unit in the name
-    entries: dict[str, Any]  # varied ones of the design
-    scores: tuple[float, ...]  # one for each objective
+    entries: dict[str, Any]  # varied entries of the design
+    scores: tuple[float, ...]  # for each objective
     feasible: bool  # keeps every bound
-    start: bool  # is the design from which the search began
+    start: bool  # the search began from this design
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One study of a design and a goal."""
+    """Study of a design and a goal."""
 
-    name: str  # of the study; it begins with that of the design
+    name: str  # of the study; it begins with the name of the design
     maximized: tuple[bool, ...]  # for each objective
     points: tuple[RunPoint, ...]  # with a possible board, in the order in which they were written
     tried: int  # number of all points
-    refined: int = 0  # of which the local solver tried, about the best one
+    refined: int = 0  # number of points that the local solver tried about the best point
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Names of all quantities, those of the objectives first."""
+        """Names of all quantities, with the objectives first."""
         return tuple(dict.fromkeys(name for point in self.points for name in point.quantities))
 
     @cached_property
     def objectives(self) -> tuple[str, ...]:
-        """Names of the scores: the quantity that each is at all points, or whose distance to a value it is."""
+        """Names of the scores.
+
+        A score is named after the quantity that it equals at all points, or whose distance to a value it is.
+        """
         return tuple(self._objective(k) for k in range(len(self.maximized)))
 
     def _objective(self, k: int) -> str:
+        """Find the quantity that a score stands for."""
         scores = np.array([point.scores[k] for point in self.points])
         for name in self.quantities if len(scores) else ():
             values = np.array([point.quantities.get(name, math.nan) for point in self.points])
             if np.array_equal(values, scores):
                 return name
             for target in (0.0, *(values[0] + sign * scores[0] for sign in (-1, 1))):
-                # the distance is known to rounding only
+                # The distance is known only to rounding.
                 if np.allclose(abs(values - target), scores, rtol=1e-9, atol=1e-12 * abs(values).max()):
                     return f"|{name} − {target:.6g}|" if target else f"|{name}|"
         return f"score {k + 1}"
 
     def values(self, name: str) -> list[float]:
-        """Return a score, a quantity, or an entry that is a number of every point; NaN where a point has none."""
+        """Read a value of every point.
+
+        The value is a score, a quantity, or an entry that is a number. It is NaN if a point has no such value.
+        """
         if name in self.objectives:
             k = self.objectives.index(name)
             return [point.scores[k] for point in self.points]
@@ -80,25 +90,36 @@ class Run:
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """Names of the varied entries that are numbers at all points."""
+        """Names of the varied entries that are numbers.
+
+        They are numbers at all points.
+        """
         varied = dict.fromkeys(name for point in self.points for name in point.entries)
         return tuple(name for name in varied if all(isinstance(value, int | float) for value in self.values(name)))
 
     @property
     def start(self) -> int | None:
-        """Index of the point from which the search began; None where it is not known or no possible board."""
+        """Index of the point from which the search began.
+
+        It is None if this point is unknown or is not a possible board.
+        """
         return next((k for k, point in enumerate(self.points) if point.start), None)
 
     @property
     def front(self) -> tuple[int, ...]:
-        """Indices of the points, but for the start, that keep all bounds and that no other beats in all objectives."""
+        """Indices of the points on the front, without the start.
+
+        These points keep all bounds, and no other point beats them in all objectives.
+        """
         signs = [-1 if maximized else 1 for maximized in self.maximized]
         scores = {k: point.scores for k, point in enumerate(self.points) if point.feasible}
         return tuple(k for k in unbeaten(scores, signs) if not self.points[k].start)
 
 
 def axis_label(name: str) -> str:
-    """Return the name of a quantity, a distance to its target, or an entry, with its unit.
+    """Label of an axis with the unit.
+
+    It names a quantity, a distance to its target, or an entry.
 
     Examples
     --------
@@ -112,7 +133,10 @@ def axis_label(name: str) -> str:
 
 
 def run_lines(run: Run) -> list[str]:
-    """Say in words how far a run has come, what it has found, and what its scores are."""
+    """Describe a run in words.
+
+    The lines give its progress, its results, and the meaning of its scores.
+    """
     kept = sum(point.feasible for point in run.points)
     points = f"{run.tried} point{'' if run.tried == 1 else 's'} computed"
     refined = f", {run.refined} of them to refine the best" if run.refined else ""
@@ -140,12 +164,18 @@ def run_lines(run: Run) -> list[str]:
 
 
 def _quantity(name: str) -> str:
-    """Return the quantity of a score that may be its distance to a target."""
+    """Quantity of a score.
+
+    The score may be the distance of the quantity to a target.
+    """
     return name.strip("|").partition(" − ")[0]
 
 
 def run_folders(folder: Path) -> list[str]:
-    """Return the names of the folders in a folder that contain a study, "." for the folder itself."""
+    """Names of a folder's folders that contain a study.
+
+    The folder itself has the name ".".
+    """
     try:
         below = sorted(path for path in folder.iterdir() if path.is_dir())
         return [path.name if path != folder else "." for path in (folder, *below) if (path / FILE).is_file()]
@@ -156,7 +186,8 @@ def run_folders(folder: Path) -> list[str]:
 def read_runs(folder: Path) -> tuple[Run, ...]:
     """Read all studies of a folder with a ``study.db``.
 
-    OutputError where there is none or the file is no study; MissingDependencyError without Optuna.
+    A missing file or a file that is not a study raises an OutputError. Without Optuna it raises a
+    MissingDependencyError.
     """
     path = folder / FILE
     if not path.is_file():
@@ -172,12 +203,15 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
             finally:
                 storage.remove_session()
                 storage.engine.dispose()
-        except Exception:  # Optuna passes on the errors of SQLAlchemy, which have no useful text
+        except Exception:  # Optuna passes on errors of SQLAlchemy without useful text
             raise OutputError(f"cannot read {path}: it is no study of an optimisation.") from None
 
 
 def front_rows(run: Run) -> list[dict[str, Any]]:
-    """Return a row for each point of the front: its name, scores, entries and all quantities as texts."""
+    """Rows of the points of the front as texts.
+
+    A row has name, scores, entries and all quantities.
+    """
     points = [run.points[k] for k in run.front[:_MOST_SHOWN]]
     return [
         {
@@ -189,15 +223,17 @@ def front_rows(run: Run) -> list[dict[str, Any]]:
 
 
 def _address(path: Path) -> str:
-    """Return a read-only address of a database, with which SQLite does not wait for a search that writes it.
+    """Read-only address of a database.
 
-    Without a journal beside it no search is running; it is then opened as immutable, which creates no files.
+    With it SQLite does not wait for a search that writes the database. Without a journal beside it no search is
+    running. Then it is opened as immutable, which creates no files.
     """
     journal = path.with_name(f"{path.name}-wal").exists()
     return f"{path.resolve().as_uri()}?{'mode=ro' if journal else 'immutable=1'}"
 
 
 def _run(study: Study) -> Run:
+    """Read a run from a study."""
     from optuna.study import StudyDirection
 
     trials = [trial for trial in study.get_trials(deepcopy=False) if is_whole(trial)]
@@ -208,6 +244,7 @@ def _run(study: Study) -> Run:
 
 
 def _point(trial: FrozenTrial) -> RunPoint:
+    """Read a point from a trial."""
     known = trial.user_attrs.get("point", {})
     violations: Sequence[float] = tuple(trial.constraints.values())
     return RunPoint(
@@ -221,7 +258,10 @@ def _point(trial: FrozenTrial) -> RunPoint:
 
 
 def _value(parameter: object) -> Any:
-    """Return the value of a parameter; choices are stored as JSON."""
+    """Value of a parameter.
+
+    Choices are stored as JSON.
+    """
     if not isinstance(parameter, str):
         return parameter
     try:

@@ -1,4 +1,7 @@
-"""Tab of optimisation runs: their points as they arrive, the Pareto front, and any point as the new design."""
+"""Tab of optimisation runs.
+
+It shows their points as they arrive and the Pareto front, and makes any point the new design.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
 _EVERY = 3.0  # s
 _REST = 0.3  # s without a change before goals are offered
 _MOST_TRIALS = 10_000
-_SIZE = (4.6, 3.3)  # of the picture in inches: its letters are to be read beside the board
+_SIZE = (4.6, 3.3)  # of the picture in inches, so that its letters are legible beside the board
 
 
 class RunsPanel(Panel):
@@ -35,7 +38,7 @@ class RunsPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._runs: tuple[Run, ...] = ()
-        self._name = ""  # of the folder that is read; the state of the page may contain any text
+        self._name = ""  # of the folder that is read, as the state of the page may contain any text
         self._stamp: tuple[int, ...] = ()
         self._started: dict[str, str] = {}  # digests of the designs of this page's searches, by folder
         self._watching: asyncio.Task[None] | None = None
@@ -46,14 +49,17 @@ class RunsPanel(Panel):
             "runs_problem": "",
             "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
         }  # fmt: skip
-        self._offered = ""  # digest of the design of whose goals the page knows
+        self._offered = ""  # digest of the design with known goals
         super().__init__(
             page, values, look_for_runs=self._look, read_runs=self._read, show_run=self._show, take_point=self._take,
             start_run=self._start,
         )  # fmt: skip
 
     def offer(self) -> None:
-        """Find out which goals fit, where their tab is open: for 64 coils that takes a while."""
+        """Find the goals that fit, if their tab is open.
+
+        For 64 coils this takes a while.
+        """
         page = self._page
         work = page.work
         if page.state.tab == "runs" and work.design.digest != self._offered:
@@ -64,6 +70,7 @@ class RunsPanel(Panel):
             page.scenes.ask([Step("goals", find, self._show_goals, page.say, rest=_REST)])
 
     def _show_goals(self, found: tuple[Design, Mapping[str, str]]) -> None:
+        """Show the goals that fit the design."""
         design, unfit = found
         if self._page.is_current(design):
             self._offered = design.digest
@@ -73,7 +80,7 @@ class RunsPanel(Panel):
                     state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
 
     def show(self, design: Design) -> None:
-        """Say of what is shown where it is not of this design."""
+        """Mark shown runs that belong to another design."""
         state = self._page.state
         of, digest = str(state.run_name).rpartition("-")[0], self._started.get(self._name, design.digest)
         changed = " – of the design before it was changed" if digest != design.digest else ""
@@ -87,7 +94,10 @@ class RunsPanel(Panel):
         )  # fmt: skip
 
     def _start(self, goal: str, trials: str) -> None:
-        """Begin a search for a better design, or go on with one; its points are shown as they arrive."""
+        """Begin a search for a better design, or continue it.
+
+        Its points are shown as they arrive.
+        """
         page, state = self._page, self._page.state
         design = page.work.design
         folder = page.setup.shelf.folder / f"{design.name}-{goal}"
@@ -120,7 +130,10 @@ class RunsPanel(Panel):
             await self._read(folder.name)
 
     async def _read(self, name: str) -> None:
-        """Read a folder of runs, and again while its search goes on."""
+        """Read a folder of runs.
+
+        It is read again while its search continues.
+        """
         state = self._page.state
         if name not in run_folders(self._page.setup.shelf.folder):
             return
@@ -143,7 +156,10 @@ class RunsPanel(Panel):
             self._watching = self._page.begin(self._follow)
 
     async def _follow(self) -> None:
-        """Read the runs again as their search goes on, while their tab is open."""
+        """Read the runs again while their search continues.
+
+        This ends when their tab is closed.
+        """
         while self._page.state.tab == "runs":
             await asyncio.sleep(_EVERY)
             if _stamp(self._page.setup.shelf.folder / self._name) != self._stamp:
@@ -156,12 +172,13 @@ class RunsPanel(Panel):
                 task.cancel()
 
     async def _show(self, name: str, x: str, y: str) -> None:
+        """Show a run over two axes."""
         run = next((one for one in self._runs if one.name == name), None)
         if run is None:
             return
         axes = list(dict.fromkeys((*run.objectives, *run.quantities, *run.numbers)))
-        telling = [name for name in axes if len(set(run.values(name))) > 1] or axes  # no bound that all keep
-        # two objectives over each other, or one over what was varied
+        telling = [name for name in axes if len(set(run.values(name))) > 1] or axes  # no bound that all points keep
+        # Two objectives over each other, or a single objective over a varied entry.
         usual = telling[:2] if len(run.objectives) > 1 or not run.numbers else [run.numbers[0], axes[0]]
         first = x if x in axes else usual[0]
         second = y if y in axes else usual[-1]
@@ -175,7 +192,7 @@ class RunsPanel(Panel):
             self.show(self._page.work.design)
 
     def _take(self, name: str) -> None:
-        """Set the entries of the design to those of a point."""
+        """Set the design's entries to a run's point."""
         run = next((one for one in self._runs if one.name == self._page.state.run_name), None)
         point = None if run is None else next((one for one in run.points if one.name == name), None)
         if point is not None:
@@ -185,7 +202,10 @@ class RunsPanel(Panel):
 
 
 def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return all goals as the page lists them, those for the design first: what each is, or why it is none for it."""
+    """All goals as the page lists them.
+
+    Goals that fit the design come first. Each has a description, or the reason why it does not fit.
+    """
     items = {name: {"subtitle": says, "disabled": False, "lines": "two"} for name, says in NAMES.items()}
     for name, why in unfit.items():
         items[name] = items.pop(name) | {"subtitle": why, "disabled": True, "lines": "three"}
@@ -193,7 +213,10 @@ def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
 
 
 def _stamp(folder: Path) -> tuple[int, ...]:
-    """Return the times of the last changes of the study in a folder and of its journal."""
+    """Read the times of the last changes of a study.
+
+    They are the times of the study in a folder and of its journal.
+    """
     times = []
     for name in (FILE, f"{FILE}-wal"):
         try:
@@ -204,7 +227,10 @@ def _stamp(folder: Path) -> tuple[int, ...]:
 
 
 def _picture(run: Run, x: str, y: str) -> str:
-    """Draw the points over two quantities as an image in a data URL."""
+    """Draw the points over two quantities.
+
+    The image is a data URL.
+    """
     from coilarray.viz.plots.optimize import plot_front
     from coilarray.viz.plots.style import new_axes
 

@@ -1,4 +1,4 @@
-"""Scenes of the studio from the results that the page has computed."""
+"""Scenes of the studio from results on the page."""
 
 from __future__ import annotations
 
@@ -34,21 +34,25 @@ from coilarray.viz.studio.touch import Touched
 
 @dataclass(frozen=True, eq=False)
 class BoardParts:
-    """A board in pieces, which are computed once and can be given other colours."""
+    """Board in pieces.
+
+    They are computed once and can have other colours.
+    """
 
     design: Design
     copper: tuple[Part, ...]  # one part per layer
     rest: Scene  # laminate, barrels, names and rulers
 
     def coloured(self, colours: CoilColours) -> Scene:
-        """Return the board with its copper coloured by values of the coils."""
+        """Colour the copper by values of the coils."""
         return Scene(recoloured(self.copper, colours)) + self.rest
 
 
 def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult) -> Scene:
-    """Return the board coloured by the currents of a state, under a plane of B for 1 mA in its first coil.
+    """Scene of a switch state.
 
-    The `fields` are None for a design with plates, beside which they are others at every frequency.
+    The board is coloured by the currents of the state. Above it is a plane of B for 1 mA in its first coil. The
+    `fields` are None for a design with plates, because beside plates they differ at every frequency.
     """
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
@@ -63,9 +67,9 @@ def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateRe
 
 
 def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.Dataset | None) -> Scene:
-    """Return the board with sheets, plates and the target at one of its distances.
+    """Scene of a board with sheets, plates and the target.
 
-    Eddy currents are shown where there is a `coupling`, 1 mA in the middle coil.
+    The target is at one of its distances. With a `coupling`, eddy currents are shown for 1 mA in the middle coil.
     """
     design, within = board.design, around_board(board.design.array)
     scene = scene_of_sheets(design.array, design.sheets) + scene_of_plates(design.plates, within)
@@ -92,7 +96,10 @@ def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.
 
 
 def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
-    """Return the board coloured by δ, the dent (one depth) in the sheets over it, and the located position."""
+    """Scene of a touch.
+
+    The board is coloured by δ. Over it are the dent (one depth) in the sheets and the located position.
+    """
     design, setup = board.design, indentation_of(board.design)
     scene = coloured_by_delta(board, touch.delta)
     x, y = touch.at
@@ -104,5 +111,8 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
 
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
-    """Return the board with δ of every coil as the colour of its copper, `least` as of `overlays.colours_of_delta`."""
+    """Scene of a board with its copper coloured by δ.
+
+    `least` has the same meaning as in `overlays.colours_of_delta`.
+    """
     return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta), least))

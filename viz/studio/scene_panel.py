@@ -1,4 +1,7 @@
-"""Panel with the picture in three dimensions: the scene of the current tab, and switches for its groups."""
+"""Panel with the picture in 3-D.
+
+It has the scene of the current tab, and switches for its groups.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +30,8 @@ class ScenePanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._parts: BoardParts | None = None
-        self._expected = 0  # number of the last scene that makes the one on show stale
-        self._saved: Scene | None = None  # of the given design read or last saved
+        self._expected = 0  # number of the last scene that makes the shown scene stale
+        self._saved: Scene | None = None  # scene of the design as given or last saved
         self._alone: tuple[Design, bool, Scene] | None = None  # the last scene without results, with or without sheets
         self._drawn: Scene | None = None
         problem = page.setup.rendering_problem or ("not shown" if page.setup.services.alone else None)
@@ -45,18 +48,27 @@ class ScenePanel(Panel):
 
     @property
     def html(self) -> str:
-        """HTML of the view; empty where nothing can be rendered."""
+        """HTML of the view.
+
+        It is empty if nothing can be rendered.
+        """
         return "" if self._view is None else str(self._view.widget.html)
 
     def expect(self) -> None:
-        """Mark the picture as stale until a scene is drawn whose step is made later than now."""
+        """Mark the picture as stale.
+
+        The mark stays until a scene is drawn whose step is made later than now.
+        """
         self._expected += 1
         if self._view is not None and "scene" not in self._page.state.stale:
             with self._page.state as state:
                 state.stale = [*state.stale, "scene"]
 
     def steps(self) -> list[Step]:
-        """Return the step that computes the scene of the current tab; none where nothing can be rendered."""
+        """Make the step that computes the current scene.
+
+        It is the scene of the current tab. If nothing can be rendered, there is no step.
+        """
         if self._view is None:
             return []
         design, tab, sheets = self._page.work.design, str(self._page.state.tab), bool(self._page.state.scene_sheets)
@@ -82,7 +94,10 @@ class ScenePanel(Panel):
             self._view.close()
 
     def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
-        """Compute a scene, in a thread; `sheets` are lifted off the board where nothing else lies over it."""
+        """Compute a scene in a thread.
+
+        The `sheets` are lifted off the board if nothing else lies over it.
+        """
         makers: dict[str, Callable[[Design, BoardParts], Scene | None]] = {
             "switches": self._page.switches.scene,
             "touch": self._page.touch.scene,
@@ -105,6 +120,7 @@ class ScenePanel(Panel):
         return self._parts
 
     def _show(self, found: tuple[Design, int, Scene]) -> None:
+        """Show a scene and its legend."""
         if self._view is None:
             return
         design, number, scene = found
@@ -122,6 +138,7 @@ class ScenePanel(Panel):
             self._view.show(scene, sent)
 
     def _show_saved(self, found: tuple[str, Scene]) -> None:
+        """Show the scene of the saved design."""
         if not self._page.state.scene_saved:  # any more
             return
         with self._page.state as state:
@@ -131,12 +148,18 @@ class ScenePanel(Panel):
             self._draw_saved()
 
     def _draw_saved(self) -> None:
-        """Draw the design as saved beside that on show, seen by the same camera."""
+        """Draw the saved design beside the shown design.
+
+        The camera is the same.
+        """
         if self._view is not None and self._saved is not None and self._page.state.scene_saved:
             self._page.state.saved_picture = png_url(self._view.picture(self._saved))
 
     def show_saved(self, there: bool) -> None:
-        """Show the design as saved beside that on show, or not; a design that is in no file has none."""
+        """Show or hide the saved design beside the shown design.
+
+        A design without a file has no saved design.
+        """
         self._page.state.scene_saved = there and bool(self._page.work.kept)
         self._saved = None
         if self._view is not None:
@@ -174,14 +197,20 @@ class ScenePanel(Panel):
 
 
 def _scene_alone(design: Design, sheets: bool) -> Scene:
-    """Return the board of a design, with plates or lifted sheets but no results."""
+    """Scene of a board without results.
+
+    It has plates or lifted sheets.
+    """
     if design.plates:
         return metal_scene(BoardParts(design, *board_in_pieces(design.array)), None, 0, None)
     return scene_of_lifted_board(design.array, design.sheets if sheets else ())
 
 
 def _legend(scene: Scene) -> dict[str, Any]:
-    """Return groups with their colours, bars with title, colours and numbers, and notes, as plain values."""
+    """Legend of a scene as plain values.
+
+    It has groups with their colours, bars with title, colours and numbers, and notes.
+    """
     bars = [bar_of(scale, _STOPS) for scale in scene.scales]
     return {
         "groups": [{"name": name, "colour": gradient(colours)} for name, colours in scene.groups.items()],

@@ -1,4 +1,7 @@
-"""Work of an optimisation, an export and a response map that the page starts; all run in processes of their own."""
+"""Optimisations, exports and response maps for the page.
+
+All run in processes of their own.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ if TYPE_CHECKING:
 
 
 def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
-    """Search as ``coilarray optimize`` does, into a folder; return one line about what was found."""
+    """Search as ``coilarray optimize`` does, into a folder.
+
+    One line about the result is returned.
+    """
     from coilarray.compute.workers import workers
     from coilarray.studies.optimize.goals import derive_goal
     from coilarray.studies.optimize.run import optimize_design
@@ -33,13 +39,19 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
 
 
 def write_board(document: Document, name: str, path: Path, to: Format, _: Progress) -> str:
-    """Write the board for fabrication or for another program; return one line about it."""
+    """Write the board for fabrication or another program.
+
+    One line about it is returned.
+    """
     written = export(build_design(document, name), path, to).files
     return f"wrote {path}" if len(written) == 1 else f"wrote {len(written)} files into {path}"
 
 
 def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """Compute the response map of a design, on the board, as its report shows it."""
+    """Compute the response map of a design on the board.
+
+    It is the same map as in the design's report.
+    """
     from coilarray.response.coordinates import on_board
     from coilarray.response.map import response_map
 

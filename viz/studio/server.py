@@ -1,4 +1,7 @@
-"""Web server of the studio: access control, one session for each page, and an end without leftovers."""
+"""Web server of the studio.
+
+It has access control, one session for each page, and an end without leftovers.
+"""
 
 from __future__ import annotations
 
@@ -38,23 +41,23 @@ LOOPBACK = "127.0.0.1"
 
 _OWN_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 _HEARTBEAT = 20.0  # s without an answer after which a page counts as closed
-_UNUSED = 60.0  # s; longest time for a page to connect to its session
+_UNUSED = 60.0  # s, longest time for a page to connect to its session
 _GOING_AWAY, _REFUSED = 1001, 1008  # codes of RFC 6455
-_LONGEST_REASON = 100  # bytes; RFC 6455 has room for 123
+_LONGEST_REASON = 100  # bytes, as RFC 6455 has room for 123
 _BAD_CALL = -32602  # code of JSON-RPC for wrong arguments
-_GOODBYE = 2.0  # s; time for requests to end
+_GOODBYE = 2.0  # s, time for requests to end
 _THREADS = 3
 _MOST_PAGES = 12
 _TOO_MANY = f"the studio serves at most {_MOST_PAGES} pages at once"
 _ANOTHER_PAGE = "a request from another page."
 _MOST_TABS = 200  # number of tabs whose design is kept for a reload
-# the connection of trame's client decides which scripts run, so that only the studio is allowed
+# The connection of trame's client decides which scripts run, so only the studio is allowed.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; frame-ancestors 'none'; "
     "base-uri 'self'; form-action 'none'; object-src 'none'; connect-src 'self'"
 )
-# a report runs no script, loads nothing, and has an origin of its own: it cannot speak to the studio
+# A report runs no script, loads nothing, and has an origin of its own, so it cannot connect to the studio.
 _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'"
@@ -64,8 +67,8 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache",
     "Cross-Origin-Resource-Policy": "same-origin",
 }  # fmt: skip
-# a tab keeps its name through a reload, and every tab has its own; all of the address but the token is removed, because
-# trame's client would take its connection from it
+# A tab keeps its name through a reload, and every tab has its own. All of the address but the token is removed, because
+# trame's client would take its connection from it.
 _TAB = """<script>{
 const token = new URLSearchParams(location.search).get("token");
 history.replaceState(null, "", location.pathname + (token === null ? "" : "?token=" + encodeURIComponent(token)));
@@ -76,7 +79,7 @@ document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.st
 
 
 def new_token() -> str:
-    """Return a random token."""
+    """Make a random token."""
     return secrets.token_urlsafe(24)
 
 
@@ -85,13 +88,16 @@ class Address:
     """Address of the studio."""
 
     host: str  # name or IP address on which it listens
-    port: int  # 0 takes a free one
-    alone: bool = False  # whether browsers must name this computer, as those that run on it do
-    token: str = field(default_factory=new_token)  # that every browser must send: this computer has other accounts too
+    port: int  # 0 takes a free port
+    alone: bool = False  # whether browsers must name this computer, as its own browsers do
+    token: str = field(default_factory=new_token)  # sent by every browser, as this computer may have other accounts
 
 
 def check_studio() -> None:
-    """Raise MissingDependencyError where a library of the studio is not installed."""
+    """Check that all libraries of the studio are installed.
+
+    A missing library raises a MissingDependencyError.
+    """
     require_pyvista("pages of the studio", "studio")
     needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
     for module, package in {**needed, "aiohttp": "aiohttp"}.items():
@@ -99,7 +105,10 @@ def check_studio() -> None:
 
 
 def bind(address: Address) -> socket.socket:
-    """Bind the port; OutputError where it is in use or not allowed, or the host is not one of this computer."""
+    """Bind the port of the studio.
+
+    A port that is in use or not allowed, or a host that is not on this computer, raises an OutputError.
+    """
     if not 0 <= address.port <= 65535:
         raise OutputError(f"--port must be 0 to 65535; got {address.port}.")
     try:
@@ -137,13 +146,13 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio with `work` as first design on a socket of `bind` until it is stopped.
+    """Serve the studio until it is stopped.
 
-    It also ends when all pages have been closed for `linger` seconds, unless that is 0. `ready` is called with the URL
-    of the page once it can be opened.
+    It is served on a socket of `bind`. `work` is the first design. The studio also ends if all pages have been closed
+    for `linger` seconds, unless this is 0. `ready` is called with the URL of the page once it can be opened.
     """
-    logging.getLogger("wslink").setLevel(logging.CRITICAL)  # a page says itself what was wrong with its calls
-    os.environ.setdefault("TRAME_ARGS", "")  # trame would read our command line as its own
+    logging.getLogger("wslink").setLevel(logging.CRITICAL)  # a page itself shows the errors of its calls
+    os.environ.setdefault("TRAME_ARGS", "")  # else trame would read our command line
     asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))
 
 
@@ -166,6 +175,7 @@ class _Studio:
         self._port = address.port
 
     async def run(self, listening: socket.socket, ready: Callable[[str], None]) -> None:
+        """Serve pages until the studio ends."""
         from aiohttp import web
 
         self._stop = asyncio.Event()
@@ -212,10 +222,14 @@ class _Studio:
     # ------------------------------------------------------------------------ who may come in
 
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
-        """Refuse other host names, scripts of other pages, and requests without the token; all of them at the end."""
+        """Refuse requests that are not from our pages.
+
+        Other host names, scripts of other pages, and requests without the token are refused. At the end all requests
+        are refused.
+        """
         from aiohttp import web
 
-        if self._stop.is_set():  # a page that is loaded again now would find nothing, and would not say so
+        if self._stop.is_set():  # a page that is loaded again now would find nothing, without a message
             return web.Response(status=503, text="coilarray studio: it is ending.\n")
         problem = self._refusal(request)
         if problem:
@@ -228,11 +242,12 @@ class _Studio:
         return response
 
     def _refusal(self, request: web.Request) -> str:
+        """Explain why a request is refused."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return _ANOTHER_PAGE
-        # programs send none; a link of another site may open the page itself, as a user does, and nothing else of it
+        # Programs send no such header. A link of another site may open only the page itself, as a user does.
         site = request.headers.get("Sec-Fetch-Site", "none")
         opens = request.path == "/" and request.headers.get("Sec-Fetch-Dest") == "document"
         if site not in ("same-origin", "none") and not opens:
@@ -247,6 +262,7 @@ class _Studio:
     # ------------------------------------------------------------------------ what is served
 
     async def _index(self, _: web.Request) -> web.Response:
+        """Serve the first text of a page."""
         from aiohttp import web
 
         if len(self._pages) >= _MOST_PAGES:
@@ -259,7 +275,7 @@ class _Studio:
         return web.Response(text=text.replace("<head>", f"<head>{_TAB}{own}", 1), content_type="text/html")
 
     async def _loading(self, _: web.Request) -> web.Response:
-        """Return the text of the page until its session begins."""
+        """Serve the text of the page until its session begins."""
         from aiohttp import web
 
         return web.Response(text='<p style="font-family: sans-serif; padding: 2em">coilarray studio …</p>')
@@ -270,7 +286,10 @@ class _Studio:
         return web.Response(status=204)
 
     async def _open(self, request: web.Request) -> web.Response:
-        """Begin a session for a loaded page, with the last design of its tab."""
+        """Begin a session for a loaded page.
+
+        It has the last design of its tab.
+        """
         from aiohttp import web
 
         from coilarray.viz.studio.page import Page, Setup
@@ -289,12 +308,15 @@ class _Studio:
             page.live.start()
         for name, place in page.server.serve.items():  # a path or a path with options
             self._static[name] = Path(place[0] if isinstance(place, list | tuple) else place)
-        loop = asyncio.get_running_loop()  # a session whose page never connects is closed
+        loop = asyncio.get_running_loop()  # closes a session whose page never connects
         self._unused[page.key] = loop.call_later(_UNUSED, lambda: loop.create_task(self._close(page.key)))
         return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
 
     def _work_of(self, tab: str) -> Work:
-        """Return the last design of a tab; after a reload its old page may still be open."""
+        """Find the last design of a tab.
+
+        After a reload its old page may still be open.
+        """
         still = [self._pages[key].work for key, other in self._of_page.items() if other == tab and key in self._pages]
         return still[-1] if still else self._tabs.get(tab, self._work)
 
@@ -332,7 +354,10 @@ class _Studio:
         return socket_
 
     async def _report(self, request: web.Request) -> web.Response:
-        """Serve a report that a page wrote in this run, and no other file of the folder."""
+        """Serve a report that a page wrote in this run.
+
+        No other file of the folder is served.
+        """
         from aiohttp import web
 
         page = await asyncio.to_thread(self._reports.read, request.match_info["key"])
@@ -342,7 +367,10 @@ class _Studio:
         return web.Response(body=page, content_type="text/html", charset="utf-8", headers=policy)
 
     async def _asset(self, request: web.Request) -> web.StreamResponse:
-        """Serve scripts, styles and fonts, all of them from installed packages."""
+        """Serve scripts, styles and fonts.
+
+        All of them come from installed packages.
+        """
         name, _, rest = request.match_info["path"].partition("/")
         if name in self._static:
             return _file_of(self._static[name], rest)
@@ -358,7 +386,10 @@ class _Studio:
         return f"http://{shown}:{self._port}/?token={self._address.token}"
 
     async def _close(self, key: str) -> None:
-        """End the session of a closed page; its design is kept for a reload."""
+        """End the session of a closed page.
+
+        Its design is kept for a reload.
+        """
         page = self._pages.pop(key, None)
         if page is None:
             return
@@ -381,7 +412,10 @@ class _Studio:
 
 
 def _logger() -> logging.Logger:
-    """Return the logger of the web server: it keeps tracebacks of ours, and is silent on what is no request."""
+    """Logger of the web server.
+
+    It keeps tracebacks of our own errors, and ignores invalid requests.
+    """
     from aiohttp.http_exceptions import HttpProcessingError
 
     def ours(record: logging.LogRecord) -> bool:
@@ -395,7 +429,10 @@ def _logger() -> logging.Logger:
 
 
 async def _hear(socket_: web.WebSocketResponse, page: Page, client: str) -> None:
-    """Hand what a page says to its session, until it leaves or says what no page does."""
+    """Pass messages of a page to its session.
+
+    This ends if the page leaves or sends something that no page sends.
+    """
     from aiohttp import WSMsgType
 
     from coilarray.viz.studio.messages import Inbox, MessageError, refusal
@@ -420,7 +457,10 @@ async def _hear(socket_: web.WebSocketResponse, page: Page, client: str) -> None
 
 
 def _headers(request: web.Request) -> dict[str, str]:
-    """Return the security headers; in some browsers 'self' does not include web sockets."""
+    """Security headers of a response.
+
+    In some browsers 'self' does not include web sockets.
+    """
     host = request.headers.get("Host", "")
     sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
     return {**_HEADERS, "Content-Security-Policy": _POLICY + sockets}
@@ -433,7 +473,7 @@ def _client_folder() -> Path:
 
 
 def _file_of(folder: Path, name: str) -> web.StreamResponse:
-    """Return a file below a folder; none outside of it."""
+    """Serve a file below a folder, never outside it."""
     from aiohttp import web
 
     try:

@@ -1,4 +1,6 @@
-"""Functions that the studio needs from outside of `coilarray.viz`: reports, stored response tables and boards.
+"""Functions that the studio needs from outside `coilarray.viz`.
+
+Reports, stored response tables and boards.
 
 `coilarray.viz` imports neither hardware nor reports, so the caller of the studio passes these functions. They run in
 processes of their own and are therefore functions of a module with plain arguments.
@@ -32,11 +34,11 @@ class BoardRequest:
     document, name
         Document and name of the design.
     port : str
-        Port of the board; ``"emulator"`` for none.
+        Port of the board, or ``"emulator"`` without a board.
     recording : str or None
         File of a recording that is replayed instead.
     reference : sequence of str
-        States that nothing touches, whose δ is taken from that of all others.
+        States that nothing touches. Their δ is subtracted from δ of all other states.
     log : str or None
         File of a log to be written.
     """
@@ -62,7 +64,7 @@ class BoardFrame:
     sequence : int
         Number of the scan.
     delta, reasons : mapping of str to (float or None), and to str
-        δ of every state, None for one without it; and why the readings of states are not good.
+        δ of every state, None for a state without δ, and why the readings of states are not good.
     waiting, lost : int
         Numbers of scans that the baseline still needs, and of lost scans.
     location, problem : Location or None, and str
@@ -70,11 +72,11 @@ class BoardFrame:
     rate : float or None
         Number of scans per second.
     time : float
-        Time of the scan in s since the first one.
+        Time of the scan in s since the first scan.
     press : Press or None
         Press during this scan, or that has ended with it.
     temperature : float or None
-        Temperature of the board in °C, where it is known.
+        Temperature of the board in °C, if it is known.
     """
 
     line: str
@@ -94,9 +96,10 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a design comes to: a table of texts, and a line for each limit of the converter that is broken.
+    """Summary of a design.
 
-    `converter` is False where nothing is known of what a converter reads.
+    It has a table of texts, and a line for each limit of the converter that is broken. `converter` is False if it is
+    unknown what a converter reads.
     """
 
     headers: Sequence[str]
@@ -106,33 +109,33 @@ class Summary:
 
 
 Tell = Callable[[Any], None]
-"""Sends a message from the process of a job; raises `coilarray.viz.studio.job.Cancelled` after a stop."""
+"""Sends a message from the process of a job. After a stop it raises `coilarray.viz.studio.job.Cancelled`."""
 
 Stopped = Callable[[], bool]
-"""Returns whether the job is to end."""
+"""Returns whether the job should end."""
 
 ZERO = "z"
-"""Order to a board that is watched: measure the baseline anew."""
+"""Order to a watched board to measure the baseline again."""
 
 
 class Orders(Protocol):
-    """What the page asks of a job while it runs."""
+    """Orders of the page to a job while it runs."""
 
     def __call__(self) -> bool:
-        """Return whether the job is to end, as `Stopped`."""
+        """Check if the job should end, as `Stopped`."""
 
     def take(self) -> list[str]:
-        """Return the orders that came since the last call."""
+        """Take the orders that came since the last call."""
 
 
 WriteReport = Callable[[Document, str, Path, "Progress"], Path]
-"""Writes the report of a design (document, name) into a folder; returns its page."""
+"""Writes the report of a design (document, name) into a folder and returns its page."""
 
 ResponseTable = Callable[[Document, str, "Progress"], "xr.Dataset"]
 """Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`."""
 
 Summarize = Callable[["Design", "xr.Dataset", "xr.Dataset | None"], "Summary"]
-"""Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, where known."""
+"""Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, if known."""
 
 WatchBoard = Callable[[BoardRequest, Callable[[Sequence[BoardFrame]], None], Orders], None]
 """Opens a board or a recording, sends a frame for every scan, several at once, until it is stopped, and leaves the
@@ -156,17 +159,17 @@ class Services:
     response_table : callable
         A `ResponseTable`.
     write_report, watch_board, summarize : callable, optional
-        A `WriteReport`, a `WatchBoard` and a `Summarize`; without one there is no button, tab or table for it.
+        A `WriteReport`, a `WatchBoard` and a `Summarize`. A missing function has no button, tab or table.
     port : str
-        Port of the board that is watched, where the page does not name another one.
+        Port of the watched board, if the page does not name another port.
     recording, log : str, optional
         Files of a recording that is replayed instead, and of a log, for the first reading.
     reference : sequence of str
-        States that nothing touches, likewise.
+        States that nothing touches, for the first reading.
     alone : bool
         Whether the page is the live display alone, and reads at once.
     failed : callable
-        Called with the reason where reading a board has failed.
+        Called with the reason if reading a board has failed.
     """
 
     response_table: ResponseTable = compute_table

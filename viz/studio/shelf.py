@@ -1,4 +1,7 @@
-"""Access of a page to the design files of one folder, and to nothing else on the disk."""
+"""Access of a page to one folder's design files.
+
+It has access to nothing else on the disk.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,23 @@ from coilarray.design.model import load_design_file, parse_design, parse_design_
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.work import Work, work_on
 
-_NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # none that a file system finds too long
+_NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # short enough for any file system
 
 
 @dataclass(frozen=True)
 class Shelf:
-    """Design files of one folder, which must exist, and the bundled designs."""
+    """Design files of one folder, and the bundled designs.
+
+    The folder must exist.
+    """
 
     folder: Path
 
     def names(self) -> list[str]:
-        """Return the names of the files of the folder, then of the bundled designs."""
+        """Names of the files of the folder.
+
+        The names of the bundled designs follow.
+        """
         try:
             files = sorted(path.name for path in self.folder.glob("*.toml") if _NAME.fullmatch(path.name))
         except OSError:
@@ -31,7 +40,10 @@ class Shelf:
         return [*files, *bundled.names()]
 
     def open(self, name: str) -> Work:
-        """Read a design; DesignError for an unknown name or an invalid file."""
+        """Read a design.
+
+        An unknown name or an invalid file raises a DesignError.
+        """
         if name in bundled.names():
             return work_on(parse_design_file(bundled.read(name), name), name)
         path = self.path(name)
@@ -40,7 +52,9 @@ class Shelf:
         return work_on(load_design_file(path), name)
 
     def save(self, work: Work, name: str) -> Work:
-        """Write a design into the folder in one step and return it with its new file.
+        """Write a design into the folder in one step.
+
+        It is returned with its new file.
 
         Raises
         ------
@@ -49,14 +63,15 @@ class Shelf:
         """
         path = self.path(name)
         text = work.text()
-        parse_design(text, name)  # refuses a file that could not be read
+        parse_design(text, name)  # refuses a file that would not be readable
         write_text(path, text)
         return work.saved_as(name)
 
     def would_lose(self, work: Work, name: str) -> bool:
-        """Return whether saving a design replaces a file, or comments, that it was not read from.
+        """Check if saving a design replaces another file.
 
-        OutputError as in `path`.
+        The file, or its comments, differs from the file from which the design was read. The OutputError is the same as
+        in `path`.
         """
         path = self.path(name)
         if not path.exists():
@@ -67,7 +82,10 @@ class Shelf:
             return True
 
     def files(self, suffix: str) -> list[str]:
-        """Return the names of the files of the folder that end in a suffix, the latest one first."""
+        """Names of the files of the folder with a suffix.
+
+        The latest file comes first.
+        """
         try:
             found = [path for path in self.folder.glob(f"*{suffix}") if _NAME.fullmatch(path.name)]
             return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
@@ -75,7 +93,10 @@ class Shelf:
             return []
 
     def file(self, name: str, suffixes: Sequence[str]) -> Path:
-        """Return the path of a file of the folder; OutputError for a name that is not allowed."""
+        """Path of a file of the folder.
+
+        A name that is not allowed raises an OutputError.
+        """
         if not (_NAME.fullmatch(name) and name.lower().endswith(tuple(suffixes))):
             raise OutputError(
                 f"a file must have a plain, short name that ends in {' or '.join(suffixes)}; got {name[:60]!r}."
@@ -83,5 +104,5 @@ class Shelf:
         return self.folder / name
 
     def path(self, name: str) -> Path:
-        """Return the path of a design file of the folder, as `file`."""
+        """Path of a design file, as in `file`."""
         return self.file(name, (".toml",))

@@ -1,4 +1,7 @@
-"""What a design is made of, changed in its document: coils, their places and lattice, layers, leads and sheets."""
+"""Structure of a design, changed in its document.
+
+The structure has coils, their places and lattice, layers, leads and sheets.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ LATTICES = (*get_args(LatticeKind), "free")
 """Kinds of lattice that an array may have."""
 
 BASES = ("bonded", "frictionless", "seat")
-"""What the lowest sheet may lie on."""
+"""Possible bases of the lowest sheet."""
 
 _SHEET: Mapping[str, float] = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
 _INDENTED: Mapping[str, Mapping[str, Any]] = {
@@ -28,12 +31,15 @@ _INDENTED: Mapping[str, Mapping[str, Any]] = {
     "indentation": {"depths_mm": [0.3]},
 }
 _SEAT = 1000.0  # kPa/mm
-_MADE_UP = "set by the studio"  # reason of values that nobody has chosen
-_APART = 1.25  # pitches of a first coil to a second, in widths of the coil
+_MADE_UP = "set by the studio"  # reason for values that nobody has chosen
+_APART = 1.25  # pitch from a first coil to a second, in widths of the coil
 
 
 def add_coil(document: Document, design: Design) -> Document:
-    """Add a coil beside the rightmost one, on the layers that come after its; the array is then one of free places."""
+    """Add a coil beside the rightmost coil.
+
+    It lies on the layers that come after the layers of this coil. The array then has free places.
+    """
     places = _placements(document, design)
     names = [place["name"] for place in places]
     k = next(k for k in range(1, len(names) + 2) if f"coil{k}" not in names)
@@ -49,7 +55,10 @@ def add_coil(document: Document, design: Design) -> Document:
 
 
 def remove_coil(document: Document, design: Design, name: str) -> Document:
-    """Remove a coil and what is said of it alone; the array is then one of free places."""
+    """Remove a coil and its own entries.
+
+    The array then has free places.
+    """
     every = _placements(document, design)
     places = [place for place in every if place["name"] != name]
     if not places:
@@ -61,14 +70,20 @@ def remove_coil(document: Document, design: Design, name: str) -> Document:
 
 
 def place_coil(document: Document, design: Design, name: str, key: str, value: float) -> Document:
-    """Set ``x_mm``, ``y_mm`` or ``rotation_deg`` of a coil's place; the array is then one of free places."""
+    """Set one entry of a coil's place.
+
+    The entry is ``x_mm``, ``y_mm`` or ``rotation_deg``. The array then has free places.
+    """
     new = {key: value}
     places = _placements(document, design)
     return _free(document, [{**place, **new} if place["name"] == name else place for place in places])
 
 
 def place_on(document: Document, design: Design, name: str, layers: Sequence[str]) -> Document:
-    """Lay a coil on other copper layers; the array is then one of free places."""
+    """Lay a coil on other copper layers.
+
+    The array then has free places.
+    """
     if not layers:
         known = " ".join(document["stackup"]["layers"])
         raise DesignError(f"layers of {name} must be some of {known}; got none.")
@@ -78,7 +93,10 @@ def place_on(document: Document, design: Design, name: str, layers: Sequence[str
 
 
 def set_lattice(document: Document, design: Design, kind: str) -> Document:
-    """Lay coils of the first shape on a lattice of a kind, about as many as there are, or give each its own place."""
+    """Lay coils of the first shape on a lattice.
+
+    The lattice has about as many coils as before. The kind "free" gives each coil its own place instead.
+    """
     if kind == "free":
         return _free(document, _placements(document, design))
     places, old = _placements(document, design), document["array"]
@@ -105,7 +123,9 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 
 
 def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
-    """Return the entries of a lattice of a kind for about so many coils, and how many coils it then has.
+    """Entries and number of coils of a lattice.
+
+    The lattice of the kind has about `count` coils. The second result is its exact number of coils.
 
     Examples
     --------
@@ -128,14 +148,18 @@ def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
 
 
 def _in_rings(rings: int) -> int:
-    """Return how many coils rings of hexagons about one coil have, with it."""
+    """Count the coils in rings of hexagons about one coil.
+
+    This coil is included.
+    """
     return 3 * rings * (rings + 1) + 1
 
 
 def set_layers(document: Document, _: Design, number: float) -> Document:
-    """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed.
+    """Set the number of copper layers of the board.
 
-    Its dielectrics change by one factor, so that it stays as thick as it is.
+    New layers are like the lowest layer, or the lowest layers are removed. The dielectrics change by one factor, so
+    that the thickness of the board stays the same.
     """
     stackup = document["stackup"]
     names = list(stackup["layers"])
@@ -156,9 +180,10 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
 
 
 def on_its_layers(document: Document) -> dict[str, Any]:
-    """Lay every coil on as many layers of the board as its shape is wound on: where it cannot stay, on others in turn.
+    """Lay every coil on the layers of its shape.
 
-    DesignError where the board has too few.
+    It is laid on as many layers as its shape has. A coil that cannot keep its layers is laid on others in turn. A board
+    with too few layers raises a DesignError.
     """
     array, free = document["array"], document["array"]["lattice"] == "free"
     names = list(document["stackup"]["layers"])
@@ -169,7 +194,7 @@ def on_its_layers(document: Document) -> dict[str, Any]:
     for shape, layers in dict.fromkeys(laid):
         winding = document["coils"][shape].get("winding_layers", len(layers))
         if not (isinstance(winding, int) and winding > 0):
-            return dict(document)  # which is refused by its key
+            return dict(document)  # refused later by its key
         if winding > len(names):
             board = f"{len(names)} copper layer{'' if len(names) == 1 else 's'}"
             raise DesignError(f"coils.{shape}.winding_layers is {winding}; the board has {board} only.")
@@ -187,7 +212,10 @@ def on_its_layers(document: Document) -> dict[str, Any]:
 
 
 def set_house(document: Document, _: Design, house: str) -> Document:
-    """Take the limits of a board house, and no others, with no more copper than it makes."""
+    """Use the limits of a board house, and no others.
+
+    The copper is at most as thick as the house makes.
+    """
     changed = no_longer_assumed({**document, "fab": {"profile": house}}, ["fab"])
     rules, copper = load_profile(house).rules, list(document["stackup"]["copper_thickness_um"])
     limits = [rules.most_copper(k, len(copper)) for k in range(len(copper))]
@@ -199,7 +227,10 @@ def set_house(document: Document, _: Design, house: str) -> Document:
 
 
 def set_leads(document: Document, _: Design, *, there: bool, before: Sequence[Document] = ()) -> Document:
-    """Give every wound coil leads and terminals, as in the first of the documents `before` that had them, or none."""
+    """Give every wound coil leads and terminals, or none.
+
+    They are taken from the first of the documents `before` that had them.
+    """
     coils, reasons = dict(document["coils"]), dict[str, str]()
     for shape, table in coils.items():
         if table.get("shape") == "path" or (there and "leads" in table):
@@ -216,7 +247,11 @@ def set_leads(document: Document, _: Design, *, there: bool, before: Sequence[Do
 
 
 def set_connector(document: Document, _: Design, edge: str, *, before: Sequence[Document] = ()) -> Document:
-    """Lead all coils to a connector at an edge, else as in the first of `before` that had one; ``"none"`` for none."""
+    """Lead all coils to a connector at an edge.
+
+    Its other entries are taken from the document, or from the first of `before` that had a connector. The edge
+    ``"none"`` removes the connector.
+    """
     if edge == "none":
         rest = {key: table for key, table in document.items() if key != "connector"}
         return no_longer_assumed(rest, ["connector"])
@@ -237,7 +272,10 @@ def add_sheet(document: Document, _: Design) -> Document:
 
 
 def remove_sheet(document: Document, _: Design, index: int) -> Document:
-    """Remove a sheet by its number from below; with the last one goes what presses on it."""
+    """Remove a sheet by its number from below.
+
+    With the last sheet the indenter and the indentation are removed too.
+    """
     changed = without_entry(document, "elastomer", index)
     if "elastomer" in changed:
         return changed
@@ -246,7 +284,10 @@ def remove_sheet(document: Document, _: Design, index: int) -> Document:
 
 
 def without_entry(document: Document, table: str, index: int) -> Document:
-    """Remove one of a list of tables by its number, and what is assumed of it; the list goes with its last one."""
+    """Remove a table from a list by its number.
+
+    Its assumptions are removed too. The list is removed with its last table.
+    """
     entries = list(document.get(table, []))
     if not 0 <= index < len(entries):
         raise DesignError(f"{table} must have an entry of number {index}; there are {len(entries)}.")
@@ -264,7 +305,11 @@ def without_entry(document: Document, table: str, index: int) -> Document:
 
 
 def set_base(document: Document, _: Design, base: str, *, before: Sequence[Document] = ()) -> Document:
-    """Let the lowest sheet lie bonded or without friction on the board, or on a seat as in the first of `before`."""
+    """Set the base of the lowest sheet.
+
+    It is bonded or lies without friction on the board, or it lies on a seat. The entries of the seat are taken from the
+    document, or from the first of `before` that had them.
+    """
     if base not in BASES:
         raise DesignError(f"indentation.base must be one of {', '.join(BASES)}; got {base!r}.")
     if "indentation" not in document:
@@ -280,7 +325,10 @@ def set_base(document: Document, _: Design, base: str, *, before: Sequence[Docum
 
 
 def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the entries of a table that begin with `start`, and their reasons, of the first document with any."""
+    """Entries of a table in the first document with any.
+
+    They begin with `start`. Their reasons are returned too.
+    """
     for document in before:
         try:
             table = reduce(getitem, path, document)
@@ -294,7 +342,10 @@ def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
-    """Return the places of all coils as a file has them; of coils whose leads are routed, as before."""
+    """Places of all coils as in a file.
+
+    Coils whose leads are routed have their places before routing.
+    """
     if document["array"]["lattice"] == "free":
         return [dict(place) for place in document["array"]["placements"]]
     array = design.array.unrouted
@@ -309,11 +360,15 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
 
 
 def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
-    """Give every coil its own place; what is assumed of a coil stays where it says the same."""
+    """Give every coil its own place.
+
+    An assumption of a coil stays if its value stays the same.
+    """
     old = document["array"].get("placements", [])
     numbers = {place["name"]: k for k, place in enumerate(places)}
 
     def renamed(key: str) -> str | None:
+        """Rename the key of an assumption to the new place."""
         table, *rest = key.split(".")
         if table != "array":
             return key
@@ -328,7 +383,10 @@ def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _without_coils(document: Document, design: Design, names: Sequence[str]) -> dict[str, Any]:
-    """Leave out how coils that have gone are terminated, and keep an origin that one of them was at its place."""
+    """Remove the terminations of coils that are gone.
+
+    If such a coil was the origin, the origin stays at its place.
+    """
     changed, gone = dict(document), list[str]()
     ends = document.get("circuit", {}).get("terminations", {})
     if set(ends) - set(names):
@@ -346,24 +404,24 @@ def _without_coils(document: Document, design: Design, names: Sequence[str]) -> 
 
 
 def _width(design: Design) -> float:
-    """Width in m of the first coil's outline."""
+    """Width of the first coil's outline in m."""
     x = design.array.placements[0].coil.outline[:, 0]
     return float(x.max() - x.min())
 
 
 def _made_up(document: Document, *keys: str) -> dict[str, Any]:
-    """Say of values by their keys that the studio has set them."""
+    """Mark values by their keys as set by the studio."""
     return _assumed(document, dict.fromkeys(keys, _MADE_UP))
 
 
 def _assumed(document: Document, reasons: Mapping[str, str]) -> dict[str, Any]:
-    """Say of values by their keys why they are assumed."""
+    """Add the reasons why values are assumed, by their keys."""
     every = {**document.get("assumed", {}), **reasons}
     return {**document, **({"assumed": every} if every else {})}
 
 
 def _renamed(document: Document, renamed: Callable[[str], str | None]) -> dict[str, Any]:
-    """Rename the keys of what is assumed, or leave them out."""
+    """Rename the keys of assumptions, or leave them out."""
     reasons = {new: why for key, why in document.get("assumed", {}).items() if (new := renamed(key)) is not None}
     rest = {key: table for key, table in document.items() if key != "assumed"}
     return rest | ({"assumed": reasons} if reasons else {})

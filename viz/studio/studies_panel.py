@@ -1,4 +1,7 @@
-"""Sweeps and tolerance studies in the tab of runs: they are started, watched and stopped, and a point is taken over."""
+"""Sweeps and tolerance studies in the tab of runs.
+
+They are started, watched and stopped, and a point can become the design.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +66,10 @@ class StudiesPanel(Panel):
         )  # fmt: skip
 
     def show(self, work: Work, *, anew: bool) -> None:
-        """Offer the entries of a design; `anew` where its file or its coils are others."""
+        """Offer the entries of a design.
+
+        `anew` is true if its file or its coils are others.
+        """
         state = self._page.state
         state.study_old = self._of is not None and self._of.digest != work.design.digest
         if anew or not state.sweep_axes:
@@ -76,14 +82,17 @@ class StudiesPanel(Panel):
             state.tolerance_files = [_TYPICAL, *files]
 
     def _choose(self, number: int, key: str | None) -> None:
-        """Offer values about the present one for an entry."""
+        """Offer values near the present value of an entry."""
         state = self._page.state
         entry = next((one for one in entries_of(self._page.work.opened) if one.key == key), None)
         chosen = _NO_AXIS if entry is None else {"key": entry.key, "values": axis_text(entry)}
         state.sweep_axes = [{**axis, **chosen} if axis["number"] == number else axis for axis in state.sweep_axes]
 
     def _start(self, kind: str, axes: list[Axis], quantities: list[str], file: str, boards: str) -> None:
-        """Begin a study; points and boards that are computed already are found again."""
+        """Begin a study.
+
+        Points and boards that are computed already are found again.
+        """
         page, state = self._page, self._page.state
         work = page.work
         names = tuple(str(name) for name in quantities)
@@ -120,7 +129,7 @@ class StudiesPanel(Panel):
         self._page.begin(self._draw, design, kind, found, ended)
 
     async def _draw(self, design: Design, kind: str, found: SweepResult | xr.Dataset, ended: bool) -> None:
-        """Show a result, unless a later one is there."""
+        """Show a result, unless there is a later result."""
         picture, problem = await asyncio.to_thread(_picture, found)
         if found is not self._found:
             return
@@ -140,7 +149,7 @@ class StudiesPanel(Panel):
             state.study_old = design.digest != self._page.work.design.digest
 
     def _take(self, point: int) -> None:
-        """Set the entries of the design to those of a point of the sweep."""
+        """Set the design's entries to a point of the sweep."""
         found = self._found
         if isinstance(found, SweepResult) and 0 <= point < len(found.points):
             entries = found.points[point]
@@ -148,7 +157,10 @@ class StudiesPanel(Panel):
             self._page.change(lambda work: work.document_with(entries), refused)
 
     def _keep(self) -> None:
-        """Write all numbers into the folder; what this page has not written itself is not replaced."""
+        """Write all numbers into the folder.
+
+        A file that this page has not written itself is not replaced.
+        """
         page, found = self._page, self._found
         if found is None or self._of is None:
             return
@@ -167,7 +179,10 @@ class StudiesPanel(Panel):
 
 
 def _picture(found: SweepResult | xr.Dataset) -> tuple[str, str]:
-    """Draw a result; with the reason in one line where it has no picture."""
+    """Draw a result.
+
+    If it has no picture, the reason is given in one line.
+    """
     from coilarray.viz.plots.sweep_grid import sweep_figure
     from coilarray.viz.plots.tolerance import tolerance_figure
 

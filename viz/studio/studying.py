@@ -1,4 +1,7 @@
-"""Sweeps and tolerance studies that the page starts, in processes of their own, and their results as rows."""
+"""Sweeps and tolerance studies that the page starts.
+
+They run in processes of their own. Their results become rows.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,9 @@ from coilarray.viz.studio.entries import Entry, text_of
 from coilarray.viz.studio.job import progress_of
 from coilarray.viz.studio.services import Document, Stopped, Tell
 
-_EVERY = 1.0  # s between two results of a sweep that goes on
-_STEPS = 5  # values that are offered
-_NEAR = 0.2  # of a value: how far they go to both sides
+_EVERY = 1.0  # s between two results of a running sweep
+_STEPS = 5  # number of offered values
+_NEAR = 0.2  # range of the offered values to both sides, over the present value
 _THREE = DisplayUnit(digits=3, significant=True)
 
 PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.required for one in quantity.options))
@@ -35,7 +38,10 @@ PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.requi
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A sweep of a design: its axes as on the command line, and quantities; none for the first of the design."""
+    """Sweep of a design.
+
+    It has its axes as on the command line, and its quantities. Without quantities the first of the design is used.
+    """
 
     document: Document
     name: str
@@ -45,7 +51,7 @@ class SweepRequest:
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """Points of a sweep with what is known of them."""
+    """Points of a sweep with their known values."""
 
     points: tuple[Mapping[str, Any], ...]  # entries that are changed, as for `coilarray.design.vary.vary`
     values: xr.Dataset  # of `coilarray.sweep`
@@ -53,16 +59,19 @@ class SweepResult:
 
 @dataclass(frozen=True)
 class Row:
-    """One row of a table of results."""
+    """Row of a table of results."""
 
     cells: tuple[str, ...]
-    point: int | None = None  # whose entries can be taken over
-    reason: str = ""  # why it has no values, or is no board
-    broken: bool = False  # fabrication rules
+    point: int | None = None  # point whose entries can be used
+    reason: str = ""  # why it has no values or no board
+    broken: bool = False  # breaks fabrication rules
 
 
 def sweep_entries(item: SweepRequest, tell: Tell, _: Stopped) -> SweepResult:
-    """Task that sweeps as ``coilarray sweep`` does, with the same store, and sends results while it goes on."""
+    """Sweep as ``coilarray sweep`` does, with the same store.
+
+    This task sends results while it runs.
+    """
     file = build_design_file(item.document, item.name)
     wanted = item.quantities or default_quantities(file.design)[:1]
     plan = plan_sweep(file, [parse_axis(text) for text in item.axes], wanted)
@@ -82,21 +91,26 @@ def sweep_entries(item: SweepRequest, tell: Tell, _: Stopped) -> SweepResult:
 def spread_boards(
     document: Document, name: str, tolerances: Path | None, quantities: Sequence[str], samples: int, progress: Progress
 ) -> xr.Dataset:
-    """Analyse tolerances as ``coilarray tolerance`` does, of typical values without a file."""
+    """Analyse tolerances as ``coilarray tolerance`` does.
+
+    Without a file typical values are used.
+    """
     file = build_design_file(document, name)
     settings: dict[str, Any] = {"quantities": quantities, "samples": samples, "cache": open_store(None)}
     return analyse(file, load_tolerances(tolerances), **settings, progress=progress)
 
 
 def axis_text(entry: Entry) -> str:
-    """Return values about that of an entry, as ``coilarray sweep --vary`` reads them behind the key.
+    """Values near the value of an entry, as text.
+
+    The text has the form that ``coilarray sweep --vary`` reads behind the key.
 
     Examples
     --------
     >>> axis_text(Entry("array.pitch_mm", "pitch", "mm", "Array", 13.0, 6.5, 26.0, 0.1))
     '10.4:15.6:5'
     """
-    if entry.step == 1.0:  # a whole number
+    if entry.step == 1.0:  # whole number
         low, high = max(entry.low, entry.value - 2), min(entry.high, entry.value + 2)
         return ",".join(text_of(value) for value in np.arange(low, high + 1))
     width = _NEAR * (abs(entry.value) or entry.high)
@@ -105,7 +119,10 @@ def axis_text(entry: Entry) -> str:
 
 
 def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
-    """Return the head of a table and a row for each point of a sweep that is computed."""
+    """Head and rows of a table of a sweep.
+
+    There is a row for each computed point.
+    """
     keys = [str(name) for name in result.values.data_vars if name != "reason"]
     columns = [result.values[key].values.ravel().tolist() for key in keys]
     broken = (result.values[RULES] > 0).values.ravel().tolist()
@@ -120,7 +137,10 @@ def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
 
 
 def tolerance_rows(result: xr.Dataset) -> tuple[tuple[str, ...], tuple[Row, ...]]:
-    """Return the head of a table and a row for each output of a tolerance study, then one for each limit."""
+    """Head and rows of a table of a tolerance study.
+
+    There is a row for each output, then a row for each limit.
+    """
     sampled = "sample_deviation" in result
     rows = []
     for k, name in enumerate(result.output.values.tolist()):

@@ -1,4 +1,7 @@
-"""Summary of the design, as in its report: it follows every change, and gets the response when it is asked for."""
+"""Summary of the design, as in its report.
+
+It follows every change, and has the response on request.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ class SummaryPanel(Panel):
     """Table above the numbers."""
 
     def __init__(self, page: Page) -> None:
-        self._response: tuple[str, xr.Dataset] | None = None  # of the design with this hash
+        self._response: tuple[str, xr.Dataset] | None = None  # response of the design with this hash
         values = {
             "summary": {"headers": [], "rows": [], "verdicts": [], "converter": True}, "summary_lacks": False,
             "can_summarize": page.setup.services.summarize is not None,
@@ -30,7 +33,10 @@ class SummaryPanel(Panel):
         super().__init__(page, values, respond=self._respond)
 
     def steps(self, design: Design, coupling: xr.Dataset) -> list[Step]:
-        """Return the step that summarizes a design after its circuit; none where nobody does."""
+        """Make the step that summarizes a design.
+
+        It follows the circuit. Without a summarizing function there is no step.
+        """
         summarize = self._page.setup.services.summarize
         if summarize is None:
             return []
@@ -38,6 +44,7 @@ class SummaryPanel(Panel):
         response = self._response[1] if self._response is not None and known else None
 
         def show(summary: Summary) -> None:
+            """Show a summary."""
             with self._page.state as state:
                 if self._page.is_current(design):
                     state.summary = {
@@ -51,7 +58,10 @@ class SummaryPanel(Panel):
         return [Step("summary", lambda: summarize(design, coupling, response), show, fail)]
 
     def _respond(self) -> None:
-        """Compute the response map of the design for its rows of the summary."""
+        """Compute the response map for the summary.
+
+        It gives the summary's rows of the response.
+        """
         page = self._page
         design = page.work.design
 

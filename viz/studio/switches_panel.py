@@ -1,4 +1,7 @@
-"""Tab of switches: measure, ground or open for each coil, the readings of the converter, and the field."""
+"""Tab of switches.
+
+Each coil can be measured, grounded or open. The readings of the converter and the field are shown.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class SwitchesPanel(Panel):
-    """Panel with a state of the switches that is chosen by hand."""
+    """Panel with a state of the switches chosen by hand."""
 
     def __init__(self, page: Page) -> None:
         self._result: Resonance | None = None
@@ -29,12 +32,18 @@ class SwitchesPanel(Panel):
         super().__init__(page, values, switch=self._switch)
 
     def show(self, design: Design, *, anew: bool) -> None:
-        """Show another design, with the same settings for coils that still exist; `anew` where it is another file."""
+        """Show another design.
+
+        Coils that still exist keep their settings. `anew` is true for another file.
+        """
         self._page.state.settings = kept_settings(design.array, {} if anew else self._page.state.settings)
         self._result = None
 
     def solve(self) -> None:
-        """Solve the state with the current circuit, which takes some milliseconds."""
+        """Solve the state with the current circuit.
+
+        This takes some milliseconds.
+        """
         circuit, state = self._page.numbers.circuit, self._page.state
         if circuit is None:
             return
@@ -48,13 +57,16 @@ class SwitchesPanel(Panel):
                 state.currents = _currents(self._page.work.design, self._result)
 
     def fail(self, problem: str) -> None:
-        """Show why there is nothing that the converter sees."""
+        """Show why the converter has no readings."""
         self._result = None
         with self._page.state as state:
             state.switched, state.currents, state.switch_problem = [], [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the scene of the state, or None without a solution; runs in a thread."""
+        """Make the scene of the state.
+
+        It is None without a solution. The method runs in a thread.
+        """
         result = self._result
         if result is None or len(result.currents) != len(design.array.names):
             return None
@@ -65,6 +77,7 @@ class SwitchesPanel(Panel):
         return switched_scene(board, self._fields[1], result)
 
     def _switch(self, name: str, setting: Setting) -> None:
+        """Set the switch of a coil."""
         state = self._page.state
         if name not in state.settings or setting not in SETTINGS:
             return
@@ -74,7 +87,10 @@ class SwitchesPanel(Panel):
 
 
 def _rows(result: Resonance) -> list[list[str]]:
-    """Return label, number, unit and all digits of the readings of the converter."""
+    """Rows of the readings of the converter.
+
+    A row has label, number, unit and all digits.
+    """
     values = (
         ("L_eff", result.effective_inductance, 1e6, "µH", 3),
         ("R_eff", result.effective_resistance, 1.0, "Ω", 2),
@@ -89,7 +105,10 @@ def _rows(result: Resonance) -> list[list[str]]:
 
 
 def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:
-    """Return the magnitude and phase of every coil's current relative to that of the first measured coil."""
+    """Magnitude and phase of every coil's current.
+
+    They are relative to the current of the first measured coil.
+    """
     rows = []
     for name, current in zip(design.array.names, result.currents.tolist(), strict=True):
         angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0

@@ -1,4 +1,7 @@
-"""Switch states chosen by hand: measured, grounded and open coils, the readings of the converter, and the field."""
+"""Switch states chosen by hand.
+
+Measured, grounded and open coils, the readings of the converter, and the field.
+"""
 
 from __future__ import annotations
 
@@ -32,27 +35,38 @@ SPACING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class UnitFields:
-    """B of one ampere in every coil alone, on a horizontal plane; lengths in m."""
+    """B of one ampere in every coil alone.
+
+    B is on a horizontal plane. Lengths are in m.
+    """
 
     x: FloatArray  # shape (nx,)
     y: FloatArray  # shape (ny,)
-    height: float  # of the plane above the board
+    height: float  # height of the plane above the board
     fields: FloatArray  # T/A, shape (coils, nx, ny, 1, 3)
 
     def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
-        """Return the field of currents in A, shape (coils,), as `coilarray.viz.flux_density` does."""
+        """Field of currents in A, shape (coils,).
+
+        It is given in the form of `coilarray.viz.flux_density`.
+        """
         B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
         return flux_grid(self.x, self.y, [self.height], B)
 
 
 def kept_settings(array: CoilArray, settings: Mapping[str, Setting]) -> dict[str, Setting]:
-    """Return settings for other coils, unchanged for those that still exist; the middle one is measured if none is."""
+    """Keep settings for other coils.
+
+    Coils that still exist keep their setting. If no coil is measured, the middle coil is.
+    """
     kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in array.names}
     return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), array.middle_coil: "measure"}
 
 
 def state_of(settings: Mapping[str, Setting]) -> ScanState:
-    """Return the state of the multiplexer, with several measured coils in series; NetworkError where there is none.
+    """State of the multiplexer.
+
+    Several measured coils are in series. Without a measured coil it raises a NetworkError.
 
     Examples
     --------
@@ -69,7 +83,10 @@ def state_of(settings: Mapping[str, Setting]) -> ScanState:
 
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
-    """Compute B of every coil on the plane at the design's field height; GeometryError for too many points."""
+    """Compute B of every coil on a plane.
+
+    The plane is at the design's field height. Too many points raise a GeometryError.
+    """
     x_min, y_min, x_max, y_max = design.array.bounds
     x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     conductors = design.array.conductors()

@@ -1,4 +1,7 @@
-"""Drawing of the board from above in mm for a page: y points upwards on the board, downwards on the screen."""
+"""Drawing of the board from above in mm.
+
+y points upwards on the board, and downwards on the screen.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +22,19 @@ from coilarray.viz.scenes.overlays import CONFIDENCE, colours_of_delta
 from coilarray.viz.scenes.touch import first_states
 from coilarray.viz.studio.touch import Touched
 
-_RIM = 0.02  # width of the rim over that of the board
+_RIM = 0.02  # width of the rim over the width of the board
 _DIGITS = 3  # of lengths in mm
 _LETTER = 0.035  # largest height of letters over the width of the drawing
-_LETTER_OF_PITCH = 0.22  # and over the distance of neighbours, with which names of six letters do not overlap
+_LETTER_OF_PITCH = 0.22  # and over the distance of neighbours, so that names of six letters do not overlap
 _LEAST = 0.35  # least semi-axis of an ellipse in mm
 
 
 @dataclass(frozen=True)
 class TopView:
-    """Coordinates of a drawing of the board: a rectangle in mm, whose y is minus that of the board."""
+    """Coordinates of a drawing of the board.
+
+    They are a rectangle in mm, whose y is minus y of the board.
+    """
 
     left: float
     top: float
@@ -36,7 +42,9 @@ class TopView:
     height: float
 
     def place(self, across: float, down: float) -> tuple[float, float]:
-        """Return x and y on the board in m of a point given as shares of the drawing's sides.
+        """Place on the board in m for a drawn point.
+
+        The point is given as shares of the drawing's sides.
 
         Examples
         --------
@@ -46,19 +54,25 @@ class TopView:
         return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Return the point of the drawing in mm for a place on the board in m."""
+        """Drawn point in mm for a place in m.
+
+        The place is on the board.
+        """
         return _mm(x), -_mm(y)
 
 
 def top_view(design: Design) -> TopView:
-    """Return the coordinates of a drawing of a board."""
+    """Coordinates of a drawing of a board."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     rim = _RIM * (x_max - x_min)
     return TopView(x_min - rim, -y_max - rim, x_max - x_min + 2 * rim, y_max - y_min + 2 * rim)
 
 
 def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
-    """Return the edge and coils of a board in mm, as plain values for the page."""
+    """Edge and coils of a board in mm.
+
+    They are plain values for the page.
+    """
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     colours = coil_colours(design.array.names, design.array.centres)
     coils = []
@@ -80,7 +94,10 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
-    """Return the marks of a touch: indenter, the paper's ellipses, located positions, and colours of the coils."""
+    """Draw the marks of a touch.
+
+    They are the indenter, the paper's ellipses, the located positions, and the colours of the coils.
+    """
     colours = coil_colours(design.array.names, design.array.centres)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
@@ -105,7 +122,10 @@ def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, An
 
 
 def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
-    """Return the possible positions of a location, each with its 95 % ellipse, the best one first."""
+    """Possible positions of a location with 95 % ellipses.
+
+    The best position comes first.
+    """
     marks = []
     for k, mode in enumerate(location.modes):
         x, y = view.point(mode.x, mode.y)
@@ -122,14 +142,20 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 
 
 def delta_fills(design: Design, delta: Mapping[str, float | None], least: float = 0.0) -> dict[str, str]:
-    """Return a colour for each coil by its δ; `least` as of `coilarray.viz.scenes.overlays.colours_of_delta`."""
+    """Colour of each coil by its δ.
+
+    `least` has the same meaning as in `coilarray.viz.scenes.overlays.colours_of_delta`.
+    """
     colours = colours_of_delta(delta_by_coil(design, delta), least)
     red_green_blue = colours.scale.colours_of(colours.values).tolist()
     return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
 
 
 def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
-    """Return δ of the first state that measures each coil; NaN for a coil without one."""
+    """δ of the first state that measures each coil.
+
+    It is NaN for a coil without such a state.
+    """
     states = first_states(design)
     return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
 
@@ -139,9 +165,10 @@ LEAST = 1e-4
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) -> list[dict[str, Any]]:
-    """Return a bar for each δ: its text in 10⁻⁶ and its signed length in per cent of half the width.
+    """Bars of all δ.
 
-    A bar is full at the largest δ, or at `least` where that is more.
+    A bar has its text in 10⁻⁶ and its signed length in per cent of half the width. It is full at the largest δ, or at
+    `least` if this is more.
     """
     pairs = list(delta)
     largest = max([least, *(abs(value) for _, value in pairs if value is not None)]) or 1.0

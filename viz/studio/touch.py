@@ -1,4 +1,7 @@
-"""Readings of the sensor at a place of the indenter, the position located from them, and both in words."""
+"""Readings of the sensor at a place of the indenter.
+
+The position is located from them, and both are described in words.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +24,14 @@ from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.touch import off_middle
 
 _STEP = 1e-3  # m between the points of a map to which ellipses are fitted
-_REFINEMENT = 5  # of that map; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
-_IN_A_ROW = 1e-6  # m across the row between coils of one
-_LEAST_DELTA = 3.0  # times the noise: a smaller δ gives no ellipse
+_REFINEMENT = 5  # of this map; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
+_IN_A_ROW = 1e-6  # m, largest distance across a row between coils of the row
+_LEAST_DELTA = 3.0  # in units of the noise; a smaller δ gives no ellipse
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A design with an indentation, and the model of its response."""
+    """Design with an indentation, and its response model."""
 
     design: Design
     model: ForwardModel  # of positions on the board
@@ -36,22 +39,23 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """One place of the indenter with its readings."""
+    """Place of the indenter with its readings."""
 
     at: tuple[float, float]  # x and y on the board in m
     depth: float  # m
     delta: Mapping[str, float]  # δ of every state
-    location: Location  # from these δ, which have no noise
-    ellipses: Mapping[str, Ellipse]  # of the paper's model by state, where it has one for the δ
+    location: Location  # located from these δ, which have no noise
+    ellipses: Mapping[str, Ellipse]  # of the paper's model by state, if it has an ellipse for the δ
     crossing: EllipsePosition | None  # position by the paper's model
-    row: tuple[float, float]  # place on the board from which ellipses and crossing count: the paper's origin
+    row: tuple[float, float]  # place on the board of the paper's origin, for ellipses and crossing
     problem: str  # why there are no ellipses or no crossing
 
 
 def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
     """Join a design and its response table.
 
-    LocalizeError for a table of another design or an invalid one, ElastomerError for a design without an indentation.
+    A table of another design or an invalid table raises a LocalizeError. A design without an indentation raises an
+    ElastomerError.
     """
     indentation_of(design)
     if table.attrs.get("design_hash") != design.digest:
@@ -60,20 +64,26 @@ def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
 
 
 def first_place(sensor: Sensor) -> tuple[float, float, float]:
-    """Return the first x, y and depth of the indenter in m, off the middle of the map."""
+    """First x, y and depth of the indenter in m.
+
+    The place is off the centre of the map.
+    """
     setup = indentation_of(sensor.design)
     return *off_middle(setup), max(setup.depths)
 
 
 def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
-    """Press at a place on the board in m, moved to the edge of the response where it is beyond."""
+    """Press at a place on the board in m.
+
+    A place beyond the response is moved to its edge.
+    """
     low, high = sensor.model.lower, sensor.model.upper
     point = np.clip([x, y, depth], low, high)
     delta = sensor.model.delta(point)
     readings = dict(zip(sensor.model.states, delta.tolist(), strict=True))
     try:
         location = locate(sensor.model, delta)
-    except LocalizeError as error:  # one or two coils do not tell x, y and depth
+    except LocalizeError as error:  # one or two coils do not determine x, y and depth
         location = Location("refused", str(error))
     row = indentation_of(sensor.design).origin_point
     ellipses, crossing, problem = _by_ellipses(sensor, float(point[2]), row, readings)
@@ -84,6 +94,7 @@ def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
 def _by_ellipses(
     sensor: Sensor, depth: float, row: tuple[float, float], readings: Mapping[str, float]
 ) -> tuple[Mapping[str, Ellipse], EllipsePosition | None, str]:
+    """Locate a touch by the paper's ellipses."""
     if np.ptp(np.append(sensor.design.array.centres[:, 1], row[1])) > _IN_A_ROW:
         return {}, None, "none: the paper's model is for coils in one row along x"
     fitted = _ellipse_model(sensor.model, round(depth, 6), row)
@@ -96,7 +107,7 @@ def _by_ellipses(
         if delta >= noticed and coil.covers(delta):
             try:
                 ellipses[coil.name] = coil.ellipse(delta)
-            except LocalizeError:  # the polynomials have none there
+            except LocalizeError:  # the polynomials have no ellipse there
                 continue
     try:
         return ellipses, locate_x(fitted, readings), ""
@@ -106,7 +117,10 @@ def _by_ellipses(
 
 @lru_cache(maxsize=16)
 def _ellipse_model(model: ForwardModel, depth: float, row: tuple[float, float]) -> EllipseModel | str:
-    """Fit the paper's model, with `row` as origin, to the response at one depth; or say why that is impossible."""
+    """Fit the paper's model to the response at one depth.
+
+    `row` is its origin. If the fit is impossible, the reason is returned.
+    """
     x, y = (np.arange(axis[0], axis[-1] + _STEP / 2, _STEP) for axis in (model.x, model.y))
     x, y = (np.minimum(axis, last[-1]) for axis, last in ((x, model.x), (y, model.y)))
     points = np.empty((len(y), len(x), 3))
@@ -121,7 +135,10 @@ def _ellipse_model(model: ForwardModel, depth: float, row: tuple[float, float]) 
 
 
 def crossing_line(touch: Touched) -> str:
-    """Return a line with the position by the paper's ellipses, or the reason why there is none."""
+    """Describe the position by the paper's ellipses in a line.
+
+    If there is no position, the line gives the reason.
+    """
     if touch.crossing is None:
         return f"ellipses: {touch.problem}"
     meet, (x0, y0) = touch.crossing, touch.row

@@ -1,4 +1,7 @@
-"""Tab of touching: drag the indenter over the board, and see δ, ellipses and the located position."""
+"""Tab of touching.
+
+The indenter is dragged over the board, and δ, ellipses and the located position are shown.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from coilarray.viz.studio.touch import Sensor, Touched, crossing_line, first_pla
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_SHOWN = 1e-5  # m; last digit of a place on the page: one at the edge may be rounded beyond it
+_SHOWN = 1e-5  # m, last digit of a place on the page, as a place at the edge may be rounded beyond it
 _NOTHING: dict[str, Any] = {
     "indenter": None, "ellipses": [], "crossing": [], "pins": [], "fills": {}
 }  # fmt: skip
@@ -48,7 +51,10 @@ class TouchPanel(Panel):
         super().__init__(page, values, compute_table=self._compute, press=self._press, press_at=self._press_at)
 
     def show(self, design: Design, *, anew: bool) -> None:
-        """Show the board of a design, and its response if it was computed in this session."""
+        """Show the board of a design.
+
+        Its response is shown if it was computed in this session.
+        """
         state = self._page.state
         self._view = top_view(design)
         state.plan = board_drawing(design, self._view)
@@ -70,7 +76,10 @@ class TouchPanel(Panel):
             state.touch_note = "The design has changed: its response is to be computed anew."
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the scene of the touch, or None where there is none; runs in a thread."""
+        """Scene of the touch.
+
+        It is None without a touch. The method runs in a thread.
+        """
         touch = self._touched
         if touch is None or self._sensor is None or self._sensor.design is not design or touch.depth <= 0:
             return None
@@ -81,10 +90,12 @@ class TouchPanel(Panel):
     # ---------------------------------------------------------------- the response
 
     def _compute(self) -> None:
+        """Compute the response of the design."""
         page = self._page
         design = page.work.design
 
         def done(table: xr.Dataset) -> None:
+            """Keep the response, and use it for its design."""
             self._tables[design.digest] = table
             if page.work.design.digest == design.digest:
                 self._take_table(page.work.design, table)
@@ -100,6 +111,7 @@ class TouchPanel(Panel):
             note("")
 
     def _take_table(self, design: Design, table: xr.Dataset) -> None:
+        """Use a response for touches."""
         try:
             self._sensor = sensor_of(design, table)
         except CoilarrayError as error:
@@ -111,7 +123,10 @@ class TouchPanel(Panel):
     # ---------------------------------------------------------------- the indenter
 
     def _press(self, across: float, down: float) -> None:
-        """Press at the pointer, its place as shares of the drawing's sides."""
+        """Press at the pointer.
+
+        Its place is given as shares of the drawing's sides.
+        """
         if self._sensor is not None and self._touched is not None:
             x, y = self._view.place(float(across), float(down))
             self._put(x, y, self._touched.depth)
@@ -130,6 +145,7 @@ class TouchPanel(Panel):
         self._page.redraw()
 
     def _put(self, x: float, y: float, depth: float) -> None:
+        """Press at a place and show the result."""
         if self._sensor is None:
             return
         design, state = self._sensor.design, self._page.state
@@ -143,7 +159,9 @@ class TouchPanel(Panel):
 
 
 def touch_work(design: Design) -> str:
-    """Say what the response consists of that has to be computed before anything can press; empty where nothing can.
+    """Describe the response that a touch needs.
+
+    It must be computed before the first touch. The text is empty if nothing can press.
 
     Examples
     --------
@@ -159,7 +177,10 @@ def touch_work(design: Design) -> str:
 
 
 def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
-    """Return x, y and depth in m from texts in mm; DesignError for no number, or one beyond the response."""
+    """Place and depth in m from texts in mm.
+
+    A text that is not a number, or a number beyond the response, raises a DesignError.
+    """
     numbers = []
     limits = zip(sensor.model.lower.tolist(), sensor.model.upper.tolist(), strict=True)
     for name, text, (low, high) in zip(("x", "y", "depth"), texts, limits, strict=True):

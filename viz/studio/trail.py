@@ -1,4 +1,7 @@
-"""Designs of a page before and after the one on show: what undo and redo go through."""
+"""Designs of a page before and after the shown design.
+
+Undo and redo go through them.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,28 @@ _LONGEST = 200
 
 @dataclass(frozen=True, eq=False)
 class Trail:
-    """Earlier designs, and those that were undone, the next one first."""
+    """Earlier designs, and undone designs.
+
+    The next undone design comes first.
+    """
 
     before: tuple[Work, ...] = ()
     after: tuple[Work, ...] = ()
 
     def left(self, work: Work) -> Trail:
-        """Return the trail after a new design has taken the place of `work`."""
+        """Trail after a new design has replaced `work`."""
         return Trail((*self.before, work)[-_LONGEST:])
 
     def undo(self, work: Work) -> tuple[Trail, Work]:
-        """Return the trail and the design before `work`, which is of the same file; there must be one."""
+        """Trail and design before `work`.
+
+        The design belongs to the same file. It must exist.
+        """
         return Trail(self.before[:-1], (work, *self.after)), self.before[-1].of_file(work)
 
     def redo(self, work: Work) -> tuple[Trail, Work]:
-        """Return the trail and the design that was undone last; there must be one."""
+        """Trail and design that was undone last.
+
+        The design must exist.
+        """
         return Trail((*self.before, work), self.after[1:]), self.after[0].of_file(work)

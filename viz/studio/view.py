@@ -1,4 +1,7 @@
-"""View of a scene: drawn here, sent to the page as images, and turned there with the mouse."""
+"""View of a scene on the page.
+
+It is drawn here, sent to the page as images, and turned there with the mouse.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,8 @@ SIZE = (900, 560)
 """Width and height of the picture in pixels before the page sends its own."""
 
 _SMOOTH_AFTER = 0.5  # s without a change before edges are smoothed
-_ENCODING = 0.003  # s between two tests whether a picture is encoded
-_LOOKS = 600  # largest number of these tests: a hidden page gets no pictures
+_ENCODING = 0.003  # s between two tests if a picture is encoded
+_LOOKS = 600  # largest number of these tests, as a hidden page gets no pictures
 _SAMPLES = 8  # samples per pixel of a smooth picture, which takes three times as long
 _SAME = 1e-6  # tolerance of the camera's numbers
 _LARGEST = (5120, 5120)  # largest width and height in pixels
@@ -32,9 +35,10 @@ _HEIGHT = 900.0  # height in pixels of the picture for which letters are given
 
 
 class SceneView:
-    """View of one scene at a time on the page of a trame `server`.
+    """View of one scene at a time.
 
-    `at_rest` is called with True when a smooth picture was sent, with False when it is out of date.
+    It is on the page of a trame `server`. `at_rest` is called with True after a smooth picture was sent, and with False
+    if it is out of date.
     """
 
     def __init__(self, server: Any, at_rest: Callable[[bool], None]) -> None:
@@ -50,7 +54,7 @@ class SceneView:
         self._sent: Callable[[], None] | None = None
         self._hidden: set[str] = set()
         self._beside_bounds: tuple[float, ...] = ()
-        self._aimed: Camera | None = None  # as it was aimed last
+        self._aimed: Camera | None = None  # the last aim
         self._side: Side = "oblique"
         self._drawn_size = SIZE
         self._timers: dict[str, asyncio.TimerHandle] = {}  # of smoothing, sending and resizing
@@ -62,14 +66,16 @@ class SceneView:
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
 
     def show(self, scene: Scene, sent: Callable[[], None]) -> None:
-        """Draw another scene, and call `sent` with its first picture.
+        """Draw another scene.
 
-        All of it is seen from where the user looks, unless the user has moved or zoomed the picture.
+        `sent` is called with its first picture. The whole scene is seen from the user's direction, unless the user has
+        moved or zoomed the picture.
         """
         self._sent = sent
         self._show(scene)
 
     def _show(self, scene: Scene) -> None:
+        """Draw another scene with the user's camera."""
         moved = self._scene is not None and not self._is_aimed()
         camera = self._camera()
         self._scene = scene
@@ -79,7 +85,10 @@ class SceneView:
         self._push()
 
     def look_from(self, side: Side) -> None:
-        """Turn the camera to a side, and aim it at the whole scene."""
+        """Turn the camera to a side.
+
+        It is aimed at the whole scene.
+        """
         self._side = side
         if self._scene is not None:
             self._aimed = None
@@ -87,7 +96,10 @@ class SceneView:
             self._push()
 
     def make_room_for(self, scene: Scene | None) -> None:
-        """Aim the camera at all of another scene too, of which a `picture` is shown beside; None for no other scene."""
+        """Aim the camera at all of another scene too.
+
+        A `picture` of the other scene is shown beside. None stands for no other scene.
+        """
         bounds = () if scene is None else scene.bounds
         aimed, self._beside_bounds = self._beside_bounds != bounds and self._is_aimed(), bounds
         if aimed:
@@ -95,7 +107,10 @@ class SceneView:
             self._push()
 
     def picture(self, scene: Scene) -> bytes:
-        """Return another scene as a PNG file of the same size, seen by the same camera, with the same groups hidden."""
+        """Picture of another scene as a PNG file.
+
+        It has the same size, camera and hidden groups.
+        """
         if self._beside is None:
             import pyvista
 
@@ -122,7 +137,7 @@ class SceneView:
     def close(self) -> None:
         """Release the window."""
         self._forget(*self._timers)
-        # trame would create the window again for a pending image, and never removes its observers
+        # Trame would create the window again for a pending image, and never removes its observers.
         self._server.protocol_call("viewport.image.push.enabled", self._id, False)
         while "result" in self._server.protocol_call("viewport.image.push.observer.remove", self._id):
             pass
@@ -132,19 +147,21 @@ class SceneView:
             self._beside.close()
 
     def _draw(self) -> None:
+        """Draw the scene for the size of the picture."""
         if self._scene is None:
             return
         self._plotter.set_background("white")
-        self._plotter.renderer.RemoveAllViewProps()  # and not its lights
+        self._plotter.renderer.RemoveAllViewProps()  # but keeps its lights
         draw_parts(_fitted(self._scene, self._size), self._plotter)
         self._aim()
         self._drawn_size = self._size
         self._hide()
 
     def _hide(self) -> None:
+        """Hide the actors of hidden groups, and show the others."""
         if self._scene is None:
             return
-        actors = self._plotter.actors  # which PyVista makes anew each time
+        actors = self._plotter.actors  # PyVista makes it again each time
         for part in self._scene.parts:
             if part.group:
                 actors[part.name].SetVisibility(part.group not in self._hidden)
@@ -155,7 +172,10 @@ class SceneView:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
-        """Aim at all of the scene, and of the one beside, from the chosen side or as the user has turned it since."""
+        """Aim at the scene and the scene beside.
+
+        The direction is the chosen side, or as the user has turned the scene since.
+        """
         if self._scene is not None:
             lowest, highest = np.reshape([*self._scene.bounds, *self._beside_bounds], (-1, 3, 2)).T
             bounds = cast("Any", tuple(np.column_stack([lowest.min(axis=1), highest.max(axis=1)]).ravel().tolist()))
@@ -174,7 +194,7 @@ class SceneView:
         self._smooth_soon()
 
     def _rough(self) -> None:
-        """Use one sample per pixel until the picture is at rest."""
+        """Use one sample per pixel until the picture rests."""
         self._forget("smoothing", "sending")
         self._window.SetMultiSamples(0)
         self._at_rest(False)
@@ -188,7 +208,7 @@ class SceneView:
 
     def _send(self, smooth: bool) -> None:
         """Render, and send the picture once it is encoded."""
-        protocol = self._server.protocol  # there is none before the page talks
+        protocol = self._server.protocol  # None before the first message of the page
         app = None if protocol is None else protocol.getSharedObject("app")
         if app is None:
             self.widget.update()
@@ -198,9 +218,10 @@ class SceneView:
         self._send_encoded(app, smooth, _LOOKS)
 
     def _send_encoded(self, app: Any, smooth: bool, looks: int) -> None:
-        """Render if need be, and send the picture if it is encoded, or test again soon.
+        """Send the picture if encoded, or test again soon.
 
-        The widget would send the picture of before once more, and look for the new one half a second later.
+        It is rendered if necessary. The widget would send the last picture once more, and look for the new picture half
+        a second later.
         """
         self._forget("sending")
         quality = self._server.protocol_call("viewport.image.push.quality.get", self._id)["quality"]
@@ -208,7 +229,7 @@ class SceneView:
         if app.GetHasImagesBeingProcessed(self._window) and looks:
             self._later("sending", _ENCODING, self._send_encoded, app, smooth, looks - 1)
             return
-        app.InvokeEvent("UpdateEvent")  # sends what is encoded, and renders nothing
+        app.InvokeEvent("UpdateEvent")  # sends the encoded picture, and renders nothing
         self._was_sent(smooth)
 
     def _was_sent(self, smooth: bool) -> None:
@@ -219,7 +240,10 @@ class SceneView:
             self._at_rest(True)
 
     def _resized(self) -> None:
-        """Draw letters and lines for another height once the size of the page is constant."""
+        """Draw letters and lines for another height.
+
+        This happens once the size of the page is constant.
+        """
         width, height = (min(side, most) for side, most in zip(self._size, _LARGEST, strict=True))
         if (width, height) != self._size:  # the page may ask for any size
             self._window.SetSize(width, height)
@@ -231,7 +255,10 @@ class SceneView:
             self._show(self._scene)
 
     def _later(self, name: str, seconds: float, function: Callable[..., None], *arguments: Any) -> None:
-        """Call a function after a while, unless it is asked for again or forgotten before."""
+        """Call a function after some seconds.
+
+        It is not called if it is requested again or forgotten before.
+        """
         self._forget(name)
         self._timers[name] = asyncio.get_running_loop().call_later(seconds, function, *arguments)
 
@@ -256,7 +283,10 @@ class SceneView:
         return Camera(camera.position, camera.focal_point, camera.up, camera.parallel_scale)
 
     def _is_aimed(self) -> bool:
-        """Whether the user has neither moved nor zoomed the picture since the camera was aimed."""
+        """Check that the user has kept the aimed camera.
+
+        The picture was not moved or zoomed since the camera was aimed.
+        """
         if self._aimed is None:
             return False
         now, then = ((*one.focus, one.scale) for one in (self._camera(), self._aimed))
@@ -264,7 +294,10 @@ class SceneView:
 
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
-    """Return a scene whose letters and lines fit a narrow picture, without its notes, which the page shows."""
+    """Scene whose letters and lines fit a narrow picture.
+
+    It has no notes, because the page shows them.
+    """
     part = _part(size)
     parts = tuple(replace(one, line_width=one.line_width * part) for one in scene.parts)
     texts = tuple(replace(text, height=_letters(text, size)) for text in scene.texts)
@@ -272,7 +305,10 @@ def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
 
 
 def _letters(text: Text, size: tuple[int, int]) -> float:
-    """Return the height of a text's letters in pixels of a picture 900 pixels high, legible in this one."""
+    """Legible height of a text's letters.
+
+    It is in pixels of a picture 900 pixels high, and legible in this picture.
+    """
     return max(text.height * _part(size), _LEAST_LETTER * _HEIGHT / size[1])
 
 

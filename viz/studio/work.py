@@ -1,4 +1,7 @@
-"""Design of a page as a value: every change returns a new one or is refused."""
+"""Design of a page as a value.
+
+Every change returns a new value or is refused.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +25,12 @@ _LATTICE_SIZES = {"columns": 1, "rows": 1, "rings": 0}
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """A design and its file."""
+    """Design and its file."""
 
     opened: DesignFile
     file: str  # name of the file or bundled design
-    kept: Mapping[str, Any]  # document as it was read or last saved
-    kept_text: str  # text of the file then
+    kept: Mapping[str, Any]  # document as read or last saved
+    kept_text: str  # text of the file at this time
 
     @property
     def design(self) -> Design:
@@ -36,23 +39,24 @@ class Work:
 
     @property
     def changed(self) -> bool:
-        """True where it differs from its file."""
+        """True if it differs from its file."""
         return bool(self.opened.document != self.kept)
 
     @property
     def unsaved(self) -> str:
-        """Line for the page where a step would lose the changes."""
+        """Line for the page if changes would be lost."""
         return f"The changes of {self.file} are not saved; Discard loses them."
 
     @property
     def keeps_comments(self) -> bool:
-        """True where the comments of its file stay when it is saved."""
+        """True if saving keeps the comments of its file."""
         return keeps_comments(self.opened)
 
     def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the document with entries set as by `coilarray.design.vary.vary`; no board is made of it yet.
+        """Set entries of the document.
 
-        DesignError where there is no such entry, or the coils would be too many: one line, not naming the design.
+        They are set as by `coilarray.design.vary.vary`. No board is made yet. An unknown entry, or too many coils,
+        raise a DesignError in one line that does not name the design.
 
         Examples
         --------
@@ -68,7 +72,10 @@ class Work:
         return vary_chosen(self.opened.document, changes)
 
     def with_document(self, document: Mapping[str, Any]) -> Work:
-        """Return it with another document; DesignError, likewise, where no board is possible with it."""
+        """Replace the document.
+
+        If no board is possible with it, the same kind of DesignError is raised.
+        """
         try:
             opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
@@ -77,12 +84,15 @@ class Work:
         return replace(self, opened=opened)
 
     def for_file(self, file: str, title: str) -> Work:
-        """Return it with another title, an empty one for none, and under the name of a file that is not its own."""
+        """Change the title, and the name for another file.
+
+        An empty title removes it. The name stays the same for its own file.
+        """
         stem = file.removesuffix(".toml")
         return self._called(self.design.name if stem == self.file.removesuffix(".toml") else stem, title)
 
     def _called(self, name: str, title: str) -> Work:
-        """Return it with another name and title, which change no number."""
+        """Change the name and title, which change no number."""
         if (name, title or name) == (self.design.name, self.design.title):
             return self
         document = {**self.opened.document, "name": name, "title": title}
@@ -94,30 +104,33 @@ class Work:
         return replace(self, opened=replace(self.opened, design=design, document=document, values=values, given=given))
 
     def saved_as(self, file: str) -> Work:
-        """Return it after it was saved to a file."""
+        """Mark as saved to a file."""
         text = self.text()
         return replace(
             self, opened=replace(self.opened, text=text), file=file, kept=self.opened.document, kept_text=text
         )
 
     def of_file(self, other: Work) -> Work:
-        """Return it as the changed contents of the file of another one."""
+        """Use as the changed contents of another file."""
         called = self._called(other.design.name, str(other.opened.document.get("title", "")))
         return replace(called, file=other.file, kept=other.kept, kept_text=other.kept_text)
 
     def text(self) -> str:
-        """Return the design file, with its comments."""
+        """Text of the design file with its comments."""
         return file_text(self.opened)
 
 
 def work_on(opened: DesignFile, file: str) -> Work:
-    """Return a given design read; DesignError where it is too large for the studio."""
+    """Begin to work on a design file.
+
+    A design that is too large for the studio raises a DesignError.
+    """
     require_small(opened.design)
     return Work(opened, file, opened.document, opened.text)
 
 
 def require_small(design: Design) -> None:
-    """Raise DesignError for a design that is too large for the studio."""
+    """Raise DesignError for a design too large for the studio."""
     count = len(design.array.names)
     if count > MOST_COILS:
         raise DesignError(f"the studio follows at most {MOST_COILS} coils; the array has {count}.")
