@@ -133,6 +133,7 @@ def live(
             typer.echo(source.line)
         if not as_json and asked.reference:
             typer.echo(marked(less_text(asked.reference), emulated=source.emulated))
+        keys = opened.enter_context(pressed_keys())  # before the screen, which takes the place of standard output
         record = partial(live_record, emulated=source.emulated, reference=asked.reference)
         if as_json:
             show = _lines(lambda reading: json.dumps(record(reading), allow_nan=False))
@@ -140,7 +141,6 @@ def live(
             show = opened.enter_context(_screen(source.emulated, asked.reference))
         else:
             show = _lines(lambda reading: marked(plain_line(reading), emulated=source.emulated))
-        keys = opened.enter_context(pressed_keys())
         readings = live_readings(source, asked, file.design, model, lambda: keys().lower())
         for reading in opened.enter_context(closing(readings)):
             try:
