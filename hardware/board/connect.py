@@ -1,4 +1,7 @@
-"""Open a board of any kind by the name of its port; it is at rest again however its block is left."""
+"""Open a board of any kind by its port.
+
+The board is put to rest on every exit from its block.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +40,12 @@ if TYPE_CHECKING:
 
 
 class Board:
-    """An open board; `open_board` makes one. Leaving its block grounds all coils and puts the converter to sleep.
+    """An open board, made by `open_board`.
 
-    That holds for every exit: the end of the block, an exception, Ctrl-C, SIGTERM, and a program that ends inside the
-    block. A program that is killed (SIGKILL) cannot clean up: a microcontroller then ends its stream by itself, and
-    chips on the computer's own buses are put to rest when the board is opened again.
+    Leaving its block grounds all coils and puts the converter to sleep. This holds for every exit: the end of the
+    block, an exception, Ctrl-C, SIGTERM, and a program that ends inside the block. A program that is killed (SIGKILL)
+    cannot clean up. A microcontroller then ends its stream by itself, and chips on the computer's own buses are put to
+    rest when the board is opened again.
 
     Parameters
     ----------
@@ -79,7 +83,7 @@ class Board:
 
     @property
     def line(self) -> str:
-        """One line that describes the board and its converter."""
+        """Description of the board and its converter in one line."""
         identity = self.identity
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
         named = board_of(parse_port(self.port))
@@ -92,7 +96,9 @@ class Board:
         return f"{self.port}: {identity.kind}; {converter}; wiring {self.wiring.name}; session {identity.boot:08X}"
 
     def check_chain(self) -> str | None:
-        """Ask a microcontroller whether the chain of switches returns what it is sent.
+        """Ask a microcontroller to check its chain of switches.
+
+        The check compares the returned words with the sent words.
 
         Returns
         -------
@@ -131,7 +137,7 @@ def open_board(
     times: LinkTimes | None = None,
     **emulation: Any,
 ) -> Board:
-    """Open a board; its coils are grounded and its converter sleeps.
+    """Open a board with grounded coils and a sleeping converter.
 
     Parameters
     ----------
@@ -228,7 +234,11 @@ def wiring_of_board(
 
 
 def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:
-    """Refuse a wiring of switches for a port without, and the reverse, and a channel that the converter lacks."""
+    """Refuse a wiring that does not fit the port.
+
+    Refused are a wiring of switches for a port without switches, and the reverse, and a channel that the converter
+    lacks.
+    """
     if board is None and wiring.channels:
         raise HardwareError(
             f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, such as "
@@ -255,6 +265,7 @@ def _emulator(
 
 
 def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
+    """Open the buses of a port and their reader."""
     bus: RegisterBus
     switches: SwitchChain
     with ExitStack() as opened:

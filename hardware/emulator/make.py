@@ -91,7 +91,7 @@ def emulated_board(
     OutputError
         A folder or file that cannot be written.
     """
-    # a board of other coils does without the physics of a design, which takes a second to load
+    # A board of other coils does not need the physics of a design, which takes a second to load.
     from coilarray.hardware.emulator.sensor_world import SensorWorld
     from coilarray.hardware.scan.board_network import board_network
 
@@ -103,6 +103,7 @@ def emulated_board(
     store = open_store(folder)
 
     def table() -> ResponseTable:
+        """Compute the response table at the mean scan frequency."""
         from coilarray.circuit.network import resonate
         from coilarray.hardware.emulator.response_table import response_table
 
