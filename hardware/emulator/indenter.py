@@ -46,7 +46,10 @@ class Indenter:
         self._places: list[Place] = [LIFTED]
 
     def press(self, x: float, y: float, depth: float) -> None:
-        """Press at once to a depth at a position, in m."""
+        """Press at once at a position to a depth.
+
+        `x`, `y` and `depth` are in m.
+        """
         self.follow([(0.0, x, y, depth)])
 
     def lift(self) -> None:

@@ -77,7 +77,8 @@ class LiveTracker:
         changes since L_0, both separate for each state and common. The noise of a scan is measured in the baseline.
         Without a budget the noise of the model is used, and the measured noise is added to it.
     noise : float, optional
-        Standard deviation of δ to assume beside the measured noise, independent from state to state. It replaces both.
+        Standard deviation of δ to assume beside the measured noise, independent from state to state. It replaces the
+        budget and the noise of the model.
     reference : sequence of str
         Coils that nothing touches. Their mean δ is subtracted from all other states. Their own δ stays as it is, and
         takes no part in locations and presses.

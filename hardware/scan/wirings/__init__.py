@@ -1,4 +1,4 @@
-"""The bundled wirings: which switch joins which coil to what."""
+"""The bundled wirings of switches and coils."""
 
 from __future__ import annotations
 
