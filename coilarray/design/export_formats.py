@@ -1,4 +1,7 @@
-"""Formats in which the board of a design can be written: names alone, which load nothing."""
+"""Names of the export formats of a board.
+
+The module loads nothing else.
+"""
 
 from __future__ import annotations
 
