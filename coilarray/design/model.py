@@ -440,9 +440,9 @@ def _over_array(
 
 
 def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
-    """Edges in m from the origin that keep contact on the sample.
+    """Edges in m that keep the contact on the sample.
 
-    They are None for a wide sample.
+    They count from the origin, and are None for a wide sample.
     """
     if setup.sample_bounds is None:
         return None

@@ -272,9 +272,9 @@ class ReadoutTable(Table):
 
 
 def _entry(key: str) -> tuple[str, int]:
-    """Return the name in `Readout` and the unit of a key.
+    """Return the name and unit of a key.
 
-    The unit is a power of ten.
+    The name is in `Readout`, and the unit is a power of ten.
     """
     for unit, power in _POWERS.items():
         if key.endswith(f"_{unit}"):

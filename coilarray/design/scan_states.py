@@ -98,7 +98,7 @@ class ScanState:
     name : str
         Name of the state in results.
     measured : tuple of (str, {1, -1})
-        The measured coils in order, each with its sense; −1 reverses its terminals.
+        The measured coils in order, each with its sense. A sense of −1 reverses its terminals.
     connection : {"series", "parallel"}
         Connection of several measured coils.
     others : {"ground", "ground one end", "ground other end", "open", "load"}

@@ -57,9 +57,9 @@ class TomlFiles:
         return resources.files(self.package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
 
     def text(self, name_or_path: str | Path) -> str:
-        """Text of a file or of a file in the package.
+        """Text of a file or of a bundled file.
 
-        A file has priority over a name.
+        A file has priority over the name of a file in the package.
         """
         given = str(name_or_path)
         cut = given[:_LONGEST_NAME]
@@ -109,7 +109,7 @@ class TomlFiles:
         return tables
 
     def check(self, model: type[_Model], document: Mapping[str, Any], origin: str) -> _Model:
-        """Check the tables of a file and return them as a model."""
+        """Check the tables of a file and return a model."""
         try:
             return model.model_validate(document)
         except ValidationError as error:

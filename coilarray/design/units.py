@@ -124,9 +124,9 @@ def _times(value: Any, scale: float | None) -> Any:
 
 
 def require_rising(key: str, values: Sequence[float]) -> None:
-    """Refuse values that do not rise from each to the next.
+    """Refuse values that do not rise.
 
-    The ValueError is for a validator.
+    Each must be greater than the previous value. The ValueError is for a validator.
     """
     if not all(low < high for low, high in pairwise(values)):
         raise ValueError(f"needs {key} that rise from each to the next; got {values}")

@@ -424,7 +424,7 @@ def _indenter_table(setup: Indentation) -> dict[str, Any]:
 
 
 def _uneven(seat: Unevenness) -> dict[str, Any]:
-    """Return the keys of a seat that differ from an even seat."""
+    """Return the keys that differ from an even seat."""
     (stiffer_x, stiffer_y), (wider_x, wider_y) = seat.stiffness_slope, seat.gap_slope
     keys = {
         "seat_stiffness_slope_x_per_mm": _entry(stiffer_x, 1e3),
@@ -494,7 +494,10 @@ def _places(setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, 
 
 
 def _is_regular(row: Sequence[float], step: float) -> bool:
-    """Check whether positions in mm form a range with a step."""
+    """Check whether positions form a range with a step.
+
+    The positions are in mm.
+    """
     if step <= 0 or round((row[-1] - row[0]) / step) != len(row) - 1:
         return False
     positions = np.array(map_positions((row[0], row[-1]), step))
@@ -597,11 +600,11 @@ def _place(value: float) -> float:
 
 
 def _number(guess: float, value: float, read: Callable[[float], float], *, places: bool = False) -> float:
-    """Return the entry near a guess that `read` converts to a value.
+    """Return the entry that is read as a value.
 
-    It is the shortest exact entry, or the nearest if no entry is exact. One value in forty has no exact entry, because
-    numbers in mm lie less densely than numbers in m. The nearest entry agrees to all digits that count for
-    `Design.digest`.
+    It is near a guess, and `read` converts it to the value. It is the shortest exact entry, or the nearest if no entry
+    is exact. About every fortieth value has no exact entry, because numbers in mm lie less densely than numbers in m.
+    The nearest entry agrees to all digits that count for `Design.digest`.
     """
     for digits in (12, 15, 16, 17):
         entry = float(f"{guess:.{digits}g}")

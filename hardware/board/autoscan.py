@@ -1,8 +1,8 @@
 """Reader of a converter that scans its channels itself.
 
-The coils are wired straight to its channels, and it measures them one after the other. In a stream without pauses the
-converter stays awake and goes on while its results are read. Anywhere else, and after any fault, a scan begins from
-sleep, so that no result is older than the scan.
+The coils are wired straight to its channels, and it measures them in turn. In a stream without pauses the converter
+stays awake and goes on while its results are read. Anywhere else, and after any fault, a scan begins from sleep, so
+that no result is older than the scan.
 """
 
 from __future__ import annotations

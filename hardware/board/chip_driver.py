@@ -283,5 +283,5 @@ def fault_of(fault: BusFault) -> SampleFault:
 
 
 def no_sample(fault: SampleFault) -> RawSample:
-    """Return the sample of a state that could not be measured."""
+    """Return the sample of a state without a measurement."""
     return RawSample(0, 0, 0, fault)

@@ -56,13 +56,13 @@ class Board:
     wiring : Wiring
         Wiring of the switches.
     emulator : EmulatedBoard, optional
-        The emulated board behind the reader; None for real hardware.
+        The emulated board behind the reader. None for real hardware.
 
     Attributes
     ----------
     thermometer : callable or None
-        Returns the temperature in °C, None if it is not known just now: that of the emulator, or one that the user
-        of the board sets.
+        Returns the temperature in °C, or None if it is not known at present. It is the emulator's thermometer, or a
+        thermometer that the user of the board sets.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
@@ -103,7 +103,7 @@ class Board:
         Returns
         -------
         str or None
-            "same", "differ", or "none" if the end of the chain is not wired back; None for chips that this computer
+            "same", "differ", or "none" if the end of the chain is not wired back. None for chips that this computer
             drives itself.
         """
         from coilarray.hardware.board.microcontroller import MicrocontrollerReader
@@ -111,7 +111,10 @@ class Board:
         return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
 
     def close(self) -> None:
-        """Put the board to rest and close the port. Never raises; may be called again."""
+        """Put the board to rest and close the port.
+
+        The method never raises and may be called again.
+        """
         with held_signals():
             self.reader.close()
         atexit.unregister(self.close)
@@ -142,15 +145,15 @@ def open_board(
     Parameters
     ----------
     port : str
-        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it; the emulator by default.
+        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it. The emulator by default.
     design : Design, optional
-        Design of the emulated coils; the reference design by default.
+        Design of the emulated coils. The reference design by default.
     wiring : Wiring, optional
-        Wiring of the switches, or of coils to channels; by default that of `wiring_of_board`.
+        Wiring of the switches, or of coils to channels. By default the result of `wiring_of_board`.
     times : LinkTimes, optional
         Time limits for a microcontroller.
     **emulation
-        Options of `coilarray.hardware.emulator.emulated_board`; a real board ignores them.
+        Options of `coilarray.hardware.emulator.emulated_board`, which a real board ignores.
 
     Returns
     -------
@@ -160,7 +163,8 @@ def open_board(
     Raises
     ------
     HardwareError
-        Not the name of a port, or a port that cannot be opened: which, why, and what there is.
+        Not the name of a port, or a port that cannot be opened. The message has the port, the reason and the existing
+        ports.
     MissingDependencyError
         The library that this kind of port needs is not installed.
 
@@ -205,10 +209,11 @@ def wiring_of_board(
     design : Design, optional
         Design of the coils.
     name : str, optional
-        Name of a wiring, as `load_wiring` takes it; by default the coils of the design at the channels of the port in
-        their order, or with switches six coils with one device each, or of the emulator one device for each coil.
+        Name of a wiring, as `load_wiring` takes it. By default the coils of the design are at the channels of the port
+        in their order. With switches the default is six coils with one device each, and for the emulator one device for
+        each coil.
     coils : sequence of str, optional
-        Coils at the channels of the port, in their order, where they are not the first ones of the design.
+        Coils at the channels of the port, in their order, if they are not the first coils of the design.
 
     Raises
     ------

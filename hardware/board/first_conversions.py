@@ -74,9 +74,10 @@ def first_conversions(reader: Reader, settings: ScanSettings, *, progress: Progr
     Parameters
     ----------
     reader : Reader
-        Reader of the board; afterwards it is not configured and its coils are grounded. Nothing may move near them.
+        Reader of the board. Afterwards it is not configured and its coils are grounded. Nothing may move near them.
     settings : ScanSettings
-        Settings of the scan. Its conversions are used, or shorter ones of 12 ms, with which the test takes about 10 s.
+        Settings of the scan. Its conversions are used, or shorter conversions of 12 ms, with which the test takes about
+        10 s.
     progress : callable, optional
         Function called with (done, total) after each number of conversions.
 

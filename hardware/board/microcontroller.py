@@ -81,16 +81,17 @@ def open_microcontroller(
     Parameters
     ----------
     port : str, optional
-        Name of a port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; the only port of a known board by default.
+        Name of a port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER". The only port of a known board by default.
     bauds : sequence of int
-        Baud rates to try in turn; `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is unknown.
+        Baud rates to try in turn. They are `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is
+        unknown.
     times : LinkTimes, optional
         Time limits.
 
     Raises
     ------
     NoAnswer, NotABoard, VersionMismatch
-        Nothing came; bytes came, but no intact line; the board speaks another version of the protocol.
+        Nothing came, or bytes without an intact line came, or the board has another version of the protocol.
     HardwareError
         The port cannot be opened, or the choice of the port is ambiguous.
     """
@@ -267,7 +268,7 @@ class MicrocontrollerReader:
         """Put the board to rest and close the port.
 
         The board is put to rest only if it still answers. The method never raises and may be called again. A board that
-        did not answer STOP gets one more STOP, whose reply is not awaited.
+        did not answer STOP gets another STOP, whose reply is not awaited.
         """
         try:
             with suppress(Exception):
@@ -301,7 +302,7 @@ class MicrocontrollerReader:
             clock.sleep(_LOOK_AGAIN)
 
     def _prepare(self) -> None:
-        """Check that the session goes on, and that no stream runs."""
+        """Check that the session goes on without a stream."""
         self._session.check()
         if self._stream:
             raise HardwareError("a stream is running; close its iterator first.")

@@ -49,9 +49,9 @@ class SelfTest:
     coils : tuple of CoilCheck
         Measurements of the coils, in the order of the wiring.
     symptoms : tuple of str
-        Measurements that a good board would not give; empty if the test has passed.
+        Measurements that a good board would not give. Empty if the test has passed.
     findings : tuple of str
-        Faults each of which alone explains all measurements; empty if the test has passed or there are several faults.
+        Faults that each explain all measurements alone. Empty if the test has passed or there are several faults.
     untested : tuple of str
         Faults that a board which has passed could still have.
     """
@@ -86,7 +86,7 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Parameters
     ----------
     reader : Reader
-        Reader of the board; afterwards it is not configured and its coils are grounded.
+        Reader of the board. Afterwards it is not configured and its coils are grounded.
     wiring : Wiring
         Assumed wiring of the board.
     settings : ScanSettings
@@ -102,7 +102,7 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Raises
     ------
     BusFault, SwitchFault
-        The converter did not answer three times; the chain of switches returns other words than it was sent.
+        The converter did not answer three times, or the chain of switches returns other words than it was sent.
     HardwareError
         The board refuses the settings or cannot scan.
 

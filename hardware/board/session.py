@@ -57,7 +57,10 @@ class Session(Link):
         self.ping()
 
     def check(self) -> None:
-        """Raise the fault that has ended the session, if one has."""
+        """Raise the fault that has ended the session.
+
+        Nothing happens if the session goes on.
+        """
         if self.end is not None:
             raise type(self.end)(f"this session has ended: {self.end}")
 
@@ -97,7 +100,7 @@ class Session(Link):
         return later
 
     def unwrap(self, microseconds: int) -> int:
-        """Return a time of the board in µs without its wraps."""
+        """Return a board time in µs without its wraps."""
         return self._time.unwrap(microseconds, self.clock.now())
 
     def close(self) -> None:

@@ -89,7 +89,10 @@ class Register:
 
     @property
     def constant_mask(self) -> int:
-        """Reserved bits that must be written as they are after a reset."""
+        """Reserved bits that must be written unchanged.
+
+        They have the values after a reset.
+        """
         return sum(field.mask for field in self.fields if field.reserved and not field.meaning.startswith("RO"))
 
     @property

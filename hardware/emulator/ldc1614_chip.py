@@ -106,9 +106,9 @@ class Ldc1614:
     surroundings : Surroundings
         Coils, clocks and temperature.
     converter : Converter
-        Type of the converter: it decides on the number of channels. All have the same identity.
+        Type of the converter, which determines the number of channels. All types have the same identity.
     open_points, misuse
-        Behaviour where the sources disagree; collects undocumented use.
+        Behaviour if the sources disagree, and the collection of undocumented uses.
     seed : int
         Seed of the noise.
     """

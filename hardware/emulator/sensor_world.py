@@ -35,13 +35,13 @@ class SensorWorld:
     network : Network
         Circuit of the board, as `coilarray.hardware.scan.board_network.board_network` returns it.
     table : callable
-        Returns the response table; called when the indenter is pressed for the first time.
+        Returns the response table. It is called when the indenter is pressed for the first time.
     strays : mapping of str to float, optional
         Additional capacitance across single coils in F, by name of the coil.
     copper : float
         Relative change of all resistances with temperature in 1/K.
     capacitor : float
-        Relative change of the tank capacitance with temperature in 1/K; at most ±30e-6 for a class-1 ceramic.
+        Relative change of the tank capacitance with temperature in 1/K, at most ±30e-6 for a class-1 ceramic.
 
     Raises
     ------

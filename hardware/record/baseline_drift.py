@@ -100,14 +100,14 @@ def fit_drift(
     order: int | None = None,
     state: str = "",
 ) -> Drift:
-    """Fit the drift of a state to its scans at rest.
+    """Fit the drift of a state to scans at rest.
 
     Parameters
     ----------
     time, inductance : array_like, shape (n,)
-        Times of the scans in s, rising, and L_0 in H; NaN where a scan has no value.
+        Times of the scans in s, rising, and L_0 in H. NaN if a scan has no value.
     order : int, optional
-        Order of the polynomial, 1 to 3; by default the lowest one with random residuals.
+        Order of the polynomial, 1 to 3. By default the lowest order with random residuals.
 
     Raises
     ------

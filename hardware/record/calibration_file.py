@@ -110,7 +110,7 @@ def channel_record(channel: Channel) -> dict[str, Any]:
 
 
 def _keyed(table: type[Table], values: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a table under the keys of the file."""
+    """Return the fields of a table under the file's keys."""
     return {field.alias or name: values[name] for name, field in table.model_fields.items()}
 
 

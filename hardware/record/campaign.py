@@ -201,10 +201,10 @@ def run_campaign(
     Raises
     ------
     BoardRestarted
-        The board restarted, and there is no `reconnect`.
+        The board restarted, and no `reconnect` is given.
     HardwareError
-        A fault of the board or the stage, or a position where a scan failed `TRIES` times. The indenter is then lifted
-        where the stage can do that by itself.
+        A fault of the board or the stage, or a position at which a scan failed `TRIES` times. The indenter is then
+        lifted if the stage can do that by itself.
     """
     stage.check(campaign.places)
     done = recorder.finished()

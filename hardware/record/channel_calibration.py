@@ -123,18 +123,18 @@ def calibrate_board(
     Parameters
     ----------
     inductances : mapping of str to float, optional
-        Known inductances in H by state: of reference inductors in place of the coils, or measured with another
+        Known inductances in H by state, of reference inductors in place of the coils, or measured with another
         instrument.
     inductance_error : float
         Relative standard error of the known inductances.
     from_design : bool
         Whether to take the inductances of the simulated design instead.
     known_frequency : (str, float), optional
-        State that was measured while a known frequency in Hz replaced its tank, and that frequency; it gives the clock.
+        State that was measured while a known frequency in Hz replaced its tank, and that frequency. It gives the clock.
     frequency_error : float
         Relative standard error of the known frequency.
     order : int, optional
-        Order of the polynomial of the drift, 1 to 3; by default the lowest one with random residuals.
+        Order of the polynomial of the drift, 1 to 3. By default the lowest order with random residuals.
     source, made
         Origin and date of the calibration, see `BoardCalibration`.
 

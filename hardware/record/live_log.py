@@ -128,7 +128,7 @@ def open_log(
     Parameters
     ----------
     path : Path
-        File that ends in .csv or .nc; the lines of the latter are kept in ``NAME.nc.csv`` until the end.
+        File that ends in .csv or .nc. The lines of the latter are kept in ``NAME.nc.csv`` until the end.
     states : sequence of str
         Names of the states of a scan.
     emulated, temperature : bool
@@ -141,7 +141,7 @@ def open_log(
     Raises
     ------
     OutputError
-        As of `check_log`, and for a file that cannot be written.
+        A file that `check_log` refuses, or that cannot be written.
     """
     check_log(path, force=force)
     lines = _lines_of(path)
@@ -176,7 +176,7 @@ def read_log(path: Path, *, cut: bool = False) -> xr.Dataset:
     path : Path
         Log that `open_log` wrote.
     cut : bool
-        Whether to read the whole lines of a log without its last line too, as a program leaves it that was killed.
+        Whether to read the complete lines of a log without its last line too. A killed program leaves such a log.
 
     Returns
     -------

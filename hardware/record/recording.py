@@ -51,7 +51,10 @@ class GridPlace:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSession:
-    """Properties of all scans from opening a board to closing it."""
+    """Properties of all scans while a board is open.
+
+    They hold from opening the board to closing it.
+    """
 
     started: float  # s since the epoch
     identity: Identity

@@ -291,7 +291,10 @@ class GcodeStage:
             _remember_machine(self._identity)
 
     def indent(self, depth: float, speed: float) -> None:
-        """Indent to a depth in m at a speed in m/s."""
+        """Indent to a depth in m.
+
+        The speed is in m/s.
+        """
         if not 0 < depth <= self._limits.depth:
             raise HardwareError(
                 f"depth of the stage must be positive and at most {self._limits.depth * 1e3:g} mm; "

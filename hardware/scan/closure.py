@@ -37,7 +37,10 @@ class WiredSwitch(NamedTuple):
 
     @property
     def code(self) -> int:
-        """Byte of the switch in an encoded wiring: 4·(2·coil + end) + net."""
+        """Byte of the switch in an encoded wiring.
+
+        It is 4·(2·coil + end) + net.
+        """
         coil, end = self.terminal
         return 4 * (2 * coil + end) + NETS.index(self.net)
 

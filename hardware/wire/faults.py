@@ -53,4 +53,4 @@ class SwitchFault(HardwareError):  # noqa: N818
 
 
 class BusTimeout(BusFault):
-    """A chip or the bus holds up a transfer too long."""
+    """A chip or the bus delays a transfer too long."""

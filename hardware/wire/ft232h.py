@@ -1,7 +1,7 @@
 """Converter and switches on an FT232H (or FT2232H) at USB.
 
-The chip has one engine for serial buses, which I²C uses. Therefore the switches get clock and data from pins of the
-second port, C0 to C7, one level after the other. All levels of a transfer go over USB at once.
+The chip has a single engine for serial buses, which I²C uses. Therefore the switches get clock and data from pins of
+the second port, C0 to C7, level by level. All levels of a transfer go over USB at once.
 """
 
 from __future__ import annotations

@@ -89,12 +89,13 @@ Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
 def parse_port(text: str) -> Port:
     """Read the name of a port.
 
-    Any other text raises a HardwareError that describes the allowed names. A name is ``emulator``; ``/dev/ttyACM0``,
-    ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``; ``ftdi://ftdi:232h/1``. A serial port may have
-    ``?baud=9600``, or ``?baud=any`` if the board's rate is not known. The firmware has 115200. The last two may have
-    options after a ``?``, joined by ``&``: ``mode=2`` (SPI), ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes``
-    (the end of the chain of switches is wired back). ``i2c`` also has ``rate=400000`` (clock of the I²C bus in Hz), and
-    ``ftdi`` has ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
+    Any other text raises a HardwareError that describes the allowed names. A name is ``emulator``, a serial port
+    ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``, buses ``i2c:1`` or ``i2c:1:0x2B,spi:0.1``, or an adapter
+    ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` if the board's rate is not known.
+    The firmware has 115200. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
+    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back). ``i2c``
+    also has ``rate=400000`` (clock of the I²C bus in Hz), and ``ftdi`` has ``address=0x2B``, ``clock=0``, ``data=1``,
+    ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
     Without switches, with coils at the channels of the converter, these two and the emulator have instead the options
     ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as

@@ -22,7 +22,7 @@ _WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?(?::([0-9A-F
 
 
 class MessageError(ValueError):
-    """An intact line that is not a message of this version."""
+    """Intact line that is no message of this version."""
 
 
 class Mode(Enum):
@@ -81,7 +81,10 @@ class StreamEnd:
 
 @dataclass(frozen=True)
 class Answer:
-    """Reply to a command that was carried out, with its fields."""
+    """Reply to a command that was carried out.
+
+    It has the fields of the reply.
+    """
 
     command: int
     fields: tuple[str, ...]
