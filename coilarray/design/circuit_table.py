@@ -27,12 +27,12 @@ PASSIVE: Mapping[Termination, Passive] = {
     "short": "ground", "open": "open", "ground one end": "ground one end", "ground other end": "ground other end",
     "load": "load",
 }  # fmt: skip
-"""What closes a coil, by its word in ``[circuit]``."""
+"""Termination of a coil by its word in ``[circuit]``."""
 OF_PART = {
     "short_resistance_ohm": "on_resistance", "switch_off_capacitance_pF": "off_capacitance",
     "terminal_capacitance_pF": "terminal_capacitance", "bus_capacitance_pF": "bus_capacitance",
 }  # fmt: skip
-"""Keys of ``[circuit]`` that a part stands for, each with the name of its value in `Switches`."""
+"""Keys of ``[circuit]`` that a part replaces, each with the name of its value in `Switches`."""
 
 
 class CircuitTable(Table):

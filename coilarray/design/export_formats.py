@@ -15,4 +15,4 @@ SUFFIXES: Mapping[Format, tuple[str, ...]] = {
     "kicad": ("",), "gerber": (".zip",), "dxf": (".dxf",), "svg": (".svg",), "step": (".step", ".stp"),
     "stl": (".stl",), "glb": (".glb",),
 }  # fmt: skip
-"""Suffixes of the files of each format; KiCad's lie in a folder, whose name has none."""
+"""Suffixes of the files of each format. KiCad's files lie in a folder, whose name has no suffix."""

@@ -29,7 +29,7 @@ SIZES: Mapping[Shape, tuple[str, ...]] = {
     "plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "polygon": ("corners_mm",),
 }  # fmt: skip
-"""Keys of the sizes that each shape needs; a polygon may have holes too."""
+"""Keys of the sizes that each shape needs. A polygon may have holes too."""
 
 
 class MaterialTable(Table):

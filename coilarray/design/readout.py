@@ -36,7 +36,7 @@ USUAL: Mapping[str, float] = MappingProxyType(
         "switch_per_kelvin": 1.9e-3,
     }
 )
-"""Sizes of a `Readout` that does not give its own; `coilarray.circuit.noise_budget` says where they are from."""
+"""Sizes of a `Readout` that does not give its own. `coilarray.circuit.noise_budget` has their sources."""
 
 
 def conversion_time(rcount: int, reference: float) -> float:

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 from coilarray.errors import CoilarrayError, NetworkError, require_positive
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
-"""What closes a coil that is not measured: both ends to ground, its first or its second only, nothing, or a load."""
+"""Termination of a coil that is not measured: both ends, its first or second end to ground, open, or a load."""
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,9 @@ _PARTS = (
     ),
 )  # fmt: skip
 PARTS: Mapping[str, SwitchPart] = {part.name: part for part in _PARTS}
-"""The known parts by name. R_ON and topology: front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V;
-bits of the ADG714: ADG714/715, S8 first; off isolation: ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
+"""Known parts by name. R_ON and topology are from the front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V.
+Bits of the ADG714 are from ADG714/715, S8 first. Off isolation is from ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at
+10 MHz."""
 
 
 def switch_part(name: str, what: str = "wiring.device.part") -> SwitchPart:

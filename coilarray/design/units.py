@@ -20,7 +20,7 @@ SCALES: Mapping[str, float] = {
     "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "uH": 1e-6,
     "MHz": 1e6, "percent": 1e-2,
 }  # fmt: skip
-"""SI value of each unit that stands at the end of a key or an option."""
+"""SI value of each unit at the end of a key or an option."""
 
 _ENTRY_UNITS = {
     "mm": "mm", "per_mm": "1/mm", "mm_per_mm": "mm/mm", "um": "µm",

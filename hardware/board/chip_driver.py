@@ -103,9 +103,9 @@ class ChipDriver:
         self.asleep = False
         """Whether the converter was put to sleep and not woken since."""
         self.ready_at = 0.0
-        """When results were seen to be ready last, in s by the clock."""
+        """Time in s by the clock at which results were last seen to be ready."""
         self.came = False
-        """Whether they became ready between two looks; the first look found them where not."""
+        """Whether they became ready between two looks. Otherwise the first look found them."""
 
     def identity(self) -> tuple[int, int]:
         """Read the registers MANUFACTURER_ID and DEVICE_ID."""

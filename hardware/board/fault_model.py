@@ -20,7 +20,7 @@ from coilarray.hardware.scan.closure import SWITCHES, Closure, SwitchTable, clos
 from coilarray.hardware.scan.wiring import Wiring
 
 Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
-"""How words arrive at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
+"""Arrival of words at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
 ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
 """Ends of a coil that a trial of its ground switches grounds, and the name of that state in a scan plan."""
 

@@ -20,10 +20,10 @@ from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 
 DISCARDS = (0, 1, 2, 4, 8, MOST_DISCARDED)
-"""Numbers of discarded conversions that are tried."""
+"""Numbers of discarded conversions to try."""
 UNSETTLED = 2e-6
-"""Least relative offset of a frequency that counts, if the noise is not larger: some codes of the shortest scans, and
-what the clock makes of 0.15 K in the seconds of the test."""
+"""Least relative offset of a frequency that counts, if the noise is not larger. It is some codes of the shortest scans,
+and the change of the clock by 0.15 K in the seconds of the test."""
 _SCANS = 3  # of each number of discarded conversions
 _SIGMAS = 5.0
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used

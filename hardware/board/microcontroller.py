@@ -148,7 +148,7 @@ class MicrocontrollerReader:
         self._silent = False  # whether it did not answer STOP
         self._unsure = False  # whether the board may still be measuring: it must be stopped first
         self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
-        self._gates = GateCounts()  # of all scans before those of the stream
+        self._gates = GateCounts()  # of all scans before the stream
         self._gate: ScanGate | None = None  # of the stream
 
     @property

@@ -20,10 +20,10 @@ from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
 
 RCOUNT = 0x4000
-"""Conversions of 12 ms: a frequency to less than a millionth."""
+"""RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth."""
 NOTICEABLE = 2e-5
-"""Least relative rise of a frequency that counts as a shorted neighbour; on the reference board the nearest neighbours
-give 1.5e-3, the next but one 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
+"""Least relative rise of a frequency that counts as a shorted neighbour. On the reference board the nearest neighbours
+give 1.5e-3, the second neighbours 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
 _MOST_STATES = 16  # at a time; every board takes this number
 _ATTEMPTS = 3
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
@@ -35,7 +35,7 @@ class CoilCheck:
 
     coil: str
     frequency: float | None  # Hz, with all other coils grounded; None if nothing oscillates
-    turned: float | None  # the same with its ends exchanged; None too if the wiring cannot exchange them
+    turned: float | None  # the same with its ends exchanged; None as well if the wiring cannot exchange them
     felt_by: str | None  # coil whose frequency changes most when this coil is grounded; None if no other oscillates
     rises: Mapping[str, float]  # of that frequency, relative, with "both" ends of this coil grounded, only "a" or "b"
 

@@ -48,7 +48,7 @@ class Session(Link):
         super().__init__(port, times=times, clock=clock, number=random.randrange(IDS))
         self._time = BoardTime()
         self.dropped_by_board = 0
-        """Lines of this computer that the board dropped, by its last report."""
+        """Lines of this computer that the board dropped, from its last report."""
         self.newest = 0
         """Latest present time of the board in µs, without wraps."""
         self._silence()

@@ -17,30 +17,30 @@ from coilarray.errors import HardwareError, require_positive
 CODE_BITS = 28
 """Width of a conversion result."""
 FULL_SCALE = 1 << CODE_BITS
-"""Code of a frequency that equals the reference; results are below."""
+"""Code of a frequency that equals the reference. Results are below."""
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 """Smallest and largest frequency of the internal oscillator over all units in Hz."""
 CLOCK_TOLERANCE = 5e-3
-"""Relative change that a measured internal oscillator is allowed: twice what the data sheet's curves of one unit show
-between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
+"""Relative change that a measured internal oscillator is allowed. It is twice the change in the data sheet's curves of
+one unit between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
 SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
-"""Slowest and fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
+"""Slowest and fastest clock of the I²C bus in Hz. `coilarray.hardware.wire.ports.bus_rate` returns a board's clock."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
 CHANNELS = 4
 """Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
-"""From channel to channel in s, and cycles of the reference on top; assumed too for the slot before every conversion of
-a single channel, whose length the data sheet does not give."""
+"""Time from channel to channel in s, and additional cycles of the reference. The same is assumed for the slot before
+every conversion of a single channel, whose length the data sheet does not give."""
 MOST_DISCARDED = 15
 """Largest number of conversions that a state may discard after waking."""
 READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
 LEAST_SETTLE_COUNT = 2
-"""What SETTLECOUNT 0 and 1 act as."""
+"""Effective value of SETTLECOUNT 0 and 1."""
 _SWITCH_BITS = 20  # the words for a chain of six at 1 MHz take as long as this number of bits of the bus
 
 

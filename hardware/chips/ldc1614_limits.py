@@ -37,7 +37,7 @@ _LARGEST_REFERENCE = 35e6  # Hz, with one channel
 _LARGEST_SCANNING, _LARGEST_SCANNING_EXTERNAL = 55e6, 40e6  # Hz, with several channels
 _LEAST_SCANNING_RCOUNT, LEAST_SCANNING_SETTLE_COUNT = 9, 4
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
-"""Cut-off frequencies of the input filter in Hz by code; the application table prints 0b011 for the last."""
+"""Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for the last."""
 
 
 def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:

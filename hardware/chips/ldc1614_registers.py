@@ -18,7 +18,7 @@ from coilarray.errors import HardwareError
 MANUFACTURER = 0x5449
 """Register MANUFACTURER_ID."""
 DEVICE = 0x3055
-"""Register DEVICE_ID; the LDC1612 and the FDC2212/2214 have the same."""
+"""Register DEVICE_ID. The LDC1612 and the FDC2212/2214 have the same."""
 ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from coilarray.errors import HardwareError, listed, shown
 
 ALL_OPEN = 0x00
-"""Word that opens every switch; also the state after power-on."""
+"""Word that opens every switch. It is also the state after power-on."""
 
 
 def switch_word(closed: Iterable[str], bits: Sequence[str]) -> int:

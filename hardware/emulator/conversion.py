@@ -202,7 +202,7 @@ class Result:
     """Result of a conversion, with its errors."""
 
     channel: int
-    code: int  # the 28 bits
+    code: int  # of 28 bits
     last: bool  # whether it completes the sequence of channels, so that data are ready
     under_range: bool = False
     over_range: bool = False

@@ -23,7 +23,7 @@ class Place(NamedTuple):
 
 
 LIFTED = Place(0.0, 0.0, 0.0)
-"""Where the indenter touches nothing."""
+"""Place of an indenter without contact."""
 
 
 class Indenter:

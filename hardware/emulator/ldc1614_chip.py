@@ -394,7 +394,7 @@ class EmulatedBus:
         self.speed = speed
         self.transactions = 0
         self.log: list[tuple[str, int, int]] | None = None
-        """List to which every transaction is appended: "read" or "write", register, value; None for no log."""
+        """Log of every transaction: "read" or "write", register, value. None for no log."""
         self._refused = 0
         self._flips: list[int] = []
         self._held = False

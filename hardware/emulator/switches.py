@@ -51,7 +51,7 @@ class EmulatedChain:
         self.readback = readback
         self.latches = 0
         self.bit_order = list(range(SWITCHES))
-        """Bit of the word that moves each switch of the netlist; change it to emulate a board with another map."""
+        """Bit of the word that moves each switch of the netlist. Change it to emulate a board with another map."""
         self._before_change, self._after_change = before_change, after_change
         self._stuck: dict[tuple[int, int], bool] = {}
         self._register = 0  # the far end of the chain first
@@ -143,9 +143,9 @@ class EmulatedSwitches:
     def __init__(self, chain: EmulatedChain, clock: Clock, *, speed: float = 8e6) -> None:
         self.chain, self.clock, self.speed = chain, clock, speed
         self.mode = 1
-        """SPI mode; change it to emulate a port with another mode."""
+        """SPI mode. Change it to emulate a port with another mode."""
         self.lsb_first = False
-        """Bit order; change it to emulate a port with the wrong one."""
+        """Bit order. Change it to emulate a port with the wrong order."""
         self.broken = False
         """Whether the data line is broken, so that the chain receives zeros."""
 

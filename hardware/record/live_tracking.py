@@ -36,7 +36,7 @@ class LiveState:
     """One state of a scan."""
 
     name: str
-    delta: float | None  # (L − L_0)/L_0; None while the baseline is measured, and where there is no value
+    delta: float | None  # (L − L_0)/L_0; None while the baseline is measured, or without a value
     verdict: Verdict
     reasons: tuple[str, ...] = ()  # why the reading is not good or has no δ
 
@@ -50,14 +50,14 @@ class LiveReading:
     elapsed: float  # s since the first scan of this session of the board
     states: tuple[LiveState, ...]  # in the order of the scan
     waiting: int  # scans that the baseline still needs; 0 once it is complete
-    location: Location | None  # of the indentation; None if it was not asked for or cannot be found
+    location: Location | None  # of the indentation; None if it was not requested or cannot be found
     problem: str  # why there is no location although requested; otherwise empty
     noise: float | None  # standard deviation of each δ alone that the location assumes; None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far
     press: Press | None = None  # press during this scan, or press that has ended with it
     received: float | None = None  # arrival in s since the epoch by the computer's clock
-    temperature: float | None = None  # of the board in °C, where it is known
+    temperature: float | None = None  # of the board in °C, if known
     common_noise: float | None = None  # standard deviation of δ that all states share; None if unknown
 
 

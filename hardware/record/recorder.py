@@ -49,7 +49,7 @@ _PATIENCE = 5.0  # s to wait for another program that writes
 _T = TypeVar("_T")
 
 Thermometer = Callable[[], float | None]
-"""Returns the temperature in °C; None if it is not known just now."""
+"""Function that returns the temperature in °C, or None if it is not known at present."""
 
 
 class Recorder:
@@ -258,7 +258,7 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
                     _log_ahead(path, connection)
                 yield recorder
             finally:
-                with suppress(sqlite3.Error):  # a single file is left, unless it is being read
+                with suppress(sqlite3.Error):  # one file is left, which opens anywhere, unless it is read
                     connection.execute("PRAGMA journal_mode = DELETE")
                 connection.close()
                 if not (there or recorder.started):

@@ -19,9 +19,9 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import RawScan
 
 APPLICATION = 0x636F696C
-""""coil", by which a database of this program is known: SQLite's application_id."""
+"""SQLite's application_id of a database of this program: "coil"."""
 SCHEMA = 2
-"""Of the tables: SQLite's user_version; 1 had no checksums."""
+"""Version of the tables: SQLite's user_version. Version 1 had no checksums."""
 
 _LONGEST_TEXT = 160  # characters of SQLite's message to show
 _TABLES = """

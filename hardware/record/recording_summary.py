@@ -25,7 +25,7 @@ class StateSummary:
         self.name = name
         self.verdicts: Counter[Verdict] = Counter()
         self.reasons: Counter[Reason] = Counter()
-        """Numbers of readings by the reason why they are not good."""
+        """Numbers of readings that are not good, by reason."""
         self._count = self._steps = 0
         self._frequency = self._inductance = self._squares = 0.0  # sums
         self._last: float | None = None

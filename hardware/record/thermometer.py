@@ -23,7 +23,7 @@ PERIOD = 1.0
 """Time in s from reading to reading."""
 
 COLDEST, WARMEST = -100.0, 300.0
-"""Range in °C of what is taken for a temperature; a sensor of the 1-wire bus without power shows 85 °C."""
+"""Range of accepted temperatures in °C. A sensor of the 1-wire bus without power shows 85 °C."""
 
 _OUTDATED = 5.0  # s after which the last reading is outdated
 _SLAVE = re.compile(r"(?s).*crc=\w+ YES\s.*t=(-?\d+)\s*")

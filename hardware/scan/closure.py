@@ -16,7 +16,7 @@ from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import HardwareError
 
 Net = Literal["ground", "INA", "INB", "other"]
-"""What an end of a coil can be joined to: ground, the two pins of the converter, or anything else."""
+"""Net that an end of a coil can be connected to: ground, the two pins of the converter, or anything else."""
 NETS: tuple[Net, ...] = get_args(Net)
 SWITCHES = 8
 """Number of switches of a device, one for each bit of its word."""
@@ -46,7 +46,7 @@ class WiredSwitch(NamedTuple):
 
 
 SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
-"""The switches of every device in the order of the words, by bit; None for a switch that is not wired."""
+"""Switches of every device in the order of the words, by bit. None for a switch that is not wired."""
 
 
 Drains = tuple[tuple[int, ...], ...]
@@ -120,7 +120,7 @@ class Closure:
         for coil in shorted:
             self._join((coil, 0), (coil, 1))
         self.branches = [Branch(coil, (self.group((coil, 0)), self.group((coil, 1)))) for coil in coils]
-        """The coils that conduct, between the groups that their ends belong to."""
+        """Conducting coils between the groups of their ends."""
 
     def group(self, node: Node) -> Node:
         """Return the node that represents all nodes connected to it."""

@@ -21,13 +21,13 @@ from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 Verdict = Literal["good", "doubtful", "bad"]
-"""Quality of a result: good; doubtful, outside what the data sheet promises; bad, no measurement."""
+"""Quality of a result: good, doubtful (outside the data sheet's specification), or bad (no measurement)."""
 
 ALL_FLAGS = 0xF8FD
 """ERROR_CONFIG that enables every flag in the result and in STATUS."""
 LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)
-"""Code of a quarter of the reference frequency, with no offset; the input must stay below."""
+"""Code of a quarter of the reference frequency, without offset. The input must stay below."""
 
 _WORD = 0xFFFF
 _DATA_READY, _UNREAD = 0x0040, 0x000F

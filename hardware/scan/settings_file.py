@@ -23,7 +23,7 @@ from coilarray.hardware.chips.ldc1614 import (
 )
 
 SCHEMA = 2
-"""Version of the settings in JSON; 1 waited for the nominal clock."""
+"""Version of the settings in JSON. Version 1 waited for the nominal clock."""
 MOST_STATES = 255
 """Largest number of states of a scan."""
 

@@ -102,7 +102,7 @@ class Link:
         self._second, self._taken = self.clock.now(), 0  # for the rate
         self._pending: int | None = None  # command without its reply
         self.boot: int | None = None
-        """Session of the board; a line of another one raises BoardRestarted."""
+        """Session of the board. A line of another session raises BoardRestarted."""
         self.end: HardwareError | None = None
         """Fault that ended the session."""
 

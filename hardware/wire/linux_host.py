@@ -21,7 +21,7 @@ from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, Swi
 DEVICES = Path("/dev")
 """Folder of the system's devices."""
 SYSTEM = Path("/sys/class/i2c-adapter")
-"""Folder of what the system says about its I²C buses."""
+"""Folder with the system's data about its I²C buses."""
 _PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
 _HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}

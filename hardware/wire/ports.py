@@ -22,7 +22,7 @@ EMULATOR = "emulator"
 ADDRESSES = (0x2A, 0x2B)
 """I²C addresses of the converter, with its pin ADDR low and high."""
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
-_LINUX_BUS_RATE = 100e3  # Hz, of a bus for which the system sets none: standard mode, as on a Raspberry Pi
+_LINUX_BUS_RATE = 100e3  # Hz, of a bus without a clock set by the system: standard mode, as on a Raspberry Pi
 _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000

@@ -6,7 +6,7 @@ from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError
 
 STARTER = "gast2020"
-"""The design that commands take when none is named."""
+"""Name of the default design of commands."""
 
 DESIGNS = TomlFiles("design", DesignError, __name__)
 """Design files."""

@@ -13,9 +13,9 @@ from enum import Enum, IntEnum
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 
 VERSION = (2, 0)
-"""Major and minor version of the protocol that this package speaks."""
+"""Major and minor version of this package's protocol."""
 _GOOD_STATUS = 0x0048
-"""STATUS of a word without a status of its own: DRDY and UNREADCONV0, no error."""
+"""STATUS of a word that has no status: DRDY and UNREADCONV0, no error."""
 _HEX = {digits: re.compile(rf"[0-9A-F]{{{digits}}}") for digits in (1, 2, 4, 8)}
 _DECIMAL = re.compile(r"0|[1-9][0-9]{0,9}")
 _WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?(?::([0-9A-F]{4}))?")
