@@ -1,4 +1,4 @@
-"""Tables of a design file about the circuit of the coils.
+"""Tables of a design file about the coils' circuit.
 
 They are pydantic models.
 """

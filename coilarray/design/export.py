@@ -79,6 +79,7 @@ def export(
     faults: list[str] = []
 
     def check(board: Path) -> None:
+        """Read the board back and refuse its faults."""
         faults.extend(_net_faults(design, board, kind))
         if faults and not allow_faults:
             listed = "; ".join(faults)

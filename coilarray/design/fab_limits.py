@@ -105,6 +105,7 @@ class FabTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _profile_first(cls, table: object) -> object:
+        """Add the limits of the profile that are not given."""
         name = table.get("profile") if isinstance(table, Mapping) else None
         if not isinstance(name, str) or not isinstance(table, Mapping):
             return table  # a profile that is not text is refused by its type

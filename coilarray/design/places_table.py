@@ -78,9 +78,9 @@ class PlacesTable(Table):
             raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and y of the map in m, ends included.
+        """Return the x and y of the map in m.
 
-        They are empty if they follow from the array.
+        The ends are included. They are empty if they follow from the array.
         """
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
@@ -105,9 +105,9 @@ class PlacesTable(Table):
 
 
 def map_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
-    """Return the positions of a range with a step in m.
+    """Return the positions of a range in m.
 
-    The range [low, high] and the step are in mm.
+    The range [low, high] and its step are in mm.
     """
     low, high = bounds
     steps = round((high - low) / step)

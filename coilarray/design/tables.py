@@ -294,9 +294,9 @@ class RacetrackCoil(OblongTable):
 
 
 def half_side(sides: int, winding: Sense) -> float:
-    """Angle in rad from a polygon's corner to a side's middle.
+    """Angle in rad from a corner to a side's middle.
 
-    It is the side that the winding follows from this corner.
+    It belongs to a polygon, and to the side that the winding follows from this corner.
     """
     return math.pi / sides if winding == "ccw" else -math.pi / sides
 

@@ -136,6 +136,10 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
+    """Return the new value of an entry.
+
+    The parts that are left of its key lead further into the entry.
+    """
     if parts:
         return _with_entry({} if present is None else present, parts, value, key)
     tables = present if isinstance(present, list) else [present]

@@ -220,6 +220,7 @@ def _different(name: str, taken: Iterable[str]) -> str:
 
 
 def _stackup_table(stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any]:
+    """Table of the stack-up."""
     return {
         "layers": [layers[name] for name in stackup.names],
         "copper_thickness_um": [_entry(value, _UM) for value in stackup.copper_thickness],
@@ -617,7 +618,7 @@ def _number(guess: float, value: float, read: Callable[[float], float], *, place
 
 
 def _rounded(value: Any, key: str = "") -> Any:
-    """Round places to 1 nm and other numbers to 12 digits."""
+    """Round places to 1 nm and numbers to 12 digits."""
     if isinstance(value, dict):
         return {name: _rounded(item, name) for name, item in value.items()}
     if isinstance(value, list):

@@ -261,6 +261,7 @@ def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> Non
 def _emulator(
     design: Design | None, wiring: Wiring, board: ChannelBoard | None, emulation: dict[str, Any]
 ) -> EmulatedBoard:
+    """Make an emulated board for a port."""
     from coilarray.design.model import load_design
     from coilarray.hardware.emulator import emulated_board
 

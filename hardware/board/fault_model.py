@@ -160,6 +160,7 @@ def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
 
 
 def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
+    """Yield the faults of every switch that stays open or closed."""
     for number, device in enumerate(wiring.devices, start=1):
         for switch in device.switches:
             name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"

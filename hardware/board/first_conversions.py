@@ -84,7 +84,7 @@ def first_conversions(reader: Reader, settings: ScanSettings, *, progress: Progr
     Returns
     -------
     FirstConversions
-        Nothing is recommended where no state has results.
+        Nothing is recommended if no state has results.
 
     Raises
     ------

@@ -98,7 +98,7 @@ class EmulatedBoard:
     drains : sequence of Drains, optional
         Bits that share a common pin, of every device in the order of the words. None by default.
     open_points : OpenPoints, optional
-        Behaviour of the converter where its documents contradict each other.
+        Behaviour of the converter in points on which its documents contradict each other.
     strict : bool
         Whether undocumented use of a chip raises UndocumentedUse. It is noted in any case.
     readback : bool

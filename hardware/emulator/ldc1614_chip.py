@@ -373,6 +373,7 @@ class Ldc1614:
         return value
 
     def _read_lsb(self, channel: int) -> int:
+        """Return DATAx_LSB with all side effects of reading."""
         if self.asleep:
             self._note(f"DATA{channel}_LSB was read while the chip slept, which clears it.")
         elif not self._fresh[channel]:

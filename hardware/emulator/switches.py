@@ -125,6 +125,7 @@ class EmulatedChain:
         raise HardwareError(f"no switch joins end {end} of coil {coil} to {net}.")
 
     def _latch(self) -> None:
+        """Latch the register and move the switches."""
         words = self._register.to_bytes(len(self.devices))
         self.latches += 1
         if words != self._words:

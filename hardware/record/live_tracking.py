@@ -255,6 +255,7 @@ class LiveTracker:
 
     @staticmethod
     def _state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
+        """Return δ of one state relative to the baseline."""
         reasons = tuple(str(reason) for reason in state.reasons)
         if state.inductance is None or base is None:
             return LiveState(state.name, None, state.verdict, reasons)

@@ -172,6 +172,7 @@ class StageLimits:
     clearance: float = 2e-3  # height above contact in m at which the indenter travels and baselines are measured
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for an empty or too large range."""
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not -_FARTHEST <= low <= high <= _FARTHEST:
                 raise HardwareError(f"{name} of a stage must rise and be at most {_FARTHEST} m; got {low} to {high} m.")

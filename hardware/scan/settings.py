@@ -608,6 +608,7 @@ def _at_least(name: str, value: int | None, least: int) -> int:
 
 
 def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
+    """Return the checked IDRIVE of a coil."""
     drive = drives if isinstance(drives, int) else drives.get(coil)
     if drive is None:
         raise HardwareError(f"drives must name every measured coil; got none for {coil}.")

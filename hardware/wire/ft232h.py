@@ -181,6 +181,7 @@ class Ft232hRegisterBus:
 
     @contextlib.contextmanager
     def _translated_errors(self) -> Iterator[None]:
+        """Translate errors of pyftdi within a block."""
         try:
             yield
         except self._not_acknowledged:

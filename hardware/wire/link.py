@@ -238,6 +238,7 @@ class Link:
                 self._counts = replace(self._counts, overflowed=self._counts.overflowed + 1)
 
     def _limit_rate(self, count: int) -> None:
+        """Raise NotABoard if bytes come too fast."""
         now = self.clock.now()
         if now - self._second >= 1.0:
             self._second, self._taken = now, 0

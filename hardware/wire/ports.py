@@ -175,6 +175,7 @@ def found_ports() -> Mapping[str, tuple[str, ...]]:
 
 
 def _serial_ports() -> tuple[str, ...]:
+    """Return the serial ports, none without pyserial."""
     from coilarray.hardware.wire.serial_ports import list_serial_ports
 
     try:
@@ -237,6 +238,7 @@ def _options(query: str, text: str) -> dict[str, str]:
 
 
 def _bauds(options: dict[str, str], text: str) -> tuple[int, ...]:
+    """Take the baud rates to try from the options."""
     given = options.pop("baud", str(BAUD))
     if given == "any":
         return PROBED_BAUDS
