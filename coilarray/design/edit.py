@@ -122,5 +122,5 @@ def _is_other(before: Any, after: Any) -> bool:
 
 
 def _item(value: Any) -> Any:
-    """Return a new value in the layout of the package's files."""
+    """Return a new value in the layout of package files."""
     return tomlkit.parse(document_text({"k": value}))["k"]

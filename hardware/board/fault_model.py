@@ -145,7 +145,7 @@ def _oscillates(closure: Closure, measured: bool) -> bool | None:
 def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
     """Return a good board and every board with one fault.
 
-    All boards have the assumed wiring, and the good board is the first.
+    The good board has the assumed wiring and is the first.
     """
     return (
         Fault("", wiring),
@@ -160,7 +160,7 @@ def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
 
 
 def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
-    """Yield the faults of every switch that stays open or closed."""
+    """Yield the faults of switches that stay open or closed."""
     for number, device in enumerate(wiring.devices, start=1):
         for switch in device.switches:
             name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"

@@ -50,8 +50,7 @@ def orderly_termination() -> Iterator[None]:
 def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
     """Handle signals within the block.
 
-    With `instead_of_any` these are all signals that Python does not ignore. Otherwise they are only signals without a
-    handler.
+    With `instead_of_any` these are all signals that are not ignored. Otherwise they are only signals without a handler.
     """
     before: dict[int, Any] = {}
     try:
