@@ -1,10 +1,11 @@
-"""Read-out hardware: open a real or emulated board, send it the settings of a scan, and read inductances from it.
+"""Read-out hardware for boards, scans and inductances.
 
-`open_board` opens a board of any kind, `load_wiring` reads how its switches are wired, `scan_settings` and
-`design_settings` make the settings of a scan, `read_scan` converts what the board returns into frequencies and
-inductances, and `self_test` checks every switch.
+The package opens a real or emulated board, sends it the settings of a scan, and reads inductances from it. `open_board`
+opens a board of any kind, and `load_wiring` reads how its switches are wired. `scan_settings` and `design_settings`
+make the settings of a scan. `read_scan` converts the results of the board into frequencies and inductances, and
+`self_test` checks every switch.
 
-Importing this package opens no port. Each name loads its module when it is first used; `__init__.pyi` lists them.
+Importing this package opens no port. Each name loads its module when it is first used. `__init__.pyi` lists the names.
 
 Examples
 --------

@@ -1,1 +1,1 @@
-"""The design file and the design that is made of it."""
+"""The design file and its design."""

@@ -1,4 +1,7 @@
-"""The tables of a design file about what the coils are connected to, as pydantic models."""
+"""Tables of a design file about the coils' circuit.
+
+They are pydantic models.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,12 @@ PASSIVE: Mapping[Termination, Passive] = {
     "short": "ground", "open": "open", "ground one end": "ground one end", "ground other end": "ground other end",
     "load": "load",
 }  # fmt: skip
-"""What closes a coil, by its word in ``[circuit]``."""
+"""Termination of a coil by its word in ``[circuit]``."""
 OF_PART = {
     "short_resistance_ohm": "on_resistance", "switch_off_capacitance_pF": "off_capacitance",
     "terminal_capacitance_pF": "terminal_capacitance", "bus_capacitance_pF": "bus_capacitance",
 }  # fmt: skip
-"""Keys of ``[circuit]`` that a part stands for, each with the name of its value in `Switches`."""
+"""Keys of ``[circuit]`` that a part replaces, each with the name of its value in `Switches`."""
 
 
 class CircuitTable(Table):
@@ -62,12 +65,18 @@ class CircuitTable(Table):
 
     @property
     def of_part(self) -> dict[str, str]:
-        """Keys that are left to the part, each with the name of its value in `Switches`."""
+        """Keys whose values are left to the part.
+
+        Each has the name of its value in `Switches`.
+        """
         keys = {} if self.switches is None else OF_PART
         return {key: name for key, name in keys.items() if key not in self.model_fields_set}
 
     def build_switches(self, coils: int) -> Switches:
-        """Return switches and tank of a board of so many coils."""
+        """Return switches and tank of a board.
+
+        The board has `coils` coils.
+        """
         given = Switches(
             on_resistance=self.short_resistance_ohm / 2,
             off_capacitance=self.switch_off_capacitance_pF * 1e-12,
@@ -101,7 +110,10 @@ class StateTable(Table):
     """Load resistance of a coil that is loaded."""
 
     def build(self, terminations: Mapping[str, Passive]) -> ScanState:
-        """Return the state; coils that it does not mention are as in ``[circuit]``."""
+        """Return the state.
+
+        Coils that it does not mention have their terminations from ``[circuit]``.
+        """
         measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
         if self.others is None:
             return terminated_state(self.name, measured, terminations, self.connection, self.exceptions, self.load_ohm)

@@ -1,4 +1,4 @@
-"""The identity of a design: a hash of its values."""
+"""Identity of a design as a hash of its values."""
 
 from __future__ import annotations
 
@@ -13,19 +13,26 @@ import numpy as np
 from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, RoundedSpiral
 from coilarray.geometry.arcs import Arc
 
-# Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise makes no other
-# design: numbers count to 14 digits, places and angles, for which zero is not a special value, to 1 pm and 1 prad.
+# Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise must not make
+# another design. Therefore numbers count to 14 digits. Places and angles, for which zero is not a special value, count
+# to 1 pm and 1 prad.
 _DIGITS = 14
 _PLACES = 12
 
 
 def digest_of(*values: object) -> str:
-    """Return the SHA-256, hexadecimal, of dataclasses, mappings, sequences, arrays and plain values in any nesting."""
+    """Return the hexadecimal SHA-256 of values.
+
+    The values are dataclasses, mappings, sequences, arrays and plain values in any nesting.
+    """
     return hashlib.sha256(json.dumps([_plain(value) for value in values], sort_keys=True).encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON has it: dataclasses as lists that begin with the name of the class."""
+    """Return a value in the form of JSON.
+
+    Dataclasses become lists that begin with the name of the class.
+    """
     match value:
         case bool() | str() | None:
             return value
@@ -43,10 +50,10 @@ def _plain(value: Any) -> Any:
             return [_plain(value.conductivity), _plain(value.relative_permeability)]  # its name does not count
         case Plate():
             return [value.name, _plain(value.material), _plain(value.thickness), _plain(np.array(value.z))]
-        case RoundedSpiral():  # a file has the direction of a corner, degrees away from that of a flat
+        case RoundedSpiral():  # a file has the direction of a corner, degrees away from the direction of a flat
             values = {field.name: getattr(value, field.name) for field in fields(value)}
             values["direction"] = np.array(value.direction)
-            values["winding_rule"] = "parallel" if value.is_parallel else "corner"  # a circle has one whatever is given
+            values["winding_rule"] = "parallel" if value.is_parallel else "corner"  # a circle always has a rule
             return [type(value).__name__, *map(_plain, values.values())]
         case Arc():  # its bulge is computed, and the bulge of a short arc has few digits
             return [value.first, value.last, _plain(np.array(value.bulge))]
@@ -59,7 +66,10 @@ def _plain(value: Any) -> Any:
 
 
 def _array(array: CoilArray) -> Any:
-    """Every coil shape once, however many placements share it; the lattice is a hint and does not count."""
+    """Return every coil shape of an array once.
+
+    It counts once, however many placements share it. The lattice is a hint and does not count.
+    """
     coils: dict[int, str] = {}
     placements = [_placement(place, coils) for place in array.placements]
     return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
@@ -73,7 +83,10 @@ def _placement(place: Placement, coils: dict[int, str]) -> Any:
 
 
 def _coil(coil: Coil) -> Any:
-    """Return what a spiral was wound from, or the lines of another coil; its name does not count."""
+    """Return the values that a coil was made from.
+
+    They are the sizes of a spiral, or the lines of another coil. Its name does not count.
+    """
     if coil.wound is not None:
         return coil.wound
     lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)

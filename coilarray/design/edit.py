@@ -1,4 +1,7 @@
-"""Texts of TOML files changed to say something else, with the comments, order and layout of all that stays."""
+"""Edit the texts of TOML files.
+
+The comments, order and layout of all unchanged entries are kept.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,10 @@ from coilarray.design.write import document_text
 
 
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    r"""Return the text of a TOML file changed to say `document`; None if that needs a text of its own.
+    r"""Return the text of a TOML file changed to `document`.
 
-    Tables of a list are known by their name, else by their place. New entries stand at the end of their table.
+    None is returned if the change needs a new text. Tables of a list are identified by their name, else by their place.
+    New entries are added at the end of their table.
 
     Examples
     --------
@@ -39,7 +43,7 @@ def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
 
 
 def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Make a table of the file, which says `old`, say what is wanted."""
+    """Change a table of the file from `old` to `wanted`."""
     for key in [key for key in old if key not in wanted]:
         del table[key]
     for key, value in wanted.items():
@@ -57,7 +61,10 @@ def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None
 
 
 def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence[Mapping[str, Any]]) -> None:
-    """Make a list of tables say what is wanted; a table that stays, in whatever place, keeps its comments."""
+    """Change a list of tables from `old` to `wanted`.
+
+    A table that is kept, in whatever place, keeps its comments.
+    """
     before, after, there = _names(old), _names(wanted), list(tables)
     found = []
     for k, (name, item) in enumerate(zip(after, wanted, strict=True)):
@@ -78,7 +85,10 @@ def _names(tables: Sequence[Mapping[str, Any]]) -> list[Any]:
 
 
 def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
-    """Make a list of the file say what is wanted; an item that stays keeps its comment."""
+    """Change a list of the file from `old` to `wanted`.
+
+    An item that is kept keeps its comment.
+    """
     before, after = ([_known_by(item) for item in both] for both in (old, wanted))
     for _, first, end, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes()[::-1]:
         both = min(end - first, stop - start)
@@ -96,15 +106,21 @@ def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
 
 
 def _known_by(item: Any) -> str:
-    """Return the name of a table in a list, or the text of any other item."""
+    """Return the identity of an item in a list.
+
+    It is the name of a table, or the text of any other item.
+    """
     return str(item["name"]) if isinstance(item, Mapping) and "name" in item else repr(item)
 
 
 def _is_other(before: Any, after: Any) -> bool:
-    """Return whether a value has changed: 23.0 is 23, but 1 is not true."""
+    """Check whether a value has changed.
+
+    23.0 is 23, but 1 is not true.
+    """
     return bool(before != after) or isinstance(before, bool) != isinstance(after, bool)
 
 
 def _item(value: Any) -> Any:
-    """Return a new value in the layout of the files that this package writes."""
+    """Return a new value in the layout of package files."""
     return tomlkit.parse(document_text({"k": value}))["k"]

@@ -1,4 +1,7 @@
-"""Write the board of a design for fabrication or for another program; fabrication data are read back and checked."""
+"""Write the board of a design to files.
+
+The files are for fabrication or for another program. Fabrication data are read back and checked.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ _SHOWN_FAULTS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written.
+    """Files that were written.
 
-    `files` are its paths; `net_faults` up to three faults in the copper of the files, read back. Formats that are not
-    read back have none.
+    `files` are their paths. `net_faults` are up to three faults in the copper of the files, read back. Formats that are
+    not read back have no faults.
     """
 
     files: tuple[Path, ...]
@@ -39,25 +42,25 @@ def export(
     design : Design or DesignFile
         Design of the board.
     path : str or Path
-        File to write; for ``"kicad"`` a folder. What is there is replaced, whole or not at all.
+        File to write. For ``"kicad"`` it is a folder. An existing file or folder is replaced, whole or not at all.
     to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}, optional
-        Format; by default that of the suffix, and ``"kicad"`` for a name without one.
+        Format. By default it follows from the suffix, and is ``"kicad"`` for a name without a suffix.
     sheets : bool
         Include the elastomer sheets in ``"step"``, ``"stl"`` and ``"glb"``.
     allow_faults : bool
-        Write a board whose copper, read back, is not that of its coils.
+        Write a board even if its copper, read back, differs from its coils.
 
     Returns
     -------
     Exported
-        The files that were written, and what reading them back found.
+        The files that were written, and the faults found by reading them back.
 
     Raises
     ------
     OutputError
         An unknown format or suffix, or a file that cannot be written.
     RuleViolationError
-        KiCad or Gerber files that were read back and have a coil that is cut or touches another one.
+        KiCad or Gerber files that were read back and have a coil that is cut or touches another coil.
     MissingDependencyError
         A library that the format needs is not installed.
 
@@ -76,6 +79,7 @@ def export(
     faults: list[str] = []
 
     def check(board: Path) -> None:
+        """Read the board back and refuse its faults."""
         faults.extend(_net_faults(design, board, kind))
         if faults and not allow_faults:
             listed = "; ".join(faults)
@@ -122,7 +126,10 @@ def _format_of(path: Path) -> Format:
 
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
-    """Read a board back: coils that are cut or touch, foreign copper, wrong nets; at most the first three."""
+    """Read a board back and return its first three faults.
+
+    Faults are coils that are cut or touch, foreign copper, and wrong nets.
+    """
     from coilarray.geometry.connectivity import board_layers, check_names, check_nets
 
     if to == "kicad":
@@ -134,7 +141,7 @@ def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
 
         copper = read_gerbers(board)
     layers, holes = board_layers(copper)
-    # KiCad gives a board of one copper layer an empty back
+    # KiCad gives a board of one copper layer an empty back.
     known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in design.array.stackup.names}
     found = check_nets(design.array, known, holes).faults or check_names(design.array, copper)
     return [fault.text for fault in found[:_SHOWN_FAULTS]]

@@ -1,4 +1,7 @@
-"""Formats in which the board of a design can be written: names alone, which load nothing."""
+"""Names of the export formats of a board.
+
+The module loads nothing else.
+"""
 
 from __future__ import annotations
 
@@ -12,4 +15,4 @@ SUFFIXES: Mapping[Format, tuple[str, ...]] = {
     "kicad": ("",), "gerber": (".zip",), "dxf": (".dxf",), "svg": (".svg",), "step": (".step", ".stp"),
     "stl": (".stl",), "glb": (".glb",),
 }  # fmt: skip
-"""Suffixes of the files of each format; KiCad's lie in a folder, whose name has none."""
+"""Suffixes of the files of each format. KiCad's files lie in a folder, whose name has no suffix."""

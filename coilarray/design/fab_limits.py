@@ -1,4 +1,7 @@
-"""The table ``[fab]`` of a design file, and the bundled profiles of board houses that it names."""
+"""The table ``[fab]`` of a design file.
+
+It names the bundled profiles of board houses.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from coilarray.geometry import FabRules
 
 @dataclass(frozen=True)
 class FabProfile:
-    """Limits that a board house states, and where.
+    """Limits of a board house with their sources.
 
     Parameters
     ----------
@@ -49,7 +52,9 @@ class FabProfile:
 
 @functools.cache
 def load_profile(name: str) -> FabProfile:
-    """Read a bundled profile; DesignError for a name that is not in `coilarray.design.fabs.names`.
+    """Read a bundled profile.
+
+    A name that is not in `coilarray.design.fabs.names` raises a DesignError.
 
     >>> round(load_profile("oshpark-4-layer").rules.min_trace * 1e3, 3)
     0.127
@@ -100,6 +105,7 @@ class FabTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _profile_first(cls, table: object) -> object:
+        """Add the limits of the profile that are not given."""
         name = table.get("profile") if isinstance(table, Mapping) else None
         if not isinstance(name, str) or not isinstance(table, Mapping):
             return table  # a profile that is not text is refused by its type

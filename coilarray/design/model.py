@@ -1,4 +1,7 @@
-"""Designs as frozen values in SI, and design files: TOML with units in the key names."""
+"""Designs as frozen values in SI, and design files.
+
+A design file is TOML with units in the key names.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ from coilarray.geometry.sheet import Base, Strain
 
 @dataclass(frozen=True)
 class Circuit:
-    """What the coils are connected to.
+    """Circuit that the coils are connected to.
 
     Parameters
     ----------
@@ -62,11 +65,11 @@ class Circuit:
     default_termination : such a value
         Termination of every other coil.
     scan : tuple of ScanState
-        States of a scan; empty for each coil in turn, see `Design.plan`.
+        States of a scan. Empty for each coil in turn, see `Design.plan`.
     elastomer_permittivity : float
         Relative permittivity of all sheets.
     part : {"ADG714", "ADG738", "ADG739"}, optional
-        Part of the switches; `switches` holds its values or others.
+        Part of the switches. `switches` holds its values or others.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Circuit:
     part: PartName | None = None
 
     def __post_init__(self) -> None:
+        """Raise DesignError for an invalid value."""
         require_finite("resistivity", self.resistivity, error=DesignError)
         require_finite("elastomer_permittivity", self.elastomer_permittivity, error=DesignError)
         if self.resistivity <= 0 or self.elastomer_permittivity < 1:
@@ -98,13 +102,16 @@ class Circuit:
 
     @property
     def short_resistance(self) -> float:
-        """Resistance in Ω of the path that grounds both ends of a passive coil: two closed switches."""
+        """Resistance of a short across a passive coil in Ω.
+
+        Its path grounds both ends of the coil through two closed switches.
+        """
         return 2 * self.switches.on_resistance
 
 
 @dataclass(frozen=True)
 class Indentation:
-    """What presses on the elastomer, how deep and where.
+    """Indenter, depths and positions of an indentation.
 
     Parameters
     ----------
@@ -113,34 +120,34 @@ class Indentation:
     depths : tuple of float
         Depths of the indentation in m, rising.
     x, y : tuple of float
-        Positions of the map in m, relative to `origin_point`. Where both are empty, `Design` sets them: an even grid
+        Positions of the map in m, relative to `origin_point`. If both are empty, `Design` sets them to an even grid
         over all coils (`coilarray.design.window.array_window`).
     base : {"bonded", "frictionless"} or Seat
-        How the lowest sheet lies on the board, or the soft seat between them.
+        Contact of the lowest sheet with the board, or the soft seat between them.
     origin : str or None
-        Name of the coil whose centre is the origin; None where `origin_point` is given.
+        Name of the coil whose centre is the origin. None if `origin_point` is given.
     origin_point : tuple of float
-        x and y in m of the origin on the board. `Design` sets it where `origin` names a coil.
+        x and y in m of the origin on the board. `Design` sets it if `origin` names a coil.
     sample_radius : float or None
-        Radius in m of a finite sample around the indenter, half the width under a cylinder; None for a wide one.
+        Radius in m of a finite sample around the indenter, half the width under a cylinder. None for a wide sample.
     sample_bounds : tuple of float or None
-        Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
-        None if it covers everything. With a `sample_radius` they only say where it can be pressed.
+        Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`.
+        None if the sample covers everything. With a `sample_radius` they only limit the positions of the indenter.
     ellipse_bounds : tuple of float or None
         Window (x_min, y_min, x_max, y_max) in m, relative to `origin_point`, to whose positions the ellipse model is
-        fitted; None for all of the map.
+        fitted. None for all of the map.
     strain : {"finite", "linear"}
-        Mechanics of the sheets: large deformations, or linear elasticity, which is quicker, and whose faces move up and
-        down only.
+        Mechanics of the sheets: large deformations, or linear elasticity. The latter is quicker, and its faces move up
+        and down only.
     unevenness : Unevenness
-        How the seat under a rectangular sample differs from an even one that holds it down.
+        Difference of the seat under a rectangular sample from an even seat that holds it down.
     step : float or None
-        Distance in m of the positions that `Design` sets; it follows from the coils by default.
+        Distance in m of the positions that `Design` sets. It follows from the coils by default.
     over_array : tuple of tuple of float
-        The x and y that `Design` has set; another array gives others.
+        The x and y that `Design` has set. Another array gives others.
     material : Material or None
-        Material of a hemisphere that carries eddy currents or is magnetic: it then is computed as a `ball` of its
-        radius. None for what the field does not meet, such as plastics.
+        Material of a hemisphere that carries eddy currents or is magnetic. It is then computed as a `ball` of its
+        radius. None for materials without effect on the field, such as plastics.
 
     Raises
     ------
@@ -166,6 +173,7 @@ class Indentation:
     material: Material | None = None
 
     def __post_init__(self) -> None:
+        """Raise DesignError for an invalid value."""
         if self.material is not None and not isinstance(self.indenter, Hemisphere):
             raise DesignError(
                 'indenter.material needs shape = "hemisphere", which is computed as a sphere of its radius; '
@@ -184,9 +192,10 @@ class Indentation:
             )
 
     def reachable(self, depth: float) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest x and y, (2,) each, where the contact stays on the sample; infinite for a wide one.
+        """Least and greatest positions with contact on the sample.
 
-        All in m from the origin. The contact is taken to be as wide as the indenter at a height of `depth`.
+        x and y have the shape (2,) each, in m from the origin, and are infinite for a wide sample. The contact is
+        assumed to be as wide as the indenter at a height of `depth`.
 
         Returns
         -------
@@ -199,12 +208,14 @@ class Indentation:
         return np.array(self.sample_bounds[:2]) + rim, np.array(self.sample_bounds[2:]) - rim
 
     def in_ellipse_window(self) -> Indentation:
-        """Return the indentation at the positions to which the ellipse model is fitted.
+        """Return the indentation at positions for the ellipse model.
+
+        The ellipse model is fitted to these positions.
 
         Returns
         -------
         Indentation
-            The positions within `ellipse_bounds`, all where there are no bounds.
+            The positions within `ellipse_bounds`, or all positions without bounds.
         """
         if self.ellipse_bounds is None:
             return self
@@ -216,13 +227,16 @@ class Indentation:
 
     @property
     def ball(self) -> Ball | None:
-        """The ball that the indenter is to the field of the coils; None without a material."""
+        """Ball that represents the indenter in the field.
+
+        It is None without a material.
+        """
         return None if self.material is None else Ball(self.indenter.radius, self.material)
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A coil array with all that its results depend on.
+    """A coil array with all inputs of its results.
 
     Parameters
     ----------
@@ -231,7 +245,7 @@ class Design:
     sheets : tuple of Sheet
         Elastomer on top of the board, upwards.
     indentation : Indentation or None
-        How the elastomer is pressed; None if nothing is known of it.
+        Indentation of the elastomer. None if it is not known.
     circuit : Circuit
         Switches, tank, terminations and scan.
     rules : FabRules
@@ -241,17 +255,17 @@ class Design:
     name, title, source : str
         Name in results, title, and source of the design.
     plates : tuple of Plate or FinitePlate
-        Metal that stays where it is, above or below the board.
+        Fixed metal above or below the board.
     target : Target or None
-        Body of metal or ferrite that is moved over the board; None if there is none.
+        Body of metal or ferrite that is moved over the board. None without a target.
     readout : Readout
-        How it is read out, for the noise and drift of readings.
+        Settings of the read-out, for the noise and drift of readings.
 
     Raises
     ------
     DesignError
-        Sheets or plates of one name; plates in the sheets, the coils or each other; an indentation that the sheets do
-        not allow; a termination, state or origin of an unknown coil; or an impossible state.
+        Sheets or plates of one name, plates in the sheets, the coils or each other, an indentation that the sheets do
+        not allow, a termination, state or origin of an unknown coil, or an impossible state.
 
     Examples
     --------
@@ -277,6 +291,7 @@ class Design:
     readout: Readout = field(default_factory=Readout)
 
     def __post_init__(self) -> None:
+        """Raise DesignError for an invalid design, and set the maps."""
         require_finite("field_height", self.field_height, error=DesignError)
         names, known = self.array.names, ", ".join(self.array.names)
         sheets = [sheet.name for sheet in self.sheets]
@@ -313,7 +328,10 @@ class Design:
                     )
 
     def _check_indentation(self, setup: Indentation) -> None:
-        """Refuse what the sheets do not allow, and find the origin on the board and the positions over the array."""
+        """Refuse an indentation that the sheets do not allow.
+
+        The origin on the board and the positions over the array are found as well.
+        """
         for k, sheet in enumerate(self.sheets):
             if sheet.youngs_modulus is None:
                 raise DesignError(
@@ -339,35 +357,48 @@ class Design:
 
     @property
     def top(self) -> float:
-        """Height in m of the upper face of all sheets; that of the board, 0, without."""
+        """Height of the upper face of all sheets in m.
+
+        Without sheets it is the height of the board, 0.
+        """
         return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
-        """What closes each coil while another one is measured, by name."""
+        """Termination of each coil by name.
+
+        It holds while another coil is measured.
+        """
         circuit = self.circuit
         return {name: circuit.terminations.get(name, circuit.default_termination) for name in self.array.names}
 
     @cached_property
     def plan(self) -> tuple[ScanState, ...]:
-        """States of a scan: those of the circuit, or each coil in turn."""
+        """States of a scan.
+
+        They are the states of the circuit, or each coil in turn.
+        """
         return self.circuit.scan or self.coils_in_turn
 
     @cached_property
     def coils_in_turn(self) -> tuple[ScanState, ...]:
-        """States that measure each coil in turn, the others as terminated."""
+        """States that measure each coil in turn.
+
+        The other coils have their terminations.
+        """
         return tuple(terminated_state(name, ((name, 1),), self.terminations) for name in self.array.names)
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all values that enter a result, hexadecimal: not of name, title and source.
+        """Hexadecimal SHA-256 of all values that enter a result.
 
-        Equal for equal designs, wherever they are from. Numbers count to 14 digits, places to 1 pm and angles to
-        1 prad, so that the noise of a change of units makes no other design.
+        Name, title and source do not count. The digest is equal for equal designs, wherever they come from. Numbers
+        count to 14 digits, places to 1 pm and angles to 1 prad, so that the rounding of a unit conversion makes no
+        other design.
         """
         circuit, setup = self.circuit, self.indentation
         pressed: tuple[object, ...] = ()
-        if setup is not None and self.sheets:  # else there is nothing to press on
+        if setup is not None and self.sheets:  # otherwise there are no sheets to press on
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
@@ -390,7 +421,10 @@ _Placed = TypeVar("_Placed", Indentation, Target)
 def _over_array(
     setup: _Placed, array: CoilArray, table: str, within: tuple[float, float, float, float] | None = None
 ) -> _Placed:
-    """Find the origin of a map on the board, and its positions over the array where it has none of its own."""
+    """Find the origin of a map and its positions.
+
+    The origin is on the board. The positions lie over the array if the map has no positions of its own.
+    """
     if setup.origin is not None:
         if setup.origin not in array.names:
             raise DesignError(
@@ -406,7 +440,10 @@ def _over_array(
 
 
 def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
-    """Edges in m from the origin between which the contact stays on the sample; None for a wide one."""
+    """Edges in m that keep the contact on the sample.
+
+    They count from the origin, and are None for a wide sample.
+    """
     if setup.sample_bounds is None:
         return None
     (x_min, y_min), (x_max, y_max) = (edges.tolist() for edges in setup.reachable(setup.depths[-1]))
@@ -415,23 +452,24 @@ def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
 
 @dataclass(frozen=True, eq=False)
 class DesignFile:
-    """A design with what only its file says.
+    """A design with the additional content of its file.
 
     Parameters
     ----------
     design : Design
         The design itself.
     document : mapping of str to object
-        The file as TOML reads it, nothing added: plain tables, lists and values. `coilarray.design.vary.vary` changes
-        its entries.
+        The file as TOML reads it, without defaults: plain tables, lists and values. `coilarray.design.vary.vary`
+        changes its entries.
     given : frozenset of str
-        Dotted keys that stand in the file; the others have their default.
+        Dotted keys in the file. The others have their default.
     assumed : mapping of str to str
         Keys whose values are assumed, with the reason.
     values : mapping of str to object
         Every value by its dotted key, defaults included, in the units of the keys.
     text : str
-        The file as it was read, whose comments and layout `coilarray.design.save.save_design` keeps; empty for none.
+        The file as it was read, whose comments and layout `coilarray.design.save.save_design` keeps. Empty without a
+        file.
     """
 
     design: Design
@@ -443,7 +481,10 @@ class DesignFile:
 
     @cached_property
     def unusual(self) -> tuple[str, ...]:
-        """A line for each unusual value, with the likely one, in the order of the file."""
+        """Lines about unusual values in the order of the file.
+
+        Each line has the likely value too.
+        """
         return tuple(unusual_values(self.values))
 
     def __repr__(self) -> str:
@@ -458,7 +499,10 @@ class DesignFile:
 
 
 def design_of(given: Design | DesignFile) -> Design:
-    """Return the design of an argument that is one or is its file; DesignError for anything else."""
+    """Return the design of an argument.
+
+    The argument is a design or its file. Anything else raises a DesignError.
+    """
     if isinstance(given, DesignFile):
         return given.design
     if not isinstance(given, Design):
@@ -475,7 +519,7 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     Parameters
     ----------
     name_or_path : str or Path, optional
-        A TOML file, or the name of a bundled design; the bundled ``gast2020`` by default.
+        A TOML file, or the name of a bundled design. The bundled ``gast2020`` by default.
 
     Returns
     -------
@@ -485,8 +529,8 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     Raises
     ------
     DesignError
-        An unreadable file, wrong TOML, an unknown key, a value that is not allowed, or an impossible geometry: one
-        line that names the file, the key, what was given and what is allowed.
+        An unreadable file, wrong TOML, an unknown key, a value that is not allowed, or an impossible geometry. The
+        message is one line with the file, the key, the given value and the allowed values.
 
     Examples
     --------
@@ -497,9 +541,10 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
 
 
 def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
-    """Read a design with what only its file says: which keys are given, which values assumed.
+    """Read a design with the additional content of its file.
 
-    `name_or_path` is that of `load_design`, with the same errors.
+    It records which keys are given and which values are assumed. `name_or_path` and errors are the same as in
+    `load_design`.
 
     Returns
     -------
@@ -511,7 +556,9 @@ def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
 
 
 def parse_design(text: str, origin: str = "design") -> Design:
-    """Read a design from the text of a TOML file; `origin` names it in messages. See `load_design`.
+    """Read a design from the text of a TOML file.
+
+    `origin` names it in messages. See `load_design`.
 
     Returns
     -------
@@ -522,9 +569,10 @@ def parse_design(text: str, origin: str = "design") -> Design:
 
 
 def parse_design_file(text: str, origin: str = "design") -> DesignFile:
-    """Read a design file from its text; `origin` names it in messages. See `load_design_file`.
+    """Read a design file from its text.
 
-    Unusual values, which a slip of a unit may have made, get an `UnusualValueWarning`.
+    `origin` names it in messages. See `load_design_file`. Unusual values, which may come from a wrong unit, cause an
+    `UnusualValueWarning`.
     """
     file = build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
     for line in file.unusual:
@@ -533,17 +581,18 @@ def parse_design_file(text: str, origin: str = "design") -> DesignFile:
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
-    """Check a document, a design file as TOML reads it, and make its design; `origin` names it in messages.
+    """Check a document and make its design.
 
-    DesignError as `load_design`.
+    The document is a design file as TOML reads it. `origin` names it in messages. A DesignError is raised as by
+    `load_design`.
     """
     return build_design_file(document, origin).design
 
 
 def build_design_file(document: Mapping[str, Any], origin: str = "design", text: str = "") -> DesignFile:
-    """Check a document and keep it, and a text with its comments, with the design that it describes.
+    """Check a document and store it with its design.
 
-    See `build_design`.
+    The text with its comments is stored too. See `build_design`.
     """
     parsed = bundled.DESIGNS.check(Document, document, origin)
     try:
@@ -562,6 +611,7 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
 
 
 def _build(parsed: Document) -> Design:
+    """Make the design of a checked document."""
     coils: dict[str, Coil] = {}
     for name, table in parsed.coils.items():
         with _named(f"coils.{name}"):
@@ -599,6 +649,7 @@ def _plates(parsed: Document, top: float, underside: float) -> tuple[Plate | Fin
 
 
 def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
+    """Make the circuit of a checked document."""
     table = parsed.circuit
     default = PASSIVE[table.default_termination]
     terminations = {coil: PASSIVE[how] for coil, how in table.terminations.items()}
@@ -615,7 +666,10 @@ def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
 
 
 def _indentation(parsed: Document) -> Indentation | None:
-    """Put the tables [indenter] and [indentation] together, which say nothing one without the other."""
+    """Combine the tables [indenter] and [indentation].
+
+    Either table alone has no meaning.
+    """
     indenter, table = parsed.indenter, parsed.indentation
     if indenter is None and table is None:
         return None
@@ -648,13 +702,19 @@ def _target(parsed: Document) -> Target | None:
 
 
 def _assumed_by_profile(name: str | None, given: frozenset[str]) -> dict[str, str]:
-    """Limits that a fab profile assumes and the file does not give, with the reason."""
+    """Limits that a fab profile assumes, with the reason.
+
+    Limits that the file gives are left out.
+    """
     assumed = {} if name is None else load_profile(name).assumed
     return {f"fab.{key}": reason for key, reason in assumed.items() if f"fab.{key}" not in given}
 
 
 def _of_part(parsed: Document, design: Design) -> dict[str, object]:
-    """Values of ``[circuit]`` that follow from the part of the switches, in the units of their keys."""
+    """Values of ``[circuit]`` from the part of the switches.
+
+    They are in the units of their keys.
+    """
     switches = design.circuit.switches
     picofarads = {key: round(getattr(switches, name) * 1e12, 3) for key, name in parsed.circuit.of_part.items()}
     return {
@@ -664,7 +724,7 @@ def _of_part(parsed: Document, design: Design) -> dict[str, object]:
 
 
 def _assumed_of_part(parsed: Document) -> dict[str, str]:
-    """Why values that follow from the part of the switches are assumed."""
+    """Reasons why values from the switches' part are assumed."""
     part = parsed.circuit.switches
     reasons = {
         "short_resistance_ohm": "two closed switches, typical at 5 V",
@@ -678,7 +738,10 @@ def _assumed_of_part(parsed: Document) -> dict[str, str]:
 
 @contextmanager
 def _named(key: str) -> Iterator[None]:
-    """Put the key of a table before the message of a geometry that it cannot have."""
+    """Prefix messages about an impossible geometry with a key.
+
+    It is the key of the geometry's table.
+    """
     try:
         yield
     except GeometryError as error:
@@ -686,7 +749,10 @@ def _named(key: str) -> Iterator[None]:
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    """Give every value by its dotted key; tables in a list are numbered from 0, plain lists stay whole."""
+    """Return every value by its dotted key.
+
+    Tables in a list are numbered from 0. Plain lists stay whole.
+    """
     flat: dict[str, object] = {}
     for key, value in table.items():
         name = f"{prefix}{key}"

@@ -1,4 +1,7 @@
-"""The keys that say where something is above the board: indentations and targets share them."""
+"""Keys of positions above the board.
+
+Indentations and targets share them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from coilarray.design.window import MOST_POSITIONS
 StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
 Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
 
-_WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of them
+_WHOLE_STEPS = 1e-6  # part of a step by which a range may miss a whole number of steps
 
 
 class PlacesTable(Table):
@@ -37,6 +40,7 @@ class PlacesTable(Table):
 
     @model_validator(mode="after")
     def _consistent_places(self) -> Self:
+        """Refuse contradicting keys and too many positions."""
         if self.origin is not None and self.origin_mm is not None:
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
@@ -62,6 +66,7 @@ class PlacesTable(Table):
 
     @staticmethod
     def _check_range(key: str, low: float, high: float, step: float) -> None:
+        """Refuse a range without a whole number of steps."""
         if low > high:
             raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
         steps = (high - low) / step
@@ -73,7 +78,10 @@ class PlacesTable(Table):
             raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included; none if they follow from the array."""
+        """Return the x and y of the map in m.
+
+        The ends are included. They are empty if they follow from the array.
+        """
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:
@@ -81,7 +89,10 @@ class PlacesTable(Table):
         return x, y
 
     def places(self) -> dict[str, Any]:
-        """Return x, y, origin and step in SI, as `Indentation` and `Target` take them."""
+        """Return x, y, origin and step in SI.
+
+        `Indentation` and `Target` take them.
+        """
         x, y = self.positions()
         at_x, at_y = (0.0, 0.0) if self.origin_mm is None else self.origin_mm
         return {
@@ -94,8 +105,11 @@ class PlacesTable(Table):
 
 
 def map_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
-    """Return the positions in m of a range [low, high] with a step, both in mm."""
+    """Return the positions of a range in m.
+
+    The range [low, high] and its step are in mm.
+    """
     low, high = bounds
     steps = round((high - low) / step)
-    # divided, not multiplied by 1e-3: positions are labels, and -26 mm is to be -0.026 m
+    # Divided, not multiplied by 1e-3: positions are labels, and -26 mm must be -0.026 m.
     return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))

@@ -1,4 +1,7 @@
-"""The tables of metal bodies in a design file, and where plates may lie beside the board and the sheets."""
+"""Tables of metal bodies in a design file.
+
+The module also checks where plates lie beside the board and the sheets.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ SIZES: Mapping[Shape, tuple[str, ...]] = {
     "plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "polygon": ("corners_mm",),
 }  # fmt: skip
-"""Keys of the sizes that each shape needs; a polygon may have holes too."""
+"""Keys of the sizes that each shape needs. A polygon may have holes too."""
 
 
 class MaterialTable(Table):
@@ -41,6 +44,7 @@ class MaterialTable(Table):
 
     @model_validator(mode="after")
     def _known_material(self) -> MaterialTable:
+        """Refuse an unknown material or contradicting keys."""
         if self.material is not None and self.material not in MATERIALS:
             close = difflib.get_close_matches(self.material, MATERIALS, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
@@ -52,7 +56,10 @@ class MaterialTable(Table):
         return self
 
     def substance(self, name: str) -> Material | None:
-        """Return the material in SI, with a name of one's own where it has none; None if nothing is said of it."""
+        """Return the material in SI.
+
+        A material without a name gets a name of its own. The result is None if no material is given.
+        """
         if self.material is not None:
             return MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:
@@ -86,6 +93,7 @@ class FlatTable(MaterialTable):
 
     @model_validator(mode="after")
     def _sizes_of_its_shape(self) -> FlatTable:
+        """Refuse missing or extra keys of a shape."""
         needed = SIZES[self.shape]
         for key in {key for keys in SIZES.values() for key in keys}:
             if (getattr(self, key) is not None) != (key in needed):
@@ -103,9 +111,12 @@ class FlatTable(MaterialTable):
         return self
 
     def flat(self, name: str) -> tuple[Material, Outline | None, float]:
-        """Return material, outline (None of a wide plate) and thickness in m."""
+        """Return material, outline and thickness in m.
+
+        The outline of a wide plate is None.
+        """
         material = self.substance(name)
-        assert material is not None  # the validator has seen to it
+        assert material is not None  # the validator has checked it
         sizes = [getattr(self, key) for key in SIZES[self.shape]]
         return material, _OUTLINES[self.shape](sizes, self.holes_mm), self.thickness_mm * _MM
 
@@ -141,6 +152,7 @@ class PlateTable(FlatTable):
 
     @model_validator(mode="after")
     def _one_height(self) -> PlateTable:
+        """Refuse missing or contradicting keys of the height."""
         if (self.z_mm is None) == (self.distance_mm is None):
             raise ValueError("needs exactly one of z_mm and distance_mm")
         if (self.side is None) != (self.distance_mm is None):
@@ -150,7 +162,10 @@ class PlateTable(FlatTable):
         return self
 
     def build(self, top: float, underside: float) -> Plate | FinitePlate:
-        """Return the plate in SI; `top` is the height in m of the sheets' upper face, `underside` of the board's."""
+        """Return the plate in SI.
+
+        `top` is the height of the sheets' upper face in m, and `underside` the height of the board's lower face.
+        """
         material, outline, thickness = self.flat(self.name)
         lower = (self.z_mm or 0.0) * _MM
         if outline is None:
@@ -167,10 +182,11 @@ class PlateTable(FlatTable):
 
 
 def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_copper: float) -> None:
-    """Refuse plates of one name, in the sheets or the coils' copper, or in each other: DesignError.
+    """Refuse plates of one name or in a wrong place.
 
-    `top` is the height in m of the sheets' upper face, `lowest_copper` that of the lowest face of the coils' copper;
-    below it plates may lie in the board, such as a copper pour.
+    Plates in the sheets, in the coils' copper or in each other raise a DesignError. `top` is the height in m of the
+    sheets' upper face, and `lowest_copper` the height of the lowest face of the coils' copper. Below it plates may lie
+    in the board, such as a copper pour.
     """
     names = [plate.name for plate in plates]
     if len(set(names)) != len(names):
@@ -190,7 +206,7 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
 
 
 def _share_ground(one: Plate | FinitePlate, other: Plate | FinitePlate) -> bool:
-    """Whether two plates cover a common area of the board."""
+    """Check whether two plates cover a common board area."""
     if isinstance(one, Plate) or isinstance(other, Plate):
         return True
     first, second = (
@@ -203,7 +219,10 @@ def _share_ground(one: Plate | FinitePlate, other: Plate | FinitePlate) -> bool:
 def flat_entries(
     plate: Plate | FinitePlate, number: Callable[[float, float], float], place: Callable[[float], float]
 ) -> dict[str, Any]:
-    """Return the keys of a `FlatTable`; `number` gives the entry of a value in a unit, `place` that of one in m."""
+    """Return the keys of a `FlatTable`.
+
+    `number` gives the entry of a value in a unit, and `place` the entry of a value in m.
+    """
     table: dict[str, Any] = {"thickness_mm": number(plate.thickness, _MM), **material_entries(plate.material, number)}
     if isinstance(plate, Plate):
         return table
@@ -223,7 +242,10 @@ def flat_entries(
 
 
 def material_entries(material: Material, number: Callable[[float, float], float]) -> dict[str, Any]:
-    """Return the keys of a `MaterialTable`; `number` as of `flat_entries`. DesignError for a perfect conductor."""
+    """Return the keys of a `MaterialTable`.
+
+    `number` has the same meaning as in `flat_entries`. A perfect conductor raises a DesignError.
+    """
     if MATERIALS.get(material.name) == material:
         return {"material": material.name}
     if math.isinf(material.conductivity):

@@ -1,4 +1,7 @@
-"""How a design is read out, as far as noise and drift of its readings depend on it: ``[readout]``."""
+"""Read-out of a design: ``[readout]``.
+
+It has the settings that noise and drift of the readings depend on.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +36,13 @@ USUAL: Mapping[str, float] = MappingProxyType(
         "switch_per_kelvin": 1.9e-3,
     }
 )
-"""Sizes of a `Readout` that does not give its own; `coilarray.circuit.noise_budget` says where they are from."""
+"""Sizes of a `Readout` that does not give its own. `coilarray.circuit.noise_budget` has their sources."""
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (SNOSCY9A, equation 7), for f_ref in Hz.
+    """Return the duration of a conversion in s.
+
+    It is (16·RCOUNT + 4)/f_ref (SNOSCY9A, equation 7), for f_ref in Hz.
 
     >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
     48.321
@@ -62,7 +67,7 @@ class Readout:
     reference_divider : int
         Divider from the clock to the reference frequency.
     resolution : float or None
-        Relative standard deviation of a frequency at RCOUNT 0x800; it falls with the root of RCOUNT.
+        Relative standard deviation of a frequency at RCOUNT 0x800. It falls with the root of RCOUNT.
     clock_jitter : float or None
         Standard deviation of one period of the clock in s. It adds up from period to period in the converter's own
         oscillator, and does not in a crystal oscillator.
@@ -75,11 +80,11 @@ class Readout:
     supply_change : float
         Standard deviation of the supply from L_0 to the reading in V.
     clock_per_kelvin, clock_per_volt : float or None
-        Relative change of the clock with temperature in 1/K, and with the supply in 1/V; None for those that are known
-        or assumed of the kind of clock.
+        Relative change of the clock with temperature in 1/K, and with the supply in 1/V. None for the values that are
+        known or assumed for the kind of clock.
     capacitor_per_kelvin, board_per_kelvin, copper_per_kelvin, switch_per_kelvin : float or None
         Relative change with temperature in 1/K of the tank's capacitance, the board's size, the resistance of the
-        copper and that of a closed switch; as for `resolution` and `clock_jitter` None stands for a size that is not
+        copper and the resistance of a closed switch. As for `resolution` and `clock_jitter`, None is a size that is not
         given, which `size` takes from `USUAL`.
 
     Raises
@@ -113,6 +118,7 @@ class Readout:
     switch_per_kelvin: float | None = None
 
     def __post_init__(self) -> None:
+        """Raise DesignError for an invalid value."""
         for one in fields(self):
             value = getattr(self, one.name)
             if value is None:
@@ -126,7 +132,9 @@ class Readout:
             raise DesignError(f"rcount of a read-out must be 5 to 65535; got {self.rcount}.")
 
     def size(self, name: str) -> float:
-        """Return the size of a `name` of `USUAL`: the given one, or the usual one.
+        """Return the given or usual size of a `name`.
+
+        `USUAL` has the name.
 
         Returns
         -------
@@ -153,32 +161,40 @@ class Readout:
 
     @property
     def counting_limit(self) -> float:
-        """Relative step of a frequency if a conversion only counted the reference's periods, 1/(16 RCOUNT)."""
+        """Relative step of a frequency by counting, 1/(16 RCOUNT).
+
+        It holds for a conversion that only counts the reference's periods.
+        """
         return 1 / (16 * self.rcount)
 
     @property
     def jitter_noise(self) -> float:
-        """Relative standard deviation of the mean reference frequency of a conversion by the jitter of the clock.
+        """Relative standard deviation of the reference by clock jitter.
 
-        The conversion lasts N periods of the clock, T = N/f_clk. Independent errors σ_j of the periods of an oscillator
-        that runs free add up to √N σ_j; against a resonator only the two ends of the conversion count, √2 σ_j.
+        It is the mean reference frequency of a conversion. The conversion lasts N periods of the clock, T = N/f_clk.
+        Independent errors σ_j of the periods of an oscillator that runs free add up to √N σ_j. Against a resonator only
+        the two ends of the conversion count, √2 σ_j.
         """
         periods = self.conversion_time * self.clock
         return self.size("clock_jitter") * math.sqrt(2.0 if self.external_clock else periods) / self.conversion_time
 
     @property
     def resolution_noise(self) -> float:
-        """Relative standard deviation of a frequency by the converter's resolution: `resolution` over √(RCOUNT/0x800).
+        """Relative standard deviation of a frequency by resolution.
 
-        TI's SNOA944 gives 8e-7 for RCOUNT 0x800 and a sensor at a tenth of the reference, as a firmware for the LDC1612
-        (RepRapFirmware, LDC1612.cpp) quotes it; another project quotes a fall with RCOUNT^-0.8 from the same note,
-        which would give a third of this at full resolution. Not verified.
+        It is the converter's `resolution` over √(RCOUNT/0x800). TI's SNOA944 gives 8e-7 for RCOUNT 0x800 and a sensor
+        at a tenth of the reference, as a firmware for the LDC1612 (RepRapFirmware, LDC1612.cpp) quotes it. Another
+        project quotes a fall with RCOUNT^-0.8 from the same note, which would give a third of this at full resolution.
+        Not verified.
         """
         return self.size("resolution") * math.sqrt(RESOLUTION_RCOUNT / self.rcount)
 
     @property
     def frequency_noise(self) -> float:
-        """Relative standard deviation of the frequency that one conversion gives, beside the sensor's own noise."""
+        """Relative standard deviation of one conversion's frequency.
+
+        The sensor's own noise is not included.
+        """
         return math.hypot(self.resolution_noise, self.jitter_noise)
 
 
@@ -187,7 +203,9 @@ _NOT_NEGATIVE = ("clock_jitter", "temperature_change", "supply_change")
 
 
 def in_unit(value: Any, power: int) -> Any:
-    """Return a number times a power of ten, its decimal digits unchanged; None and what has no unit as it is.
+    """Return a number times a power of ten.
+
+    Its decimal digits are unchanged. None and values without a unit are returned unchanged.
 
     >>> in_unit(0.8, -6), in_unit(8e-7, 6)
     (8e-07, 0.8)
@@ -246,19 +264,25 @@ class ReadoutTable(Table):
 
     @classmethod
     def of(cls, readout: Readout) -> ReadoutTable:
-        """Return the table of a read-out; `build` makes the same read-out of it."""
+        """Return the table of a read-out.
+
+        `build` makes the same read-out from it.
+        """
         return cls(**{key: in_unit(getattr(readout, name), -power) for key, (name, power) in READOUT_ENTRIES.items()})
 
 
 def _entry(key: str) -> tuple[str, int]:
-    """Return the name in `Readout` of a key, and the power of ten of its unit."""
+    """Return the name and unit of a key.
+
+    The name is in `Readout`, and the unit is a power of ten.
+    """
     for unit, power in _POWERS.items():
         if key.endswith(f"_{unit}"):
             return key.removesuffix(f"_{unit}") + _PER.get(unit, ""), power
     return key, 0
 
 
-# the longest unit first
+# The longest unit comes first.
 _POWERS: Mapping[str, int] = {
     "ppm_per_K": -6,
     "ppm_per_V": -6,

@@ -1,4 +1,7 @@
-"""Designs as commented files: the comments are those of the file, else those of the bundled ``starter``."""
+"""Designs as commented files.
+
+The comments come from the file, else from the bundled ``starter``.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +28,10 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     Parameters
     ----------
     design : Design or DesignFile
-        A file keeps its keys, its comments and its layout; of a design made in Python all keys are written, with the
+        A file keeps its keys, its comments and its layout. For a design made in Python all keys are written, with the
         comments that the bundled ``starter`` has for them.
     path : str or Path
-        File to write; what is there is replaced.
+        File to write. An existing file is replaced.
 
     Raises
     ------
@@ -39,19 +42,26 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
 
 
 def file_text(file: DesignFile) -> str:
-    """Return the text of a design file that says its document, as close to the text it is from as can be."""
+    """Return the text of a design file from its document.
+
+    It is as close as possible to the original text.
+    """
     return edited_text(file.text, file.document) or with_comments(document_text(file.document))
 
 
 def keeps_comments(file: DesignFile) -> bool:
-    """Return whether `file_text` has the comments of the text that the file is from, where it has any."""
+    """Check whether `file_text` keeps the comments of the file.
+
+    The comments belong to the original text, if it has any.
+    """
     return "#" not in file.text or edited_text(file.text, file.document) is not None
 
 
 def with_comments(text: str) -> str:
-    r"""Return the text of a design file with a comment behind every key and above every table that `starter` explains.
+    r"""Return the text of a design file with comments.
 
-    Lines that would get too long stay as they are, and so do keys in a table of which `starter` has none.
+    A comment is added behind every key and above every table that `starter` explains. Lines that would get too long
+    stay as they are, and so do keys in a table that has no keys in `starter`.
 
     Examples
     --------
@@ -73,7 +83,11 @@ def with_comments(text: str) -> str:
 
 @functools.cache
 def _explained() -> tuple[dict[str, tuple[str, str]], dict[tuple[str, str], str]]:
-    """Comments above and behind the headers of tables, and behind their keys, also of those that are commented out."""
+    """Return the comments of ``starter`` for tables and keys.
+
+    They are above and behind the headers of tables, and behind their keys. Tables and keys that are commented out count
+    as well.
+    """
     tables: dict[str, tuple[str, str]] = {}
     keys: dict[tuple[str, str], str] = {}
     above: list[str] = []
@@ -87,10 +101,13 @@ def _explained() -> tuple[dict[str, tuple[str, str]], dict[tuple[str, str], str]
 
 
 def _read(text: str) -> Iterator[tuple[str, str, str | None]]:
-    """Give every line with the table in which it stands, coil shapes by ``*``, and its key where it has one."""
+    """Yield every line with its table and key.
+
+    Coil shapes have the table ``*``. The key is None for a line without a key.
+    """
     table = ""
     for line in text.splitlines():
-        found = _HEADER.match(line.removeprefix("# "))  # also that of a table that is commented out
+        found = _HEADER.match(line.removeprefix("# "))  # a table that is commented out counts too
         if found:
             parts = found[1].split(".")
             table = ".".join([parts[0], "*", *parts[2:]]) if parts[0] == "coils" else found[1]

@@ -1,4 +1,7 @@
-"""What the coils are connected to: switches, bus and tank, and the states of a scan. Values only, no arithmetic."""
+"""Switches, bus, tank and the states of a scan.
+
+The coils are connected to them. The module has values only and no arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Literal, get_args
 from coilarray.errors import CoilarrayError, NetworkError, require_positive
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
-"""What closes a coil that is not measured: both ends to ground, its first or its second only, nothing, or a load."""
+"""Termination of a coil that is not measured: both ends, its first or second end to ground, open, or a load."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,12 @@ class Switches:
     on_resistance : float
         Resistance of a closed switch in Ω.
     off_capacitance : float
-        Capacitance of an open switch in F; every terminal has one switch to each of A, B and ground.
+        Capacitance of an open switch in F. Every terminal has one switch to each of A, B and ground.
     terminal_capacitance : float
-        Capacitance from each coil terminal to ground in F: the common pin of its switches.
+        Capacitance from each coil terminal to ground in F, at the common pin of its switches.
     bus_capacitance : float
-        Capacitance from each side of the measuring bus to ground in F: the other pins of all its switches, and the
-        converter's.
+        Capacitance from each side of the measuring bus to ground in F. It includes the other pins of all its switches,
+        and the converter's pins.
     lead_inductance : float
         Inductance of each lead from the bus to the converter in H.
     tank_capacitance : float
@@ -50,6 +53,7 @@ class Switches:
     tank_at: Literal["converter", "coil"] = "converter"
 
     def __post_init__(self) -> None:
+        """Raise NetworkError for an invalid value."""
         strays = ("off_capacitance", "terminal_capacitance", "bus_capacitance")
         for name in ("on_resistance", *strays, "lead_inductance"):
             value = getattr(self, name)
@@ -61,7 +65,10 @@ class Switches:
 
     @property
     def beside_q(self) -> str:
-        """Resistance that is no copper in R and Q of a measured coil, to be said beside Q; empty without any.
+        """Description of the switches' resistance in R and Q.
+
+        The resistance is not copper and is mentioned beside Q of a measured coil. The text is empty without such a
+        resistance.
 
         Examples
         --------
@@ -72,7 +79,9 @@ class Switches:
 
     @property
     def across_coil(self) -> float:
-        """Capacitance in F across a measured coil: the tank, and what both of its sides have to ground in series.
+        """Capacitance across a measured coil in F.
+
+        It is the tank, and the capacitances of both sides to ground in series.
 
         >>> round(Switches(terminal_capacitance=42e-12, bus_capacitance=153e-12).across_coil * 1e12, 1)
         217.5
@@ -89,7 +98,7 @@ class ScanState:
     name : str
         Name of the state in results.
     measured : tuple of (str, {1, -1})
-        The measured coils in order, each with its sense; −1 reverses its terminals.
+        The measured coils in order, each with its sense. A sense of −1 reverses its terminals.
     connection : {"series", "parallel"}
         Connection of several measured coils.
     others : {"ground", "ground one end", "ground other end", "open", "load"}
@@ -109,7 +118,10 @@ class ScanState:
 
 
 def paper_plan(names: Sequence[str]) -> tuple[ScanState, ...]:
-    """Return the scan plan of Gast & Zimmermann (2020): each coil in turn, all others grounded at both ends."""
+    """Return the scan plan of Gast & Zimmermann (2020).
+
+    It measures each coil in turn, with all others grounded at both ends.
+    """
     return tuple(ScanState(name, ((name, 1),)) for name in names)
 
 
@@ -121,7 +133,10 @@ def terminated_state(
     exceptions: Mapping[str, Passive] | None = None,
     load_resistance: float = 50.0,
 ) -> ScanState:
-    """Return a state in which the coils that it does not mention are closed as `terminations` says of every coil."""
+    """Return a state with the given terminations of other coils.
+
+    `terminations` has the termination of every coil. It applies to all coils that the state does not mention.
+    """
     own = dict(exceptions or {})
     taken = {coil for coil, _ in measured} | set(own)
     own |= {coil: passive for coil, passive in terminations.items() if coil not in taken and passive != "ground"}
@@ -131,9 +146,10 @@ def terminated_state(
 def referenced_names(
     states: Sequence[str], reference: Sequence[str], error: type[CoilarrayError] = NetworkError
 ) -> tuple[str, ...]:
-    """Return the states that are not those of reference coils, in their order.
+    """Return the states of all but the reference coils.
 
-    An `error` for no reference, one that is not there or named twice, or where no other state is left.
+    They are in their order. An `error` is raised for an empty `reference`, a reference that is missing or named twice,
+    or if no other state is left.
     """
     for name in reference:
         if name not in states:
@@ -147,9 +163,10 @@ def referenced_names(
 
 
 def check_state(state: ScanState, names: Sequence[str]) -> None:
-    """Refuse a state that cannot be made with coils of these names: NetworkError, which state and which coil.
+    """Refuse a state that is impossible with these coils.
 
-    It measures no coil, names an unknown one or one twice, or has a value that is not allowed.
+    The NetworkError names the state and the coil. Such a state measures no coil, names an unknown coil or a coil twice,
+    or has a value that is not allowed.
     """
     known = ", ".join(names)
     if not state.measured:

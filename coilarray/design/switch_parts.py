@@ -1,6 +1,7 @@
-"""Switches that a board can be built with: what joins what inside a package, the order of its bits, electrical values.
+"""Parts of switches that a board can be built with.
 
-Nothing of the package of a part is known anywhere else. What no public source confirmed is in `SwitchPart.unverified`.
+A part has the connections inside its package, the order of its bits, and electrical values. No other module knows the
+package of a part. Values that no public source confirmed are in `SwitchPart.unverified`.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ CONVERTER_PIN = 4e-12
 """Capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)."""
 PartName = Literal["ADG714", "ADG738", "ADG739"]
 """Names of the known parts."""
-_NETS = 3  # that every end of a coil has a switch to: ground and both sides of the bus
+_NETS = 3  # nets that every end of a coil has a switch to: ground and both sides of the bus
 _LOAD = 50.0  # Ω, into which the off isolation is measured
-_DECADE = 10e6  # Hz, at which it is given
+_DECADE = 10e6  # Hz, frequency of the off isolation
 _FROM_MEMORY = "not verified: the table of the data sheet was not read"
 
 
 @dataclass(frozen=True)
 class SwitchPart:
-    """A package of eight switches, each closed by one bit of a word.
+    """A package of eight switches, each closed by one bit.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class SwitchPart:
     bits : tuple of str
         Names of the switches from bit 0 to bit 7.
     drains : mapping of str to tuple of str
-        Common pins, each with the switches that share it; none where each switch has both pins for itself.
+        Common pins, each with the switches that share it. Empty if no switch shares a pin.
     on_resistance : float
         Typical resistance of a closed switch in Ω.
     off_isolation : float
@@ -62,24 +63,33 @@ class SwitchPart:
 
     @property
     def common_pins(self) -> tuple[tuple[str, ...], ...]:
-        """Switches that share a pin, for each such pin; a switch with a pin of its own is alone."""
+        """Switches that share a pin, for each such pin.
+
+        A switch with a pin of its own is alone.
+        """
         return tuple(self.drains.values()) or tuple((name,) for name in self.bits)
 
     @property
     def off_capacitance(self) -> float:
-        """Capacitance through an open switch in F: an isolation of a into a load R at ω is C = 10^(−a/20)/(ω R)."""
+        """Capacitance through an open switch in F.
+
+        An isolation of a into a load R at ω gives C = 10^(−a/20)/(ω R).
+        """
         return float(10 ** (-self.off_isolation / 20) / (2 * math.pi * _DECADE * _LOAD))
 
     @property
     def closing(self) -> float:
-        """Capacitance to ground in F that a switch adds when it closes; negative where it loses some."""
+        """Capacitance to ground in F that a closing switch adds.
+
+        It is negative if closing reduces the capacitance.
+        """
         return self.on_capacitance - self.source_capacitance - self.drain_capacitance
 
     def capacitances(self, switches: Switches, coils: int) -> Switches:
-        """Return switches with the capacitances of this part in place of their own.
+        """Return switches with the capacitances of this part.
 
-        For a board of `coils` coils whose every end has a switch to ground and to each side of the bus; traces are not
-        counted. Another board: `coilarray.hardware.scan.wiring.Wiring.capacitances`.
+        The board has `coils` coils, and every coil end has a switch to ground and to each side of the bus. Traces are
+        not counted. For another board use `coilarray.hardware.scan.wiring.Wiring.capacitances`.
 
         >>> counted = PARTS["ADG739"].capacitances(Switches(), 6)
         >>> round(counted.terminal_capacitance * 1e12), round(counted.bus_capacitance * 1e12)
@@ -120,12 +130,15 @@ _PARTS = (
     ),
 )  # fmt: skip
 PARTS: Mapping[str, SwitchPart] = {part.name: part for part in _PARTS}
-"""The known parts by name. R_ON and topology: front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V;
-bits of the ADG714: ADG714/715, S8 first; off isolation: ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
+"""Known parts by name. R_ON and topology are from the front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V.
+Bits of the ADG714 are from ADG714/715, S8 first. Off isolation is from ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at
+10 MHz."""
 
 
 def switch_part(name: str, what: str = "wiring.device.part") -> SwitchPart:
-    """Return the part of a name; HardwareError for one that is not in `PARTS`, which begins with `what` it is.
+    """Return a part by name.
+
+    A name that is not in `PARTS` raises a HardwareError, whose message begins with `what`.
 
     >>> switch_part("ADG739").drains["DA"]
     ('S1A', 'S2A', 'S3A', 'S4A')

@@ -1,6 +1,7 @@
-"""The tables of a design file as pydantic models, and how they become geometry.
+"""Tables of a design file as pydantic models.
 
-Numbers stay in the units of their key names up to the `build` methods, which return SI.
+The `build` methods make their geometry. Numbers stay in the units of their key names up to these methods, which return
+SI.
 """
 
 from __future__ import annotations
@@ -93,6 +94,7 @@ class StackupTable(Table):
 
     @model_validator(mode="after")
     def _one_value_a_layer(self) -> StackupTable:
+        """Refuse lists that do not fit the number of layers."""
         for key, less in (("copper_thickness_um", 0), ("dielectric_thickness_mm", 1), ("dielectric_epsilon_r", 1)):
             count, expected = len(getattr(self, key)), len(self.layers) - less
             if count != expected:
@@ -136,7 +138,10 @@ class LeadsTable(Table):
     """Thickness of the copper in a terminal's hole; that of the vias by default."""
 
     def build(self, plating: float) -> Leads:
-        """Return the leads in SI; `plating` is that of the vias."""
+        """Return the leads in SI.
+
+        `plating` is the plating of the vias.
+        """
         own = plating if self.plating_um is None else self.plating_um * _UM
         terminal = PlatedHole(self.drill_mm * _MM, self.pad_mm * _MM, own)
         return Leads(self.length_mm * _MM, self.spacing_mm * _MM, terminal)
@@ -163,7 +168,7 @@ class WoundTable(Table):
     """Leads and terminals; bare ends without this table."""
 
     def wind(self, name: str, spiral: Winding) -> Coil:
-        """Return the coil in SI from the winding of each layer."""
+        """Return the coil in SI from its layers' winding."""
         segments = spiral.steps * self.winding_layers
         if segments > _MOST_SEGMENTS:
             raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
@@ -212,7 +217,7 @@ class PolygonCoil(SidedTable):
         if self.outer_across_flats_mm is not None:
             apothem = apothem_from_size(self.outer_across_flats_mm * _MM, self.sides, across="flats")
         else:
-            assert self.outer_across_corners_mm is not None  # the validator has seen to it
+            assert self.outer_across_corners_mm is not None  # the validator has checked it
             apothem = apothem_from_size(self.outer_across_corners_mm * _MM, self.sides, across="corners")
         corner = self.first_corner_deg * _DEG
         if self.corner_radius_mm:
@@ -253,7 +258,7 @@ class OblongTable(SidedTable):
     corners are sharp and sides parallel."""
 
     def oblong(self, name: str, radius_mm: float) -> Coil:
-        """Return the coil in SI from the radius of its corners."""
+        """Return the coil in SI from its corners' radius."""
         quarter = SIDES.index(self.first_side)
         sizes = (self.outer_width_mm * _MM, self.outer_height_mm * _MM)
         extent, breadth = sizes if quarter % 2 == 0 else sizes[::-1]
@@ -289,7 +294,10 @@ class RacetrackCoil(OblongTable):
 
 
 def half_side(sides: int, winding: Sense) -> float:
-    """Angle in rad from the corner of a polygon to the middle of the side that its winding follows then."""
+    """Angle in rad from a corner to a side's middle.
+
+    It belongs to a polygon, and to the side that the winding follows from this corner.
+    """
     return math.pi / sides if winding == "ccw" else -math.pi / sides
 
 
@@ -297,7 +305,7 @@ def _number_or_list(value: object) -> Literal["number", "list"]:
     return "list" if isinstance(value, list) else "number"
 
 
-# one width for all segments, or one for each segment of each line
+# One width for all segments, or one width for each segment of each line.
 TraceWidths = Annotated[
     Annotated[Millimetres, Tag("number")] | Annotated[list[list[Millimetres]], Tag("list")],
     Discriminator(_number_or_list),
@@ -373,7 +381,10 @@ class FreeArray(Table):
     """The coils, one table each."""
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
-        """Return the array in SI; DesignError for a coil that is not there."""
+        """Return the array in SI.
+
+        A coil that does not exist raises a DesignError.
+        """
         for index, place in enumerate(self.placements):
             _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
         placements = tuple(
@@ -412,6 +423,7 @@ class LatticeArray(Table):
 
     @model_validator(mode="after")
     def _wanted(self) -> LatticeArray:
+        """Refuse missing or extra keys of a lattice."""
         in_rows = self.lattice in ("linear", "square", "hexagonal")
         for key, wanted in (("columns", in_rows or self.lattice == "triangle"), ("rings", self.lattice == "rings")):
             if (getattr(self, key) is not None) != wanted:
@@ -426,7 +438,10 @@ class LatticeArray(Table):
         return self
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
-        """Return the array in SI; DesignError for a coil that is not there."""
+        """Return the array in SI.
+
+        A coil that does not exist raises a DesignError.
+        """
         coil, own = _coil(coils, self.coil, "array.coil"), in_si(self, "coil")
         _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
         kind, shift = own.pop("lattice"), own.pop("layer_shift_per_row")
@@ -586,6 +601,7 @@ class IndentationTable(PlacesTable):
 
     @model_validator(mode="after")
     def _consistent(self) -> IndentationTable:
+        """Refuse missing or contradicting keys."""
         require_rising("depths_mm", self.depths_mm)
         if (self.base == "seat") != (self.seat_stiffness_kPa_per_mm is not None):
             raise ValueError('needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base')
@@ -606,13 +622,16 @@ class IndentationTable(PlacesTable):
         return self
 
     def support(self) -> Base:
-        """Return what the lowest sheet lies on."""
+        """Return the support of the lowest sheet."""
         if self.seat_stiffness_kPa_per_mm is not None:
             return Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
         return "frictionless" if self.base == "frictionless" else "bonded"
 
     def unevenness(self) -> Unevenness:
-        """Return how the seat differs from an even one that holds the sample down."""
+        """Return the difference of the seat from an even seat.
+
+        An even seat holds the sample down.
+        """
         return Unevenness(
             (self.seat_stiffness_slope_x_per_mm * 1e3, self.seat_stiffness_slope_y_per_mm * 1e3),
             (self.seat_gap_slope_x_mm_per_mm, self.seat_gap_slope_y_mm_per_mm),
@@ -622,7 +641,10 @@ class IndentationTable(PlacesTable):
 
 
 def bounds_in_metres(x_mm: Range | None, y_mm: Range | None) -> tuple[float, float, float, float] | None:
-    """Return the edges (x_min, y_min, x_max, y_max) in m of ranges in mm, or None without them."""
+    """Return the edges of ranges in m, or None.
+
+    The edges are (x_min, y_min, x_max, y_max), and the ranges are in mm. None is returned without ranges.
+    """
     if x_mm is None or y_mm is None:
         return None
     # divided, not multiplied: positions at the edges are divided too, and are within

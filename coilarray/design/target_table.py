@@ -1,4 +1,4 @@
-"""The table of a body that is moved over the board."""
+"""Table of a body that moves over the board."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ class MovedTable(PlacesTable):
         return self
 
     def moved(self) -> dict[str, Any]:
-        """Return distances and places in SI, as `Target` takes them."""
+        """Return distances and places in SI.
+
+        `Target` takes them.
+        """
         return {"distances": tuple(distance / 1e3 for distance in self.distances_mm), **self.places()}
 
 
@@ -70,5 +73,5 @@ class SphereTarget(MaterialTable, MovedTable):
     def build(self) -> Target:
         """Return the target in SI."""
         material = self.substance(_NAME)
-        assert material is not None  # the validator has seen to it
+        assert material is not None  # the validator has checked it
         return Target(Ball(self.diameter_mm * _MM / 2, material), **self.moved())

@@ -1,4 +1,7 @@
-"""Our TOML files: where they are found, how they are read, and the one line that says what is wrong with one."""
+"""Search, reading and error messages of TOML files.
+
+Every error is described in one line.
+"""
 
 from __future__ import annotations
 
@@ -21,17 +24,18 @@ _LONGEST_NAME = 200  # characters shown of a file name
 _LONGEST_KEY = 120
 _MOST_BYTES = 10_000_000
 _DEEPEST = 100  # tables and lists in each other
-_MOST_BITS = 1024  # of an integer; a larger one is no float either
+_MOST_BITS = 1024  # of an integer; a larger integer is too large for a float as well
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
 class TomlFiles:
-    """One kind of TOML file, such as designs, some of which come with the package.
+    """One kind of TOML file, such as designs.
 
-    `kind` names it in messages, `error` is raised for a file that cannot be read, and `package` is the import name of
-    the folder with the files that come with the package; empty if there are none.
+    Some of these files come with the package. `kind` names it in messages, and `error` is raised for a file that cannot
+    be read. `package` is the import name of the folder with the files that come with the package. It is empty without
+    such files.
     """
 
     kind: str
@@ -39,18 +43,24 @@ class TomlFiles:
     package: str = ""
 
     def names(self) -> tuple[str, ...]:
-        """Names of the files that come with the package, sorted."""
+        """Names of the files in the package, sorted."""
         found = (entry.name for entry in resources.files(self.package).iterdir()) if self.package else ()
         return tuple(sorted(name.removesuffix(".toml") for name in found if name.endswith(".toml")))
 
     def read(self, name: str) -> str:
-        """Text of a file that comes with the package; KeyError for another name."""
+        """Text of a file in the package.
+
+        Another name raises a KeyError.
+        """
         if name not in self.names():
             raise KeyError(name)
         return resources.files(self.package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
 
     def text(self, name_or_path: str | Path) -> str:
-        """Text of a file, or of one that comes with the package; a file goes before a name."""
+        """Text of a file or of a bundled file.
+
+        A file has priority over the name of a file in the package.
+        """
         given = str(name_or_path)
         cut = given[:_LONGEST_NAME]
         if not given:
@@ -71,15 +81,21 @@ class TomlFiles:
             raise self.error(f"cannot read {cut!r}: {error}.") from None
 
     def _meant(self, path: Path) -> str:
-        """End of a message about a file that is not there: one beside it, or one of the package, with such a name."""
+        """End of a message about a missing file.
+
+        It suggests a file beside it, or a file of the package, with a similar name.
+        """
         names = {name: name for name in self.names()}
-        with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, a name that none can have
+        with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, or an impossible name
             names |= {entry.stem: str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
         close = [names[name] for name in difflib.get_close_matches(path.name.removesuffix(".toml"), names)]
         return f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:
-        """Return the tables of a file; `origin` names it in messages."""
+        """Return the tables of a file.
+
+        `origin` names it in messages.
+        """
         try:
             tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -93,17 +109,20 @@ class TomlFiles:
         return tables
 
     def check(self, model: type[_Model], document: Mapping[str, Any], origin: str) -> _Model:
-        """Check the tables of a file, and return them as a model."""
+        """Check the tables of a file and return a model."""
         try:
             return model.model_validate(document)
         except ValidationError as error:
             message = first_error(error, document)
-            whole = f"the {self.kind}" if message.startswith(" ") else ""  # a mistake of no single key
+            whole = f"the {self.kind}" if message.startswith(" ") else ""  # a mistake that concerns no single key
             raise self.error(f"{origin[:_LONGEST_NAME]}: {whole}{message}") from None
 
 
 def _unusable(tables: dict[str, Any]) -> str:
-    """Say what no reader of a document can take: tables in tables without end, and integers of thousands of digits."""
+    """Describe content that no reader of a document can take.
+
+    Such content is too deeply nested tables, and integers of thousands of digits.
+    """
     level: list[tuple[str, Any]] = [("", tables)]
     for _ in range(_DEEPEST):
         below: list[tuple[str, Any]] = []
@@ -121,20 +140,24 @@ def _unusable(tables: dict[str, Any]) -> str:
 
 
 def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
-    """Describe the first mistake of a document in one line: the key, what is allowed, what was given."""
+    """Describe the first mistake of a document in one line.
+
+    The line has the key, the allowed values, and the given value.
+    """
     errors = error.errors(include_url=False)
     more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
     return f"{_describe(errors[0], document)}{more}"
 
 
 def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
+    """Describe one mistake of a document."""
     where: list[str | int] = []
     table: Any = document
     tagged: Any = None
     for part in details["loc"]:
         if part == "[key]":  # the key itself is wrong, not its value
             continue
-        # pydantic adds the tag of a union's member once, before its key, which may have the same name (array.rings)
+        # pydantic adds the tag of a union's member once, before its key, which may have the same name (array.rings).
         if isinstance(table, Mapping) and table is not tagged and part in (table.get("shape"), table.get("lattice")):
             tagged = table
             continue

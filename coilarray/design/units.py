@@ -1,4 +1,7 @@
-"""What the tables of all our TOML files share: unknown keys refused by name, numbers with their unit and bounds."""
+"""Common base of the tables of all TOML files.
+
+Unknown keys are refused by name. Numbers have a unit and bounds.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ SCALES: Mapping[str, float] = {
     "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "uH": 1e-6,
     "MHz": 1e6, "percent": 1e-2,
 }  # fmt: skip
-"""SI value of each unit that stands at the end of a key or an option."""
+"""SI value of each unit at the end of a key or an option."""
 
 _ENTRY_UNITS = {
     "mm": "mm", "per_mm": "1/mm", "mm_per_mm": "mm/mm", "um": "µm",
@@ -29,7 +32,9 @@ _ENTRY_UNITS = {
 
 
 def entry_unit(key: str) -> str:
-    """Return the unit of an entry of a file by its dotted key, as shown in tables; "1" where it has none.
+    """Return the unit of an entry of a file.
+
+    The entry is given by its dotted key. The unit has the form that tables show. It is "1" for an entry without a unit.
 
     Examples
     --------
@@ -40,12 +45,12 @@ def entry_unit(key: str) -> str:
     >>> entry_unit("stackup.dielectric_thickness_mm.1")
     'mm'
     """
-    last = next((part for part in reversed(key.split(".")) if not part.isdecimal()), "")  # that of the list
+    last = next((part for part in reversed(key.split(".")) if not part.isdecimal()), "")  # the key of the list
     ends = [end for end in _ENTRY_UNITS if last.endswith(f"_{end}")]
     return _ENTRY_UNITS[max(ends, key=len)] if ends else "1"
 
 
-# Bounds far beyond any board: a typo is refused where it stands instead of overflowing or running for hours.
+# Bounds far beyond any board: a typo is refused at once instead of overflowing or running for hours.
 Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]
 LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
@@ -65,7 +70,10 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, table: object) -> object:
-        """Name the allowed keys beside an unknown one, which `extra="forbid"` alone does not."""
+        """Name the allowed keys beside an unknown key.
+
+        ``extra="forbid"`` alone does not do this.
+        """
         known = sorted(field.alias or name for name, field in cls.model_fields.items())
         for key in table if isinstance(table, Mapping) else ():
             if key not in known:
@@ -97,7 +105,10 @@ class Bounds(Table):
 
 
 def in_si(table: Table, *without: str) -> dict[str, Any]:
-    """Return the values of a table in SI by their keys without the unit; lists as tuples, `without` names left out."""
+    """Return the values of a table in SI.
+
+    Their keys have no unit. Lists become tuples, and `without` names are left out.
+    """
     values = {}
     for key in type(table).model_fields:
         if key not in without:
@@ -113,6 +124,9 @@ def _times(value: Any, scale: float | None) -> Any:
 
 
 def require_rising(key: str, values: Sequence[float]) -> None:
-    """Refuse values that do not rise from each to the next: ValueError for a validator."""
+    """Refuse values that do not rise.
+
+    Each must be greater than the previous value. The ValueError is for a validator.
+    """
     if not all(low < high for low, high in pairwise(values)):
         raise ValueError(f"needs {key} that rise from each to the next; got {values}")

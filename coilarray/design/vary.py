@@ -1,9 +1,9 @@
-"""Change single entries of a design: what sweeps, optimisations and tolerances have in common.
+"""Change single entries of a design.
 
-An entry is a dotted key as in `DesignFile.values`, in the unit of its name: ``array.pitch_mm``,
-``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm``, ``circuit.terminations.coil2``. Its value is what the
-file could say there, tables excepted. The changed document is checked like a file, so that nothing can be varied into
-what could not be written.
+The module is common to sweeps, optimisations and tolerances. An entry is a dotted key as in `DesignFile.values`, in the
+unit of its name: ``array.pitch_mm``, ``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm``,
+``circuit.terminations.coil2``. Its value is any value that the file can have for this key, tables excepted. The changed
+document is checked like a file, so every variation is a design that could be written in a file.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
     Parameters
     ----------
     design : Design or DesignFile
-        The design, which stays as it is; the entries of one without a file are those of
+        The design, which stays as it is. If it has no file, its entries come from
         `coilarray.design.write.design_document`.
     changes : mapping of str to object
         New values by dotted key, in the units of the keys. Entries that the file does not give may be set too.
@@ -42,7 +42,7 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
     Returns
     -------
     Design
-        The changed design, with all checks; of the same name.
+        The changed design, with all checks. It has the same name.
 
     Raises
     ------
@@ -66,12 +66,13 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
 
 
 def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a design file as TOML reads it with entries changed as `vary` does; for workers, which get plain tables.
+    """Return a design file with changed entries.
 
-    What does not change is shared. Numbers of numpy become plain ones, and a whole number like 3.0 the integer 3, which
-    every numeric entry takes. DesignError for a key that cannot be an entry: it only describes the design or its file,
-    leads through a value, past the end of a list, to a coil shape that is not there, or to a whole table. Other wrong
-    keys and values are found by `coilarray.design.model.build_design`.
+    The file is a document as TOML reads it, and is changed as by `vary`. The function is for workers, which get plain
+    tables. Unchanged parts are shared. Numbers of numpy become plain numbers, and a whole number like 3.0 becomes the
+    integer 3, which every numeric entry takes. A DesignError is raised for a key that cannot be an entry. Such a key
+    only describes the design or its file, or leads through a value, past the end of a list, to a missing coil shape, or
+    to a whole table. Other wrong keys and values are found by `coilarray.design.model.build_design`.
 
     Examples
     --------
@@ -93,17 +94,23 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
 
 
 def vary_chosen(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """As `vary_document`; what is chosen is no longer assumed."""
+    """Return a changed document with chosen values.
+
+    The changes are made as by `vary_document`. Chosen values are no longer assumed.
+    """
     return no_longer_assumed(vary_document(document, changes), changes)
 
 
 def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
-    """Return a document in which values by dotted keys, or in tables of such names, were chosen by somebody."""
+    """Return a document whose chosen values are not assumed.
+
+    The chosen values are given by dotted keys, or by names of tables that have them.
+    """
     chosen = tuple(keys)
     assumed = {
         name: reason
         for name, reason in document.get("assumed", {}).items()
-        # the dots keep array.pitch apart from array.pitch_mm
+        # The dots keep array.pitch apart from array.pitch_mm.
         if not any(f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}.") for key in chosen)
     }
     rest = {key: value for key, value in document.items() if key != "assumed"}
@@ -111,7 +118,10 @@ def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[
 
 
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
-    """Copy a table or list with one entry set; what lies beside it is shared."""
+    """Copy a table or list with one entry set.
+
+    Everything beside the entry is shared.
+    """
     if isinstance(table, list):
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
             numbers = "0" if len(table) == 1 else f"a number from 0 to {len(table) - 1}"
@@ -126,6 +136,10 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
+    """Return the new value of an entry.
+
+    The parts that are left of its key lead further into the entry.
+    """
     if parts:
         return _with_entry({} if present is None else present, parts, value, key)
     tables = present if isinstance(present, list) else [present]
@@ -135,19 +149,28 @@ def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _some_entry(table: Any) -> str:
-    """Show a possible end of the key of a table or of a list of tables."""
+    """Return a possible end of the key of a table.
+
+    A list of tables works too.
+    """
     if isinstance(table, list):
         return f"0.{_some_entry(table[0])}"
     return next(iter(table), "…")
 
 
 def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
-    """How many parts make a key of the table, which may have dots itself; 0 where there is none."""
+    """Count the parts that make a key of the table.
+
+    The key may have dots itself. The result is 0 if no key matches.
+    """
     return next((count for count in range(len(parts), 0, -1) if ".".join(parts[:count]) in table), 0)
 
 
 def plain(value: Any) -> Any:
-    """Return a value or table as TOML has it: no numpy, lists for tuples, integers for whole numbers."""
+    """Return a value or table in the form of TOML.
+
+    It has no numpy, lists for tuples, and integers for whole numbers.
+    """
     if isinstance(value, Mapping):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,4 +1,7 @@
-"""The positions of a response map that follow from the array, where a design gives none."""
+"""Default positions of a response map.
+
+They follow from the array if a design gives no positions.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,12 @@ from coilarray.geometry import CoilArray
 
 MOST_POSITIONS = 100_000
 """Most positions of a map."""
-# of the narrowest coil: the step at most and at least resolves its response, to a target a wide one
+# The finest and the coarsest step are the narrowest coil divided by these numbers. Both resolve its response, which is
+# wide for a target.
 _PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
-_PARTS_OF_ONE = (32.0, 12.0)  # of a coil that is alone, and whose map is small
-_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, as long as the step keeps to that; targets are wide
-_ROUND = 0.1e-3  # a step is a multiple of it, of five times it from there on
+_PARTS_OF_ONE = (32.0, 12.0)  # of a single coil, whose map is small
+_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step allows; targets are wide
+_ROUND = 0.1e-3  # m; a step is a multiple of it, and a multiple of five times it from there on
 
 Positions = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -28,7 +32,9 @@ def array_window(
     within: tuple[float, float, float, float] | None = None,
     table: str = "indentation",
 ) -> Positions:
-    """Return x and y in m from an origin on the board: an even grid over the outlines of all coils.
+    """Return an even grid over the outlines of all coils.
+
+    x and y are in m from an origin on the board.
 
     Parameters
     ----------
@@ -37,13 +43,13 @@ def array_window(
     origin : tuple of float
         x and y in m on the board from which positions count.
     step : float, optional
-        Distance of the positions in m; by default a twelfth of the narrowest coil, of a single one a thirty-second.
-        Where there would be more than 2000 positions it is up to a sixth, and where there would be more than 500 of a
-        target up to a quarter; of a single coil up to a twelfth. On a board of thousands of coils it is wider, until
-        100000 positions suffice.
+        Distance of the positions in m. By default it is a twelfth of the narrowest coil, and a thirty-second of a
+        single coil. To avoid more than 2000 positions it is up to a sixth, and to avoid more than 500 positions of a
+        target up to a quarter. For a single coil it is up to a twelfth. On a board of thousands of coils it is wider,
+        until 100000 positions suffice.
     within : tuple of float, optional
-        Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
-        where there is no other.
+        Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves. If no other position is left,
+        their middle is the only position.
     table : str
         Table of the design file that has the step, for messages.
 
@@ -65,10 +71,10 @@ def array_window(
             raise DesignError(
                 f"{table}.step_mm of {step * 1e3:g} gives more than {MOST_POSITIONS} positions over all coils."
             )
-        chosen = _round(1.1 * chosen + 5 * _ROUND)  # which rounding cannot take back
+        chosen = _round(1.1 * chosen + 5 * _ROUND)  # rounding cannot take this back
         first, last = _multiples(bounds, chosen, within)
     x, y = (
-        # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m
+        # Divided by whole millimetres, not multiplied: positions are labels, and -26 mm must be -0.026 m.
         tuple(round((a + k) * chosen * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
         for a, b in zip(first.tolist(), last.tolist(), strict=True)
     )
@@ -76,7 +82,10 @@ def array_window(
 
 
 def _default_step(array: CoilArray, size: FloatArray, table: str) -> float:
-    """Return the step in m that resolves the response of the narrowest coil on a map of a size in m."""
+    """Return the default step of a map in m.
+
+    It resolves the response of the narrowest coil on a map of a size in m.
+    """
     sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
     narrowest = float(min(sides))
     finest, coarsest = (narrowest / part for part in (_PARTS[table] if len(sides) > 1 else _PARTS_OF_ONE))
@@ -91,7 +100,10 @@ def _round(step: float) -> float:
 def _multiples(
     bounds: FloatArray, step: float, within: tuple[float, float, float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the first and last multiple of the step along x and y that a map over the bounds has."""
+    """Return the first and last multiple of the step.
+
+    They are along x and y, for a map over the bounds.
+    """
     first, last = np.floor(bounds[0] / step + 1e-9), np.ceil(bounds[1] / step - 1e-9)
     if within is not None:
         first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))

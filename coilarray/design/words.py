@@ -1,4 +1,4 @@
-"""A design in words, made of its own values."""
+"""Description of a design in words from its values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ _DIGITS = 12  # of a hash
 
 
 def metal_words(design: Design) -> str:
-    """Return the metal near the coils: plates by their names, and the target; empty if there is none.
+    """Return the metal near the coils in words.
+
+    It has the plates by their names, and the target. The text is empty without metal.
 
     Examples
     --------
@@ -28,7 +30,10 @@ def metal_words(design: Design) -> str:
 
 
 def design_facts(design: Design) -> list[tuple[str, str]]:
-    """Return a design as rows of what and its value in words; what there is not is left out."""
+    """Return a design as rows of names and values.
+
+    The values are in words. Missing parts are left out.
+    """
     setup, switches = design.indentation, design.circuit.switches
     tank = display_unit("F").text(switches.tank_capacitance, ".4")
     sheets = [f"{sheet.name} {MM.text(sheet.thickness, '.4')}" for sheet in design.sheets]
@@ -46,7 +51,10 @@ def design_facts(design: Design) -> list[tuple[str, str]]:
 
 
 def file_facts(file: DesignFile) -> list[tuple[str, str]]:
-    """Return what a design file says beyond its design: how many values it gives, and which are assumed."""
+    """Return the facts of a design file beyond its design.
+
+    They are the number of values it gives, and the assumed values.
+    """
     assumed = [key for key in file.values if key in file.assumed]
     given = sum(key in file.given and key not in file.assumed for key in file.values)
     counts = f"{given} given, {len(file.values) - given - len(assumed)} by default, {len(assumed)} assumed"
@@ -54,7 +62,10 @@ def file_facts(file: DesignFile) -> list[tuple[str, str]]:
 
 
 def design_html(design: Design, more: list[tuple[str, str]] | None = None) -> str:
-    """Return a design as a notebook shows it, with more rows at the end."""
+    """Return a design in the form of a notebook.
+
+    More rows may be added at the end.
+    """
     title = f"{design.name}: {design.title}" if design.title not in ("", design.name) else design.name
     rows = [*design_facts(design), *(more or [])]
     return html_card(title, array_picture(design.array, title), html_table((), rows))

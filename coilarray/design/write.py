@@ -1,4 +1,7 @@
-"""Designs as documents: the tables of a design file, which `coilarray.design.model.build_design` reads back."""
+"""Designs as documents.
+
+The tables of a design file are read back by `coilarray.design.model.build_design`.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import SIDES
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
-# a list of plain values as tomli-w writes it, one a line
+# A list of plain values as tomli-w writes it, one value per line.
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]{}\n]+(?:,\n\s*[^\[\]{}\n]+)*),\n\s*\]")
 _HEADER = re.compile(r"^\[(?!\[)", re.MULTILINE)
 _LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
@@ -61,7 +64,7 @@ _WORDS = {passive: word for word, passive in PASSIVE.items()}
 
 
 def design_document(design: Design | DesignFile) -> dict[str, Any]:
-    """Return the tables of a design file that describes a design.
+    """Return the tables of a design file for a design.
 
     Parameters
     ----------
@@ -71,10 +74,10 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     Returns
     -------
     dict
-        Plain tables, lists and values with all their digits; entries of the circuit and of the board house only where
-        they are not the default. Placements are a lattice where `CoilArray.lattice` gives them, else free; coils are
-        wound shapes where `Coil.wound` says so, else paths. Names that a file cannot have are changed as
-        `design_names` says.
+        Plain tables, lists and values with all their digits. Entries of the circuit and of the board house are written
+        only if they differ from the default. Placements are a lattice if `CoilArray.lattice` gives them, else free.
+        Coils are wound shapes if `Coil.wound` defines them, else paths. Names that a file cannot have are changed by
+        `design_names`.
 
     Examples
     --------
@@ -122,7 +125,10 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
 
 
 def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
-    """Return an array whose leads have not been routed, and the connector's table; None if it has none."""
+    """Return an array before its leads were routed.
+
+    The connector's table is returned with it. The table is None without a connector.
+    """
     led = array.routing
     if led is None or led.placements != array.placements:
         return array, None  # the placements have been changed since
@@ -132,18 +138,21 @@ def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | Non
 
 
 def as_file(design: Design | DesignFile) -> DesignFile:
-    """Return a design with a document: a file as it is, else the design with its `design_document`."""
+    """Return a design with a document.
+
+    A file is returned unchanged. A design gets its `design_document`.
+    """
     if isinstance(design, DesignFile):
         return design
     return replace(build_design_file(design_document(design), design.name), design=design)
 
 
 def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
-    """Return the TOML text of a design; places are rounded to 1 nm, other numbers to 12 digits.
+    """Return the TOML text of a design.
 
-    Placements that share a `Coil` share its table, see `shape_names`. `assumed` has dotted keys of the design whose
-    values are assumed, with the reason: ``coils.*.KEY`` stands for every shape, ``coils.NAME.KEY`` for that of the coil
-    NAME.
+    Places are rounded to 1 nm, and other numbers to 12 digits. Placements that share a `Coil` share its table, see
+    `shape_names`. `assumed` has dotted keys of the design whose values are assumed, with the reason. ``coils.*.KEY``
+    stands for every shape, and ``coils.NAME.KEY`` for the shape of the coil NAME.
     """
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)
@@ -152,7 +161,10 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
 
 
 def document_text(document: Mapping[str, Any]) -> str:
-    """Return the TOML text of a document: lists of plain values on one line, a header for every table of a list."""
+    """Return the TOML text of a document.
+
+    Lists of plain values are on one line. Every table of a list has a header.
+    """
     import tomli_w
 
     def is_tables(value: object) -> bool:
@@ -161,7 +173,7 @@ def document_text(document: Mapping[str, Any]) -> str:
     plain = {key: value for key, value in document.items() if not (isinstance(value, dict) or is_tables(value))}
     blocks = [tomli_w.dumps(plain)] if plain else []
     for key, value in document.items():
-        if is_tables(value):  # which tomli-w would write on one line where they are short
+        if is_tables(value):  # tomli-w writes short tables on one line
             blocks += [f"[[{key}]]\n" + _HEADER.sub(f"[{key}.", tomli_w.dumps(table)) for table in value]
         elif key not in plain:
             blocks.append(tomli_w.dumps({key: value}))
@@ -169,7 +181,10 @@ def document_text(document: Mapping[str, Any]) -> str:
 
 
 def shape_names(array: CoilArray) -> list[str]:
-    """Return for each placement the name of its coil's table: the coil's own, else shape1, shape2, …; all different."""
+    """Return the name of each placement's coil table.
+
+    It is the coil's own name, else shape1, shape2, … All names of different tables differ.
+    """
     found: dict[int, str] = {}
     for place in array.placements:
         if id(place.coil) not in found:
@@ -179,7 +194,9 @@ def shape_names(array: CoilArray) -> list[str]:
 
 
 def design_names(names: Iterable[str]) -> dict[str, str]:
-    """Return for each name one that a design can have: letters, digits, _ . + and, not first, -; all different.
+    """Return an allowed name of a design for each name.
+
+    Allowed are letters, digits, _ . + and, not first, -. All names are different.
 
     Examples
     --------
@@ -193,7 +210,7 @@ def design_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def _different(name: str, taken: Iterable[str]) -> str:
-    """Return a name that a design can have and that is not taken."""
+    """Return an allowed name that is not taken."""
     allowed = _NOT_IN_NAMES.sub("_", name.lstrip("/")).lstrip("-") or "_"
     different, n, others = allowed, 1, set(taken)
     while different in others:
@@ -203,6 +220,7 @@ def _different(name: str, taken: Iterable[str]) -> str:
 
 
 def _stackup_table(stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any]:
+    """Table of the stack-up."""
     return {
         "layers": [layers[name] for name in stackup.names],
         "copper_thickness_um": [_entry(value, _UM) for value in stackup.copper_thickness],
@@ -217,6 +235,7 @@ def _coil_table(coil: Coil) -> dict[str, Any]:
 
 
 def _wound_table(of: Wound) -> dict[str, Any]:
+    """Table entries of a wound coil."""
     table: dict[str, Any] = {
         "turns_per_layer": float(of.spiral.turns),
         "winding_layers": of.winding_layers,
@@ -229,11 +248,14 @@ def _wound_table(of: Wound) -> dict[str, Any]:
 
 
 def _shape_table(spiral: Winding) -> dict[str, Any] | None:
-    """Shape and sizes of a winding; None for a rectangle that is not along x and y, which a file can only trace."""
+    """Shape and sizes of a winding.
+
+    The result is None for a rectangle that is not along x and y, which a file can only trace.
+    """
     if isinstance(spiral, Spiral):
         rule = {"winding_rule": spiral.winding_rule}
         return _polygon_table(spiral.sides, spiral.outer_apothem) | _entries(spiral, "first_corner_deg") | rule
-    assert isinstance(spiral, RoundedSpiral)  # there is no other
+    assert isinstance(spiral, RoundedSpiral)  # no other kind exists
     start = _entry(spiral.direction, _DEG)
     if spiral.is_circle:
         return {
@@ -261,7 +283,10 @@ def _shape_table(spiral: Winding) -> dict[str, Any] | None:
 
 
 def _polygon_table(sides: int, apothem: float) -> dict[str, Any]:
-    """Sides and size of a polygon, across flats or across corners, whichever has fewer digits."""
+    """Sides and size of a polygon.
+
+    The size is across flats or across corners, whichever has fewer digits.
+    """
     sizes = {}
     for across, size in (("flats", 2 * apothem), ("corners", 2 * apothem / math.cos(math.pi / sides))):
         sizes[f"outer_across_{across}_mm"] = _number(
@@ -279,6 +304,7 @@ def _leads_table(leads: Leads, via: PlatedHole) -> dict[str, float]:
 
 
 def _path_table(coil: Coil) -> dict[str, Any]:
+    """Table of a coil as paths."""
     widths = [[_entry(width, _MM) for width in line.tolist()] for line in coil.widths]
     uniform = {width for line in widths for width in line}
     table: dict[str, Any] = {
@@ -306,6 +332,7 @@ def _points(points: Sequence[Sequence[float]]) -> list[list[float]]:
 def _array_table(
     array: CoilArray, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
 ) -> dict[str, Any]:
+    """Table of an array as a lattice or free placements."""
     lattice = array.lattice
     if lattice is not None and _is_on(lattice, array):
         table: dict[str, Any] = {
@@ -342,7 +369,7 @@ def _lattice_size(lattice: Lattice) -> dict[str, Any]:
 
 
 def _is_on(lattice: Lattice, array: CoilArray) -> bool:
-    """Whether a lattice gives the placements of an array."""
+    """Check whether a lattice gives the placements of an array."""
     coil = array.placements[0].coil
     points = lattice.placements(coil)
     if len(array.placements) != len(points) or any(p.coil is not coil for p in array.placements):
@@ -355,6 +382,7 @@ def _is_on(lattice: Lattice, array: CoilArray) -> bool:
 
 
 def _sheet_tables(sheets: Sequence[Sheet]) -> list[dict[str, Any]]:
+    """Tables of the elastomer sheets."""
     names = design_names(sheet.name for sheet in sheets)
     return [
         {
@@ -369,6 +397,7 @@ def _sheet_tables(sheets: Sequence[Sheet]) -> list[dict[str, Any]]:
 
 
 def _plate_tables(plates: Sequence[Plate | FinitePlate]) -> list[dict[str, Any]]:
+    """Tables of the plates."""
     names = design_names(plate.name for plate in plates)
     tables = []
     for plate in plates:
@@ -383,6 +412,7 @@ def _plate_tables(plates: Sequence[Plate | FinitePlate]) -> list[dict[str, Any]]
 
 
 def _indenter_table(setup: Indentation) -> dict[str, Any]:
+    """Table of the indenter."""
     indenter = setup.indenter
     table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
     if isinstance(indenter, Cone):
@@ -395,7 +425,7 @@ def _indenter_table(setup: Indentation) -> dict[str, Any]:
 
 
 def _uneven(seat: Unevenness) -> dict[str, Any]:
-    """Give the keys of a seat that differ from those of an even one."""
+    """Return the keys that differ from an even seat."""
     (stiffer_x, stiffer_y), (wider_x, wider_y) = seat.stiffness_slope, seat.gap_slope
     keys = {
         "seat_stiffness_slope_x_per_mm": _entry(stiffer_x, 1e3),
@@ -409,6 +439,7 @@ def _uneven(seat: Unevenness) -> dict[str, Any]:
 
 
 def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
+    """Table of the indentation."""
     table: dict[str, Any] = {"strain": setup.strain}
     if isinstance(setup.base, Seat):
         table |= {"base": "seat", "seat_stiffness_kPa_per_mm": _entry(setup.base.stiffness, KPA_PER_MM)}
@@ -431,6 +462,7 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
 
 
 def _target_table(target: Target, names: Mapping[str, str]) -> dict[str, Any]:
+    """Table of the target."""
     body = target.body
     if isinstance(body, Ball):
         table = {
@@ -445,7 +477,7 @@ def _target_table(target: Target, names: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _places(setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, Any]:
-    """Keys of the positions of a map, and of their origin."""
+    """Keys of the positions of a map and their origin."""
     table: dict[str, Any]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
@@ -463,7 +495,10 @@ def _places(setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, 
 
 
 def _is_regular(row: Sequence[float], step: float) -> bool:
-    """Whether positions in mm are those of a range with a step."""
+    """Check whether positions form a range with a step.
+
+    The positions are in mm.
+    """
     if step <= 0 or round((row[-1] - row[0]) / step) != len(row) - 1:
         return False
     positions = np.array(map_positions((row[0], row[-1]), step))
@@ -471,6 +506,7 @@ def _is_regular(row: Sequence[float], step: float) -> bool:
 
 
 def _circuit_table(circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]:
+    """Table of the circuit without defaults."""
     switches = circuit.switches
     table = {
         "capacitance_pF": _entry(switches.tank_capacitance, _PF),
@@ -486,7 +522,7 @@ def _circuit_table(circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]
     short = _without_defaults(table, CircuitTable())
     if circuit.part is None:
         return short
-    # beside a part even a default says something: that the part's value does not count
+    # Beside a part even a default has a meaning: the part's value does not count.
     return {key: value for key, value in table.items() if key in short or key in OF_PART} | {"switches": circuit.part}
 
 
@@ -496,6 +532,7 @@ def _readout_table(readout: Readout) -> dict[str, Any]:
 
 
 def _scan_tables(circuit: Circuit, names: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+    """Yield the tables of the scan's states."""
     states = design_names(state.name for state in circuit.scan)
     for state in circuit.scan:
         yield {
@@ -514,6 +551,7 @@ def _fab_table(rules: FabRules) -> dict[str, Any]:
 
 
 def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shapes: list[str]) -> dict[str, str]:
+    """Table of assumed values with the keys of the file."""
     table: dict[str, str] = {}
     for key, reason in assumed.items():
         owners = [name for name in of_coil if key.startswith(f"coils.{name}.")]
@@ -533,7 +571,10 @@ def _without_defaults(entries: Mapping[str, Any], table: Table) -> dict[str, Any
 
 
 def _entries(of: object, *keys: str, places: bool = False) -> dict[str, Any]:
-    """Return entries whose keys are names of attributes, most with a unit; those that are None are left out."""
+    """Return entries whose keys are names of attributes.
+
+    Most keys have a unit. Entries that are None are left out.
+    """
     found = {}
     for key in keys:
         name, _, unit = key.rpartition("_")
@@ -548,7 +589,10 @@ def _entries(of: object, *keys: str, places: bool = False) -> dict[str, Any]:
 
 
 def _entry(value: float, unit: float, *, places: bool = False) -> float:
-    """Return the entry that is read as a value, `unit` times the entry; for `places` zero is not a special value."""
+    """Return the entry that is read as a value.
+
+    The value is `unit` times the entry. For `places` zero is not a special value.
+    """
     return _number(value / unit, value, lambda entry: entry * unit, places=places)
 
 
@@ -557,10 +601,11 @@ def _place(value: float) -> float:
 
 
 def _number(guess: float, value: float, read: Callable[[float], float], *, places: bool = False) -> float:
-    """Return the entry, near a guess, that `read` makes a value of: the shortest, or the nearest where none is exact.
+    """Return the entry that is read as a value.
 
-    One value in forty has no entry: numbers in mm lie less densely than those in m. What is returned then is equal to
-    all digits that count for `Design.digest`.
+    It is near a guess, and `read` converts it to the value. It is the shortest exact entry, or the nearest if no entry
+    is exact. About every fortieth value has no exact entry, because numbers in mm lie less densely than numbers in m.
+    The nearest entry agrees to all digits that count for `Design.digest`.
     """
     for digits in (12, 15, 16, 17):
         entry = float(f"{guess:.{digits}g}")
@@ -573,7 +618,7 @@ def _number(guess: float, value: float, read: Callable[[float], float], *, place
 
 
 def _rounded(value: Any, key: str = "") -> Any:
-    """Round places to 1 nm and other numbers to 12 digits."""
+    """Round places to 1 nm and numbers to 12 digits."""
     if isinstance(value, dict):
         return {name: _rounded(item, name) for name, item in value.items()}
     if isinstance(value, list):

@@ -1,1 +1,1 @@
-"""Boards: the readers of a scan, direct or through a microcontroller."""
+"""Readers of a scan, direct or through a microcontroller."""

@@ -1,7 +1,8 @@
-"""Reader of a converter whose coils are wired straight to its channels: it scans them itself, one after the other.
+"""Reader of a converter that scans its channels itself.
 
-In a stream without pauses the converter stays awake and goes on while its results are read. Anywhere else, and after
-any fault, a scan begins from sleep, so that no result is older than the scan.
+The coils are wired straight to its channels, and it measures them in turn. In a stream without pauses the converter
+stays awake and goes on while its results are read. Anywhere else, and after any fault, a scan begins from sleep, so
+that no result is older than the scan.
 """
 
 from __future__ import annotations
@@ -17,29 +18,32 @@ from coilarray.hardware.wire.faults import BusFault
 
 
 class AutoscanReader(DirectReader):
-    """A `Reader` of the channels of a converter, 1 to 4; its other properties are those of `DirectReader`.
+    """A `Reader` of a converter's 1 to 4 channels.
 
-    `configure` takes settings of a wiring with channels only: HardwareError for others. A result that a slow computer
-    does not fetch in time is replaced by the next one, and left out in the sequence numbers of a stream: it is lost.
+    Its other properties are inherited from `DirectReader`. `configure` takes only settings of a wiring with channels
+    and raises a HardwareError for others. If a slow computer does not fetch a result in time, the next result replaces
+    it. The lost result is left out in the sequence numbers of a stream.
     """
 
     def __init__(self, bus: RegisterBus, clock: Clock, *, kind: str, emulated: bool = False) -> None:
-        self._ready = -math.inf  # when the latest results were there
-        self._turn = 0.0  # s, from result to result as this converter's clock makes it
-        self._reading = math.inf  # s, that reading results took at least
-        self._followed = 0  # consecutive results that came while it looked, so that it knows when
+        self._ready = -math.inf  # time at which the latest results were ready
+        self._turn = 0.0  # s, from result to result, measured with this converter's clock
+        self._reading = math.inf  # s, least time for reading the results
+        self._followed = 0  # consecutive results that became ready between two looks, so that their time is known
         super().__init__(bus, _NoSwitches(), clock, b"", kind=kind, emulated=emulated)
 
     def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
+        """Measure all channels, from sleep or in a running scan."""
         chips, going_on = self._chips, running and not self._chips.asleep
         start, missed = self._clock.now(), 0
         try:
             if going_on:
-                # two results that were seen to come tell their turn; the look is a little before the next one ends
+                # The turn is known after two results that became ready between looks. The next look is a little before
+                # the next result.
                 look = self._ready + self._turn - 2 * LOOK_AGAIN if self._followed > 1 else start
                 samples = list(chips.results(chip_settings, max(look - start, 0.0)))
                 if chips.ready_at > self._ready:
-                    # these results began one turn ago, however late the computer is
+                    # These results began one turn ago, however late the computer is.
                     start = chips.ready_at - chip_settings.turn
                     missed = self._follow(chip_settings)
             else:
@@ -53,15 +57,16 @@ class AutoscanReader(DirectReader):
         except BusFault as fault:
             samples = [no_sample(fault_of(fault))] * len(chip_settings.names)
         if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
-            with contextlib.suppress(BusFault):  # what it does then shows in the next scan
+            with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
                 chips.sleep()
         return start, samples, missed
 
     def _follow(self, chip_settings: ChipSettings) -> int:
-        """Learn the turn of the converter where results came while it looked; return how many scans were missed.
+        """Return the number of missed scans, and learn the turn.
 
-        Results that come faster than they can be read are not missed: a scan takes one turn, or twice the time of a
-        look and the reading, which leaves room for a bus that is not always equally fast.
+        The turn of the converter is learnt from results that became ready between two looks. Results that come faster
+        than they can be read are not missed. A scan takes one turn, or twice the time of a look and the reading, which
+        leaves room for a bus whose speed varies.
         """
         ready, passed = self._chips.ready_at, self._chips.ready_at - self._ready
         step = max(self._turn, 2 * (self._reading + LOOK_AGAIN))
@@ -69,7 +74,7 @@ class AutoscanReader(DirectReader):
             scans = max(round(passed / step), 1)
             self._ready, self._followed = ready, self._followed + 1
             if self._followed > 1:
-                self._turn = min(passed, chip_settings.again)  # a computer that paused between two looks saw it late
+                self._turn = min(passed, chip_settings.again)  # after a pause the computer saw the result late
         else:
             scans = max(math.floor(passed / step), 1)
             self._ready, self._followed = min(self._ready + scans * step, ready), 0
@@ -77,7 +82,7 @@ class AutoscanReader(DirectReader):
 
 
 class _NoSwitches:
-    """A `SwitchChain` of no switches."""
+    """A `SwitchChain` without switches."""
 
     def shift(self, words: bytes) -> bytes | None:
         return None

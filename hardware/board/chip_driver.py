@@ -1,6 +1,7 @@
-"""Driver of the converter and the switches behind their two buses: sleep, switch, wake, wait, read, check.
+"""Driver of the converter and the switches on their buses.
 
-It keeps what is known of the chips: whether the converter sleeps, and which words the switches hold.
+It runs the steps sleep, switch, wake, wait, read and check. It stores the known state of the chips: whether the
+converter sleeps, and which words the switches hold.
 """
 
 from __future__ import annotations
@@ -29,36 +30,42 @@ _STATUS, _CONFIG, _RESET_DEV = _ADDRESS["STATUS"], _ADDRESS["CONFIG"], _ADDRESS[
 _CLOCK_DIVIDERS, _DRIVE_CURRENTS = (
     [_ADDRESS[f"{name}{channel}"] for channel in range(CHANNELS)] for name in ("CLOCK_DIVIDERS", "DRIVE_CURRENT")
 )
-_DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip writes what it likes into the bits below
+_DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip writes any value into the bits below
 _DATA_READY, _ERRORS, _ERROR_FLAGS = 0x0040, 0xFF00, 0x3F00  # bits of STATUS
 _FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
 _RESET = 0x8000
-_RESET_TIME = 2e-3  # s; the data sheet says it of the pin SD and nothing of the register
+_RESET_TIME = 2e-3  # s; the data sheet gives it for the pin SD and no time for the register
 LOOK_AGAIN = 1e-3
 """Time in s between two looks at STATUS."""
 
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and words of the switches; the times are those of `ScanSettings`."""
+    """Settings of a scan as register values and switch words.
+
+    The times have the same meaning as in `ScanSettings`.
+    """
 
     names: tuple[str, ...]
     channels: tuple[int, ...]  # of the states
     scanning: bool  # whether the converter scans several channels
     words: tuple[bytes, ...]  # of the switches in each state
-    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; none if coils are wired to channels
+    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; empty if coils are wired to channels
     asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
     active: int  # register CONFIG while the converter is awake
     wait: float  # s, until the first look at STATUS
     timeout: float  # s, until giving up
     discard: int  # conversions to discard
-    again: float  # s, from one that is discarded until the next look
+    again: float  # s, from a discarded conversion until the next look
     turn: float  # s, from result to result of a converter that stays awake, with its nominal clock
     hash: int
 
     @staticmethod
     def of(settings: ScanSettings) -> ChipSettings:
-        """Encode settings; HardwareError for registers that are missing, or CONFIG asleep."""
+        """Encode settings of a scan.
+
+        Missing registers, or a CONFIG that is asleep, raise a HardwareError.
+        """
         given = dict(settings.registers)
         needed = [*_OF_ALL, *(f"{name}{channel}" for name in _OF_A_CHANNEL for channel in settings.channels)]
         if len(given) < len(settings.registers) or not {_ADDRESS[name] for name in needed} <= given.keys():
@@ -83,7 +90,10 @@ class ChipSettings:
 
 
 class ChipDriver:
-    """Driver of the converter on a bus and of the switches behind their port; the clock is that of all waits."""
+    """Driver of the converter on a bus and the switches.
+
+    The switches are behind their port. The clock is used for all waits.
+    """
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
@@ -93,16 +103,19 @@ class ChipDriver:
         self.asleep = False
         """Whether the converter was put to sleep and not woken since."""
         self.ready_at = 0.0
-        """When results were seen to be ready last, in s by the clock."""
+        """Time in s by the clock at which results were last seen to be ready."""
         self.came = False
-        """Whether they became ready between two looks; the first look found them where not."""
+        """Whether they became ready between two looks. Otherwise the first look found them."""
 
     def identity(self) -> tuple[int, int]:
         """Read the registers MANUFACTURER_ID and DEVICE_ID."""
         return self.bus.read(_ADDRESS["MANUFACTURER_ID"]), self.bus.read(_ADDRESS["DEVICE_ID"])
 
     def sleep(self, attempts: int = ATTEMPTS) -> None:
-        """Put the converter to sleep, freeing the bus between two attempts; BusFault where it never answers."""
+        """Put the converter to sleep.
+
+        The bus is freed between two attempts. A converter that never answers raises a BusFault.
+        """
         while True:
             attempts -= 1
             try:
@@ -117,18 +130,22 @@ class ChipDriver:
                 return
 
     def wake(self, settings: ChipSettings, drive: int | None = None) -> None:
-        """Start converting, with this drive current of channel 0 where it is not always the same."""
+        """Start converting.
+
+        `drive` is the drive current of channel 0, if it is not always the same.
+        """
         if drive is not None:
             self.bus.write(_DRIVE_CURRENTS[0], drive)
-        self.asleep = False  # first: the write may be cut off after it was done
+        self.asleep = False  # first, because the write may be cut off after it was done
         self.bus.write(_CONFIG, settings.active)
 
     def results(self, settings: ChipSettings, wait: float | None = None) -> tuple[RawSample, ...]:
-        """Wait for the next results of all channels and read them, each once where states share a channel.
+        """Wait for the next results of all channels.
 
-        The first look at STATUS comes after `wait` in s; without it the converter was just woken, and its first
-        conversions are discarded as the settings say. Where nothing is read, the samples have a fault. Where the
-        converter chose its own drive current, that is read too, before sleep can clear it.
+        Each result is read once if states share a channel. The first look at STATUS comes after `wait` in s. Without
+        `wait`, the converter was just woken, and its first conversions are discarded according to the settings. If no
+        result is read, the samples have a fault. If the converter chose its own drive current, this current is read
+        too, before sleep can clear it.
         """
         channels = tuple(dict.fromkeys(settings.channels))
         looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
@@ -142,11 +159,14 @@ class ChipDriver:
         return tuple(self._sample(settings, channel, looks) for channel in channels)
 
     def _ready(self, wait: float, timeout: float) -> list[int] | None:
-        """Wait until results are ready; return every STATUS that was read, or None if none were ready in time."""
+        """Wait until results are ready.
+
+        Every STATUS that was read is returned, or None if no results were ready in time.
+        """
         start, looks = self.clock.now(), []
         self.clock.sleep(wait)
         while True:
-            passed = self.clock.now() - start  # before the look: a pause of the computer after it says nothing
+            passed = self.clock.now() - start  # before the look, so that a later pause of the computer does not count
             looks.append(self.bus.read(_STATUS))
             if looks[-1] & _DATA_READY:
                 self.ready_at, self.came = start + passed, len(looks) > 1
@@ -156,7 +176,10 @@ class ChipDriver:
             self.clock.sleep(LOOK_AGAIN)
 
     def _sample(self, settings: ChipSettings, channel: int, looks: Sequence[int]) -> RawSample:
-        """Read the result of a channel; reading STATUS clears its errors, so that all looks count."""
+        """Read the result of a channel.
+
+        Reading STATUS clears its errors, so all looks count.
+        """
         try:
             msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
             drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
@@ -169,7 +192,8 @@ class ChipDriver:
             for look in looks:
                 errors |= look & _ERRORS
             return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
-        # the bits of unread results freeze with an error of any channel; DRDY says that all channels have a new one
+        # The bits of unread results freeze with an error of any channel. DRDY shows that all channels have a new
+        # result.
         status = _DATA_READY | 1 << CHANNELS - 1 - channel
         for look in looks:
             if look & _ERROR_FLAGS and look >> 14 == channel:
@@ -177,16 +201,20 @@ class ChipDriver:
         return RawSample(msb, lsb, status, drive=drive)
 
     def switch(self, words: bytes) -> bool:
-        """Send the switches their words; False if the chain returns other words than it was sent before."""
+        """Send the switches their words.
+
+        False is returned if the chain does not return the words that it was sent before.
+        """
         expected, self._held = self._held, None  # unknown until all of them are through
         returned = self._switches.shift(words)
         self._held = words
         return returned is None or expected is None or returned == expected
 
     def configure(self, settings: ChipSettings) -> None:
-        """Write every register of a sleeping converter and read it back; a reset between two attempts.
+        """Write all registers of a sleeping converter and verify them.
 
-        BusFault for a converter that does not answer, is another chip or reads back something else, after all attempts.
+        The converter is reset between two attempts. After all attempts, a BusFault is raised for a converter that does
+        not answer, is another chip, or returns other values.
         """
         for attempts_left in reversed(range(ATTEMPTS)):
             try:
@@ -199,7 +227,10 @@ class ChipDriver:
                 return
 
     def hold(self, settings: ChipSettings, *, thoroughly: bool) -> bool:
-        """Whether the converter still has its settings: one shows a reset, all of them a corrupted transfer."""
+        """Check whether the converter still has its settings.
+
+        One register shows a reset. All registers show a corrupted transfer.
+        """
         pairs = settings.asleep if thoroughly else [pair for pair in settings.asleep if pair[0] in _CLOCK_DIVIDERS][:1]
         return all((self.bus.read(address) ^ value) & _mask(address) == 0 for address, value in pairs)
 
@@ -210,6 +241,7 @@ class ChipDriver:
                 port.close()
 
     def _write(self, settings: ChipSettings) -> None:
+        """Write the settings once and read them back."""
         found = self.identity()
         if found != (MANUFACTURER, DEVICE):
             raise BusFault(
@@ -231,7 +263,7 @@ class ChipDriver:
             raise BusFault(f"register {register(address).name} must read {value:#06x} as written; got {found:#06x}.")
 
     def _reset(self) -> None:
-        """Reset a converter that may be in the middle of an interrupted transfer."""
+        """Reset a converter after a possibly interrupted transfer."""
         with contextlib.suppress(BusFault):
             self.bus.clear()
             self.bus.write(_RESET_DEV, _RESET)
@@ -241,15 +273,15 @@ class ChipDriver:
 
 
 def _mask(address: int) -> int:
-    """Return the bits of a register that must read as they were written."""
+    """Return the bits of a register that read back unchanged."""
     return _DRIVE_MASK if address in _DRIVE_CURRENTS else 0xFFFF
 
 
 def fault_of(fault: BusFault) -> SampleFault:
-    """Return the fault of a sample whose transfer has failed."""
+    """Return the sample fault of a failed transfer."""
     return SampleFault.BUS_TIMEOUT if isinstance(fault, BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
 
 
 def no_sample(fault: SampleFault) -> RawSample:
-    """Return the sample of a state that could not be measured."""
+    """Return the sample of a state without a measurement."""
     return RawSample(0, 0, 0, fault)

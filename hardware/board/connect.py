@@ -1,4 +1,7 @@
-"""Open a board of any kind by the name of its port; it is at rest again however its block is left."""
+"""Open a board of any kind by its port.
+
+The board is put to rest on every exit from its block.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +40,12 @@ if TYPE_CHECKING:
 
 
 class Board:
-    """An open board; `open_board` makes one. Leaving its block grounds all coils and puts the converter to sleep.
+    """An open board, made by `open_board`.
 
-    That holds for every exit: the end of the block, an exception, Ctrl-C, SIGTERM, and a program that ends inside the
-    block. A program that is killed (SIGKILL) cannot clean up: a microcontroller then ends its stream by itself, and
-    chips on the computer's own buses are put to rest when the board is opened again.
+    Leaving its block grounds all coils and puts the converter to sleep. This holds for every exit: the end of the
+    block, an exception, Ctrl-C, SIGTERM, and a program that ends inside the block. A program that is killed (SIGKILL)
+    cannot clean up. A microcontroller then ends its stream by itself, and chips on the computer's own buses are put to
+    rest when the board is opened again.
 
     Parameters
     ----------
@@ -52,13 +56,13 @@ class Board:
     wiring : Wiring
         Wiring of the switches.
     emulator : EmulatedBoard, optional
-        The emulated board behind the reader; None for real hardware.
+        The emulated board behind the reader. None for real hardware.
 
     Attributes
     ----------
     thermometer : callable or None
-        Returns the temperature in °C, None if it is not known just now: that of the emulator, or one that the user
-        of the board sets.
+        Returns the temperature in °C, or None if it is not known at present. It is the emulator's thermometer, or a
+        thermometer that the user of the board sets.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
@@ -79,7 +83,7 @@ class Board:
 
     @property
     def line(self) -> str:
-        """One line that describes the board and its converter."""
+        """Description of the board and its converter in one line."""
         identity = self.identity
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
         named = board_of(parse_port(self.port))
@@ -92,12 +96,14 @@ class Board:
         return f"{self.port}: {identity.kind}; {converter}; wiring {self.wiring.name}; session {identity.boot:08X}"
 
     def check_chain(self) -> str | None:
-        """Ask a microcontroller whether the chain of switches returns what it is sent.
+        """Ask a microcontroller to check its chain of switches.
+
+        The check compares the returned words with the sent words.
 
         Returns
         -------
         str or None
-            "same", "differ", or "none" if the end of the chain is not wired back; None for chips that this computer
+            "same", "differ", or "none" if the end of the chain is not wired back. None for chips that this computer
             drives itself.
         """
         from coilarray.hardware.board.microcontroller import MicrocontrollerReader
@@ -105,7 +111,10 @@ class Board:
         return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
 
     def close(self) -> None:
-        """Put the board to rest and close the port. Never raises; may be called again."""
+        """Put the board to rest and close the port.
+
+        The method never raises and may be called again.
+        """
         with held_signals():
             self.reader.close()
         atexit.unregister(self.close)
@@ -131,20 +140,20 @@ def open_board(
     times: LinkTimes | None = None,
     **emulation: Any,
 ) -> Board:
-    """Open a board; its coils are grounded and its converter sleeps.
+    """Open a board with grounded coils and a sleeping converter.
 
     Parameters
     ----------
     port : str
-        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it; the emulator by default.
+        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it. The emulator by default.
     design : Design, optional
-        Design of the emulated coils; the reference design by default.
+        Design of the emulated coils. The reference design by default.
     wiring : Wiring, optional
-        Wiring of the switches, or of coils to channels; by default that of `wiring_of_board`.
+        Wiring of the switches, or of coils to channels. By default the result of `wiring_of_board`.
     times : LinkTimes, optional
         Time limits for a microcontroller.
     **emulation
-        Options of `coilarray.hardware.emulator.emulated_board`; a real board ignores them.
+        Options of `coilarray.hardware.emulator.emulated_board`, which a real board ignores.
 
     Returns
     -------
@@ -154,7 +163,8 @@ def open_board(
     Raises
     ------
     HardwareError
-        Not the name of a port, or a port that cannot be opened: which, why, and what there is.
+        Not the name of a port, or a port that cannot be opened. The message has the port, the reason and the existing
+        ports.
     MissingDependencyError
         The library that this kind of port needs is not installed.
 
@@ -199,10 +209,11 @@ def wiring_of_board(
     design : Design, optional
         Design of the coils.
     name : str, optional
-        Name of a wiring, as `load_wiring` takes it; by default the coils of the design at the channels of the port in
-        their order, or with switches six coils with one device each, or of the emulator one device for each coil.
+        Name of a wiring, as `load_wiring` takes it. By default the coils of the design are at the channels of the port
+        in their order. With switches the default is six coils with one device each, and for the emulator one device for
+        each coil.
     coils : sequence of str, optional
-        Coils at the channels of the port, in their order, where they are not the first ones of the design.
+        Coils at the channels of the port, in their order, if they are not the first coils of the design.
 
     Raises
     ------
@@ -228,7 +239,11 @@ def wiring_of_board(
 
 
 def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:
-    """Refuse a wiring of switches for a port without, and the reverse, and a channel that the converter lacks."""
+    """Refuse a wiring that does not fit the port.
+
+    Refused are a wiring of switches for a port without switches, and the reverse, and a channel that the converter
+    lacks.
+    """
     if board is None and wiring.channels:
         raise HardwareError(
             f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, such as "
@@ -246,6 +261,7 @@ def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> Non
 def _emulator(
     design: Design | None, wiring: Wiring, board: ChannelBoard | None, emulation: dict[str, Any]
 ) -> EmulatedBoard:
+    """Make an emulated board for a port."""
     from coilarray.design.model import load_design
     from coilarray.hardware.emulator import emulated_board
 
@@ -255,6 +271,7 @@ def _emulator(
 
 
 def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
+    """Open the buses of a port and their reader."""
     bus: RegisterBus
     switches: SwitchChain
     with ExitStack() as opened:

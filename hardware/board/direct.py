@@ -1,7 +1,7 @@
-"""Reader of a board whose chips are on buses of this computer; it scans as the firmware of a microcontroller does.
+"""Reader of a board with chips on the computer's buses.
 
-The order of the steps is that of `hardware/firmware/PROTOCOL.md`, "What the board does". Between two states, and
-whenever anything goes wrong, the converter is asleep and every coil is grounded.
+It scans like the firmware of a microcontroller. `hardware/firmware/PROTOCOL.md`, "What the board does", defines the
+order of the steps. Between two states, and after any failure, the converter is asleep and every coil is grounded.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, SwitchFault
 from coilarray.hardware.wire.signals import held_signals
 
-_FAULTY_SCANS = 3  # running, with the same kind of fault in the same state, before the stream ends
+_FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
 
 
 class DirectReader:
-    """A `Reader` that drives the chips itself. One thread may use it.
+    """A `Reader` that drives the chips itself, for one thread.
 
-    The switches get `safe_words`, which ground every end of every coil, before anything else happens. `kind` and
-    `emulated` are those of `Identity`, which also shows a converter that does not answer. DeviceLost or SwitchFault for
-    a port that is gone, or switches that cannot be reached.
+    First of all the switches get `safe_words`, which ground both ends of every coil. `kind` and `emulated` are passed
+    on to `Identity`, which also shows a converter that does not answer. A lost port raises DeviceLost, and switches
+    that cannot be reached raise a SwitchFault.
     """
 
     def __init__(
@@ -48,8 +48,8 @@ class DirectReader:
         self._safe_words = safe_words
         self._chip_settings: ChipSettings | None = None
         self._failure: HardwareError | None = None
-        self._faulty: Counter[int] = Counter()  # scans running, by state, with a fault of the bus
-        self._differing: Counter[int] = Counter()  # the same, of the chain of switches
+        self._faulty: Counter[int] = Counter()  # consecutive scans, by state, with a fault of the bus
+        self._differing: Counter[int] = Counter()  # the same for the chain of switches
         self._closed = False
         found = (0, 0)
         with held_signals():
@@ -61,14 +61,17 @@ class DirectReader:
 
     @property
     def identity(self) -> Identity:
-        """Identity of the board; the two registers are 0 if the converter does not answer."""
+        """Identity of the board.
+
+        The two registers are 0 if the converter does not answer.
+        """
         return self._identity
 
     def configure(self, settings: ScanSettings) -> None:
         """Write settings and read every register back.
 
-        HardwareError for settings that could join what must not be joined, or are for another chain of switches;
-        BusFault as of `ChipDriver.configure`.
+        Settings that close a forbidden connection, or are for another chain of switches, raise a HardwareError. A
+        BusFault is raised as by `ChipDriver.configure`.
         """
         self._chip_settings, self._failure = None, None
         self._faulty.clear()
@@ -92,8 +95,8 @@ class DirectReader:
     def scan(self) -> RawScan:
         """Measure every state once.
 
-        BoardRestarted where the converter lost its settings meanwhile; BusFault or SwitchFault where the scan before
-        failed, which `configure` clears; HardwareError for a board that is not configured.
+        BoardRestarted is raised if the converter has lost its settings. BusFault or SwitchFault is raised if the
+        previous scan failed, until `configure` clears it. A board that is not configured raises a HardwareError.
         """
         scan = self._scan(0)
         if isinstance(self._failure, BoardRestarted):
@@ -101,21 +104,28 @@ class DirectReader:
         return scan
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
-        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0.
+        """Scan until the iterator is closed.
 
-        A scan that ends the stream is still returned; the next one raises the reason. HardwareError for a board that is
-        not configured, or an interval that is negative or not finite.
+        A scan runs once every `interval` in s, or as fast as possible for 0. A scan that ends the stream is still
+        returned, and the next call raises the reason. A board that is not configured, or an interval that is negative
+        or not finite, raises a HardwareError.
         """
         if not (math.isfinite(interval) and interval >= 0):
             raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
         return self._stream(interval)
 
     def peek(self, address: int) -> int:
-        """Read a register of the converter; BusFault where it does not answer."""
+        """Read a register of the converter.
+
+        A converter that does not answer raises a BusFault.
+        """
         return self._chips.bus.read(address)
 
     def rest(self) -> None:
-        """Put the converter to sleep and ground all coils, even if the converter does not answer; raise what failed."""
+        """Put the converter to sleep and ground all coils.
+
+        The coils are grounded even if the converter does not answer. Failures are raised afterwards.
+        """
         with held_signals():
             try:
                 self._chips.sleep()
@@ -123,7 +133,10 @@ class DirectReader:
                 self._chips.switch(self._safe_words)
 
     def close(self) -> None:
-        """Put the board to rest, if the chips answer, and close both buses. Never raises; may be called again."""
+        """Put the board to rest and close both buses.
+
+        The board is put to rest only if the chips answer. The method never raises and may be called again.
+        """
         if self._closed:
             return
         self._chip_settings = None
@@ -131,12 +144,13 @@ class DirectReader:
             try:
                 self.rest()
                 break
-            except Exception:  # whatever it is, nothing but another attempt is left
+            except Exception:  # after any failure only another attempt is left
                 continue
         self._closed = True
         self._chips.close()
 
     def _stream(self, interval: float) -> Generator[RawScan]:
+        """Scan at the interval until the generator is closed."""
         start, sequence, turn = self._clock.now(), 0, 0
         try:
             while True:
@@ -145,15 +159,18 @@ class DirectReader:
                 yield scan
                 if interval > 0:
                     passed = self._clock.now() - start
-                    turn = max(turn + 1, math.ceil(passed / interval))  # turns that were missed are left out
+                    turn = max(turn + 1, math.ceil(passed / interval))  # missed turns are left out
                     self._clock.sleep(turn * interval - passed)
         except GeneratorExit:
-            if not self._closed:  # a stream that nobody closed goes when its last name does
+            if not self._closed:  # a stream that was not closed ends with its last reference
                 self.rest()
             raise
 
     def _scan(self, sequence: int, *, running: bool = False) -> RawScan:
-        """Measure all states; `running` where the next scan follows without a pause."""
+        """Measure all states.
+
+        `running` means that the next scan follows without a pause.
+        """
         if self._failure is not None:
             raise self._failure
         chip_settings = self._chip_settings
@@ -165,15 +182,19 @@ class DirectReader:
         return RawScan(sequence + missed, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
 
     def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
-        """Measure all states; return when that began, in s, the samples, and the number of scans missed before it.
+        """Measure all states of a scan.
 
-        The converter sleeps between two scans, and no scan is missed.
+        The start of the scan in s, the samples and the number of scans missed before it are returned. The converter
+        sleeps between two scans, and no scan is missed.
         """
         start = self._clock.now()
         return start, [self._sample(chip_settings, k) for k in range(len(chip_settings.words))], 0
 
     def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
-        """Measure a state; asleep and grounded before and, whatever the converter does, after."""
+        """Measure a state.
+
+        The converter is asleep and the coils are grounded before and, even if the converter fails, after.
+        """
         chips, same = self._chips, True
         try:
             if not chips.asleep:
@@ -192,11 +213,14 @@ class DirectReader:
         return sample if same else no_sample(SampleFault.SWITCHES_DIFFER)
 
     def _verified(self, chip_settings: ChipSettings, samples: list[RawSample]) -> list[RawSample]:
-        """Return the samples of a scan, checked against what the converter still holds."""
+        """Return the samples of a scan after checking the converter.
+
+        The converter must still hold its settings.
+        """
         faults = [sample.fault for sample in samples]
         try:
             kept = self._chips.hold(chip_settings, thoroughly=any(fault in BUS_FAULTS for fault in faults))
-        except BusFault:  # what is not confirmed is not a measurement
+        except BusFault:  # an unconfirmed result is not a measurement
             faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
         else:
             if not kept:
@@ -205,7 +229,10 @@ class DirectReader:
         return [no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
 
     def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
-        """Decide whether these faults of a scan end the stream; then rest, and the next scan raises the reason."""
+        """Decide whether the faults of a scan end the stream.
+
+        If they do, the board is put to rest, and the next scan raises the reason.
+        """
         for k, fault in enumerate(faults):
             self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
@@ -220,7 +247,10 @@ class DirectReader:
             self.rest()
 
     def _reason(self, state: str, k: int, fault: SampleFault) -> HardwareError | None:
-        """Return why a state with this fault in the last scan ends the stream; None if it does not."""
+        """Return why a fault of a state ends the stream.
+
+        The fault is from the last scan. None is returned if it does not end the stream.
+        """
         if fault == SampleFault.CONVERTER_RESET:
             return BoardRestarted("the converter lost its settings while it was measuring.")
         if self._differing[k] >= _FAULTY_SCANS:
@@ -234,10 +264,13 @@ class DirectReader:
 
     @contextlib.contextmanager
     def _resting_on_failure(self) -> Iterator[None]:
-        """Rest if the block is left by any exception, KeyboardInterrupt included."""
+        """Rest if any exception leaves the block.
+
+        KeyboardInterrupt is included.
+        """
         try:
             yield
         except BaseException:
-            with contextlib.suppress(HardwareError):  # the first failure is the one to tell
+            with contextlib.suppress(HardwareError):  # only the first failure is reported
                 self.rest()
             raise

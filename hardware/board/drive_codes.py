@@ -1,4 +1,7 @@
-"""Drive current of every coil, found by the converter itself and checked by its amplitude flags."""
+"""Drive current of every coil.
+
+The converter finds it, and its amplitude flags check it.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +27,19 @@ class FoundDrive:
     """Drive current of a coil."""
 
     code: int  # IDRIVE, 0 to 31
-    proposed: int  # INIT_IDRIVE, which the converter itself found
+    proposed: int  # INIT_IDRIVE, found by the converter itself
     reasons: tuple[Reason, ...]  # warnings about the amplitude that remain with this code
 
 
 def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
-    """Find the drive current of every state; HardwareError for a coil that does not oscillate with any.
+    """Find the drive current of every state.
 
-    The sensor must be free: nothing may be near it that is not there during the measurement. Afterwards the board is
-    not configured and its coils are grounded.
+    A HardwareError is raised for a coil that does not oscillate with any drive current. No object may be near the
+    sensor that is absent during the measurement. Afterwards the board is not configured and its coils are grounded.
 
-    The procedure of the data sheet: wake with the automatic amplitude and, before the converter sleeps again, read
-    INIT_IDRIVE. Fixed currents are tried from there, one code up or down, until the converter warns of neither a low
-    nor a high amplitude. If every code gives a warning, the largest that is not too high is taken.
+    The procedure is taken from the data sheet: wake with the automatic amplitude and, before the converter sleeps
+    again, read INIT_IDRIVE. Fixed currents are tried from there, one code up or down, until the converter warns of
+    neither a low nor a high amplitude. If every code gives a warning, the largest code that is not too high is taken.
     """
     found = {state.name: _find(reader, settings, state) for state in settings.states}
     reader.rest()
@@ -44,6 +47,7 @@ def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDri
 
 
 def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> FoundDrive:
+    """Find the drive current of one state."""
     proposed = _proposal(reader, settings, state)
     code, reasons = proposed, _reasons(reader, settings, state, proposed)
     if Reason.AMPLITUDE_HIGH in reasons:
@@ -62,7 +66,10 @@ def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> Found
 
 
 def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> int:
-    """Let the converter find the current; 0 where it gave no result, and that of the settings where it finds none."""
+    """Let the converter find the drive current.
+
+    The result is 0 if the converter gave no result. If it finds no current, the current of the settings is returned.
+    """
     if not FAMILIES[settings.family].finds_drive:
         return state.drive
     given = {field.name: getattr(settings, field.name) for field in fields(ScanSettings)}

@@ -1,8 +1,9 @@
-"""Model of a faulty board: the trials of a self-test, and what each of them shows for every single fault. No I/O.
+"""Model of a faulty board, without input or output.
 
-A board has no meter. All that can be seen of its switches is whether the converter oscillates, and by how much the
-frequency of one coil rises when another one is shorted. Both are predicted here from the wiring alone: a fault whose
-prediction is what was measured is a finding.
+It defines the trials of a self-test and predicts their results for every single fault. A board has no meter. The state
+of its switches shows only in whether the converter oscillates, and by how much the frequency of one coil rises when
+another coil is shorted. Both are predicted here from the wiring alone. A fault whose prediction equals the measurement
+is a finding.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from coilarray.hardware.scan.closure import SWITCHES, Closure, SwitchTable, clos
 from coilarray.hardware.scan.wiring import Wiring
 
 Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
-"""How words arrive at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
+"""Arrival of words at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
 ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
 """Ends of a coil that a trial of its ground switches grounds, and the name of that state in a scan plan."""
 
@@ -31,16 +32,17 @@ class Trial:
     words: bytes  # of the switches
     coil: str | None = None  # at the converter; None for no coil
     turned: bool = False  # whether its ends are exchanged
-    other: str | None = None  # a second coil, which is grounded
+    other: str | None = None  # a second coil that is grounded
     grounded: str | None = None  # ends of the second coil: "both", "a" or "b"
     rest: Literal["ground", "open"] = "open"  # state of all coils that are not named
 
 
 def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
-    """Return all trials of a board with the assumed wiring, in groups that are best measured without a pause.
+    """Return all trials of a board in groups.
 
-    First no coil at the converter, and every coil both ways round; then one group for each coil: it alone, and it with
-    every other coil grounded at both ends, at a and at b.
+    The trials follow from the assumed wiring. Each group is best measured without a pause. The first group has no coil
+    at the converter, and then every coil both ways round. One group for each coil follows. It measures the coil alone,
+    and with every other coil grounded at both ends, at a and at b.
     """
     empty = (Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words))
     scan = [
@@ -53,7 +55,10 @@ def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
 
 
 def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
-    """Return a coil with all others open, which is what the rest is compared with, and with another one grounded."""
+    """Return the trials of a coil with another coil grounded.
+
+    The first trial has the coil with all others open, as the reference for the rest.
+    """
     alone = Trial(wiring.words(ScanState(coil, ((coil, 1),), others="open")), coil)
     others = [other for other in wiring.coils if other != coil]
     pairs = []
@@ -64,7 +69,10 @@ def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
 
 
 def _words(wiring: Wiring, state: ScanState) -> bytes | None:
-    """Words of a state; None if the wiring cannot turn a coil round."""
+    """Words of a state.
+
+    They are None if the wiring cannot turn a coil round.
+    """
     try:
         return wiring.words(state)
     except HardwareError:
@@ -73,7 +81,7 @@ def _words(wiring: Wiring, state: ScanState) -> bytes | None:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a trial shows."""
+    """Predicted result of a trial."""
 
     oscillates: bool | None  # whether the converter has a sensor; None if that is uncertain
     shorted: frozenset[str]  # coils with their ends joined, which lower the inductance of their neighbours
@@ -81,18 +89,21 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that may be wrong with a board; with the defaults, nothing is."""
+    """A possible fault of a board.
+
+    With the defaults the board is good.
+    """
 
     text: str  # description of the fault; empty for a good board
-    wiring: Wiring  # true one of the board
+    wiring: Wiring  # true wiring of the board
     delivery: Delivery = "as sent"
-    # broken switches by the numbers of their device and bit in the words: True for closed, False for open
+    # Broken switches by the numbers of their device and bit in the words. True is closed and False is open.
     stuck: Mapping[tuple[int, int], bool] = field(default_factory=dict)
     missing: str | None = None  # coil that is not connected
     shorted: str | None = None  # coil whose ends are joined
 
     def predict(self, words: bytes) -> Prediction:
-        """Predict what the board shows with these words."""
+        """Predict the result of a trial with these words."""
         names = self.wiring.coils
         present = [coil for coil, name in enumerate(names) if name != self.missing]
         shorted = [coil for coil, name in enumerate(names) if name == self.shorted]
@@ -108,6 +119,7 @@ class Fault:
         return switch_table(self.wiring.encode())
 
     def _received(self, words: bytes) -> bytes:
+        """Return the words that arrive at the switches."""
         match self.delivery:
             case "reversed":
                 return words[::-1]
@@ -119,7 +131,10 @@ class Fault:
 
 
 def _oscillates(closure: Closure, measured: bool) -> bool | None:
-    """Whether there is a sensor at the pins; None if a coil leads one to ground, or two are in series."""
+    """Predict whether there is a sensor at the pins.
+
+    The result is None if a coil connects a pin to ground, or two coils are in series.
+    """
     if closure.joined("INA", "INB") or closure.joined("INA", "ground") or closure.joined("INB", "ground"):
         return False
     if closure.conducts("INA", "ground") or closure.conducts("INB", "ground"):
@@ -128,7 +143,10 @@ def _oscillates(closure: Closure, measured: bool) -> bool | None:
 
 
 def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
-    """Return a good board with the assumed wiring, and after it every board with one thing wrong."""
+    """Return a good board and every board with one fault.
+
+    The good board has the assumed wiring and is the first.
+    """
     return (
         Fault("", wiring),
         *_stuck_switches(wiring),
@@ -142,6 +160,7 @@ def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
 
 
 def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
+    """Yield the faults of switches that stay open or closed."""
     for number, device in enumerate(wiring.devices, start=1):
         for switch in device.switches:
             name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"
@@ -151,7 +170,10 @@ def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
 
 
 def _other_maps(wiring: Wiring) -> Iterator[Fault]:
-    """Boards whose switches have other bits: orders that makers use, and any two bits exchanged."""
+    """Boards whose switches have other bits.
+
+    They have orders that makers use, and any two bits exchanged.
+    """
     places = tuple(range(SWITCHES))
     low, high = places[:4], places[4:]
     interleaved = [

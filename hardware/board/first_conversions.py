@@ -1,4 +1,7 @@
-"""Accuracy of the first conversions after sleep, and how many of them to discard."""
+"""Accuracy of the first conversions after sleep.
+
+The comparison gives the number of conversions to discard.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +20,20 @@ from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 
 DISCARDS = (0, 1, 2, 4, 8, MOST_DISCARDED)
-"""Numbers of discarded conversions that are tried."""
+"""Numbers of discarded conversions to try."""
 UNSETTLED = 2e-6
-"""Least relative offset of a frequency that counts, if the noise is not larger: some codes of the shortest scans, and
-what the clock makes of 0.15 K in the seconds of the test."""
-_SCANS = 3  # of each number
+"""Least relative offset of a frequency that counts, if the noise is not larger. It is some codes of the shortest scans,
+and the change of the clock by 0.15 K in the seconds of the test."""
+_SCANS = 3  # of each number of discarded conversions
 _SIGMAS = 5.0
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
 
 
 @dataclass(frozen=True)
 class FirstConversions:
-    """Comparison of first and later conversions after waking, and of the two directions of a scan.
+    """Comparison of first and later conversions after waking.
+
+    The two directions of a scan are compared as well.
 
     Parameters
     ----------
@@ -51,7 +56,10 @@ class FirstConversions:
 
     @property
     def settled(self) -> bool:
-        """Whether fewer than the most conversions are enough; else it is not known whether even those are."""
+        """Whether fewer than the most conversions are enough.
+
+        Otherwise it is not known whether even the most are enough.
+        """
         return self.recommended < DISCARDS[-1]
 
     @property
@@ -66,16 +74,17 @@ def first_conversions(reader: Reader, settings: ScanSettings, *, progress: Progr
     Parameters
     ----------
     reader : Reader
-        Reader of the board; afterwards it is not configured and its coils are grounded. Nothing may move near them.
+        Reader of the board. Afterwards it is not configured and its coils are grounded. Nothing may move near them.
     settings : ScanSettings
-        Settings of the scan. Its conversions are used, or shorter ones of 12 ms, with which the test takes about 10 s.
+        Settings of the scan. Its conversions are used, or shorter conversions of 12 ms, with which the test takes about
+        10 s.
     progress : callable, optional
         Function called with (done, total) after each number of conversions.
 
     Returns
     -------
     FirstConversions
-        Nothing is recommended where no state has results.
+        Nothing is recommended if no state has results.
 
     Raises
     ------
@@ -85,7 +94,7 @@ def first_conversions(reader: Reader, settings: ScanSettings, *, progress: Progr
     Notes
     -----
     Users of the FDC2214, which has the same core, report first conversions that are off by tens of thousands of codes,
-    1e-3 of the frequency; not verified for the LDC1614.
+    1e-3 of the frequency. This is not verified for the LDC1614.
     """
     trying = replace(settings, rcount=min(settings.rcount, RCOUNT))
     runs = []
@@ -118,7 +127,10 @@ def first_conversions(reader: Reader, settings: ScanSettings, *, progress: Progr
 
 
 def _frequencies(reader: Reader, settings: ScanSettings) -> npt.NDArray[np.float64]:
-    """Return the frequencies of some scans in Hz, of shape (scans, states); NaN where a state has no result."""
+    """Return the frequencies of some scans in Hz.
+
+    The shape is (scans, states). A state without a result has NaN.
+    """
     reader.configure(settings)
     scans = [read_scan(reader.scan(), settings, _ANY_CAPACITANCE).states for _ in range(_SCANS)]
     return np.array([[state.frequency for state in states] for states in scans], dtype=np.float64)

@@ -1,4 +1,7 @@
-"""Reader of a board whose microcontroller speaks the protocol of `hardware/firmware/PROTOCOL.md` over a serial port."""
+"""Reader of a microcontroller board on a serial port.
+
+The microcontroller uses the protocol of `hardware/firmware/PROTOCOL.md`.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ from coilarray.hardware.wire.serial_ports import BAUD, BytePort, PortInfo, choos
 LONGEST_INTERVAL = 2147.0
 """Longest time between two scans of a stream in s: half a wrap of the board's clock."""
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
-_MOST_UNSEEN = 1024  # messages after a deadline until a stream that sends anything but scans is given up
+_MOST_UNSEEN = 1024  # messages after a deadline, until a stream that sends no scans is given up
 
 _ENDS: dict[StreamEndReason, tuple[type[HardwareError], str]] = {
     StreamEndReason.LEASE: (NoAnswer, "it heard nothing of this computer in time"),
@@ -64,28 +67,31 @@ class ReaderCounts:
     """Counts of a session."""
 
     link: LinkCounts  # of lines and messages
-    scans: GateCounts  # single ones and those of all streams
-    dropped_by_board: int  # lines of this computer, by the board's last report
+    scans: GateCounts  # of single scans and all streams
+    dropped_by_board: int  # lines of this computer, from the board's last report
 
 
 def open_microcontroller(
     port: str | None = None, *, bauds: Sequence[int] = (BAUD,), times: LinkTimes | None = None
 ) -> MicrocontrollerReader:
-    """Open a new session with a microcontroller board, not configured, and stop whatever it does.
+    """Open a new session with a microcontroller board.
+
+    The board is stopped, whatever it does, and is not configured.
 
     Parameters
     ----------
     port : str, optional
-        Name of a port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; the only port of a known board by default.
+        Name of a port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER". The only port of a known board by default.
     bauds : sequence of int
-        Baud rates to try in turn; `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is unknown.
+        Baud rates to try in turn. They are `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is
+        unknown.
     times : LinkTimes, optional
         Time limits.
 
     Raises
     ------
     NoAnswer, NotABoard, VersionMismatch
-        Nothing came; bytes came, but no intact line; the board speaks another version of the protocol.
+        Nothing came, or bytes without an intact line came, or the board has another version of the protocol.
     HardwareError
         The port cannot be opened, or the choice of the port is ambiguous.
     """
@@ -106,20 +112,23 @@ def open_microcontroller(
 
 
 def _open_again(before: PortInfo, bauds: Sequence[int], times: LinkTimes | None) -> MicrocontrollerReader:
-    """Open the same device, whose port may have another name by now."""
+    """Open the same device again.
+
+    Its port may have another name by now.
+    """
     name = f"usb:{before.serial_number}" if before.serial_number else before.name
     return open_microcontroller(name, bauds=bauds, times=times)
 
 
 class MicrocontrollerReader:
-    """Reader of a board on a serial port, for one session.
+    """Reader of a serial board for one session.
 
-    A board that restarts, or a port that comes back, is another session: `reconnect` opens it, and its scans are never
-    mixed with those of this one. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
+    A board that restarts, or a port that comes back, is another session. `reconnect` opens it, and its scans are never
+    mixed with the scans of this session. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
 
-    The reader closes its port, unless this constructor raises: NoAnswer, NotABoard, VersionMismatch or DeviceLost where
-    no board of this protocol answers. The clock, the computer's by default, is that of all deadlines; `reopen` opens a
-    new session with the same device.
+    The reader closes its port, except if this constructor raises. It raises NoAnswer, NotABoard, VersionMismatch or
+    DeviceLost if no board of this protocol answers. The clock, the computer's by default, is used for all deadlines.
+    `reopen` opens a new session with the same device.
     """
 
     def __init__(
@@ -134,12 +143,12 @@ class MicrocontrollerReader:
         self._reopen = reopen
         self._settings: ScanSettings | None = None
         self._hash = 0  # of the settings
-        self._stream = 0  # number of the stream that runs; 0 where none does
+        self._stream = 0  # number of the running stream; 0 without a stream
         self._streams = 0
         self._silent = False  # whether it did not answer STOP
         self._unsure = False  # whether the board may still be measuring: it must be stopped first
         self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
-        self._gates = GateCounts()  # of all scans before those of the stream
+        self._gates = GateCounts()  # of all scans before the stream
         self._gate: ScanGate | None = None  # of the stream
 
     @property
@@ -166,11 +175,12 @@ class MicrocontrollerReader:
         return ReaderCounts(self._session.counts, scans, self._session.dropped_by_board)
 
     def configure(self, settings: ScanSettings) -> None:
-        """Send the board its settings; it checks them, writes them to its chips and reads them back.
+        """Send the board its settings.
 
-        HardwareError for settings that could join what must not be joined, or more states or devices than the board
-        takes: nothing is sent. CommandRefused or BusFault where the board refuses them, or a chip does not take them;
-        then it has no settings.
+        The board checks them, writes them to its chips and reads them back. A HardwareError is raised, before anything
+        is sent, for settings that close a forbidden connection, or have more states or devices than the board takes.
+        CommandRefused or BusFault is raised if the board refuses them or a chip does not take them. The board then has
+        no settings.
         """
         settings.check_switching()
         if settings.wired or settings.scanned > 1:
@@ -204,7 +214,7 @@ class MicrocontrollerReader:
         except CommandRefused as refusal:
             raise self._refused(refusal) from None
         except (NoAnswer, NotABoard):
-            self._unsure = True  # it may still come to measure
+            self._unsure = True  # it may still start to measure
             raise
         finally:
             self._gates += gate.counts
@@ -216,7 +226,10 @@ class MicrocontrollerReader:
         return scan
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
-        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0."""
+        """Scan until the iterator is closed.
+
+        A scan runs once every `interval` in s, or as fast as possible for 0.
+        """
         if not 0 <= interval <= LONGEST_INTERVAL:
             raise HardwareError(f"interval must be 0 to {LONGEST_INTERVAL:g} s; got {interval:g}.")
         return self._run(self._configured(), round(interval * 1e6))
@@ -228,7 +241,7 @@ class MicrocontrollerReader:
         self._unsure = True
         try:
             self._session.ask(read_nothing, "STOP", patience=_longest_scan(self._settings))
-        except (BusFault, CommandRefused):  # it has heard and grounded the coils, only the converter did not obey
+        except (BusFault, CommandRefused):  # the coils are grounded, but the converter did not obey
             self._unsure = self._silent = False
             raise
         except (NoAnswer, NotABoard):
@@ -237,7 +250,10 @@ class MicrocontrollerReader:
         self._unsure = self._silent = False
 
     def check_chain(self) -> str:
-        """Send the safe words twice through the chain of switches and compare what returns: see `Board.check_chain`."""
+        """Compare sent and returned words of the chain of switches.
+
+        The safe words are sent twice (see `Board.check_chain`).
+        """
         self._prepare()
         return self._session.ask(_chain, "CHAIN")
 
@@ -249,9 +265,10 @@ class MicrocontrollerReader:
         return self._session.ask(_word, "PEEK", f"{address:02X}")
 
     def close(self) -> None:
-        """Put the board to rest, if it still answers, and close the port. Never raises; may be called again.
+        """Put the board to rest and close the port.
 
-        A board that did not answer STOP gets one more STOP, whose reply is not awaited.
+        The board is put to rest only if it still answers. The method never raises and may be called again. A board that
+        did not answer STOP gets another STOP, whose reply is not awaited.
         """
         try:
             with suppress(Exception):
@@ -264,9 +281,10 @@ class MicrocontrollerReader:
             self._session.close()
 
     def reconnect(self, patience: float = 0.0) -> MicrocontrollerReader:
-        """Close this session and open another, not configured, with the same device, found by its USB serial number.
+        """Close this session and open another with the same device.
 
-        For `patience` in s the port may come back.
+        The device is found by its USB serial number, and it is not configured. The port may come back within `patience`
+        in s.
         """
         self.close()
         if self._reopen is None:
@@ -284,7 +302,7 @@ class MicrocontrollerReader:
             clock.sleep(_LOOK_AGAIN)
 
     def _prepare(self) -> None:
-        """Check that the session goes on, and that no stream runs."""
+        """Check that the session goes on without a stream."""
         self._session.check()
         if self._stream:
             raise HardwareError("a stream is running; close its iterator first.")
@@ -298,6 +316,10 @@ class MicrocontrollerReader:
         return self._settings
 
     def _passed(self, gate: ScanGate, message: ScanMessage) -> RawScan | None:
+        """Return the scan of a message that passes the gate.
+
+        None is returned for a message that the gate drops.
+        """
         self._session.check_boot(message.boot)
         microseconds = self._session.unwrap(message.time)
         try:
@@ -316,6 +338,7 @@ class MicrocontrollerReader:
         )
 
     def _run(self, settings: ScanSettings, interval: int) -> Generator[RawScan]:
+        """Start a stream, yield its scans, and stop it."""
         if self._configured() is not settings:
             raise HardwareError("the board was configured again after the scans were requested; request them again.")
         longest = _longest_scan(settings)
@@ -345,7 +368,10 @@ class MicrocontrollerReader:
                 self._stream = 0
 
     def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Generator[RawScan]:
-        """Yield the scans of the stream until `rest`; raise if they stop coming for any reason."""
+        """Yield the scans of the stream until `rest`.
+
+        A fault is raised if they stop coming for any reason.
+        """
         now, times = self._session.clock.now, self._session.times
         gap, silence = max(times.gap * period, times.least_gap + longest), times.heartbeat + longest
         scan_due, line_due, ping_due = now() + gap, now() + silence, now() + times.ping
@@ -382,10 +408,11 @@ class MicrocontrollerReader:
                 pong = read_pong(message.fields)
                 self._session.keep(pong)
                 self._heed_mode(pong.mode)
-        elif isinstance(message, Heartbeat) and self._session.present(message.time):  # not one from before the stream
+        elif isinstance(message, Heartbeat) and self._session.present(message.time):  # it is not from before the stream
             self._heed_mode(message.mode)
 
     def _heed_mode(self, mode: Mode) -> None:
+        """Raise the fault that a mode other than streaming shows."""
         if mode is Mode.STREAMING:
             return
         fault = self._end_unheard()
@@ -395,12 +422,18 @@ class MicrocontrollerReader:
         raise fault or NoAnswer(f"the board at {self._session.name} has ended the scans, and its reason was lost.")
 
     def _refused(self, refusal: CommandRefused) -> HardwareError:
-        """Return the fault of a board that has stopped measuring; the last scan may show why."""
+        """Return the fault of a board that has stopped measuring.
+
+        The last scan may show the reason.
+        """
         self._settings = None
         return self._end_unheard() or refusal
 
     def _end_unheard(self) -> HardwareError | None:
-        """Return the fault of a stream that stopped without a message, if the last scan shows it."""
+        """Return the fault of a stream that stopped silently.
+
+        The fault is known only if the last scan shows it.
+        """
         reason = next((_SIGNS[fault] for fault in sorted(self._faults) if fault in _SIGNS), None)
         return None if reason is None else self._ended(reason)
 
@@ -414,7 +447,7 @@ class MicrocontrollerReader:
 
 
 def _longest_scan(settings: ScanSettings | None) -> float:
-    """Return the time in s of a scan in which no state ever has a result."""
+    """Return the time of a scan without results in s."""
     if settings is None:
         return 0.0
     state = settings.state_time

@@ -1,6 +1,7 @@
-"""Self-test of a board: whether the switches do what the wiring says, and whether every coil is connected.
+"""Self-test of a board's switches and coils.
 
-It needs scans only. Until it has passed, the assignment of bits to switches is an assumption.
+It tests whether the switches follow the wiring, and whether every coil is connected. It needs scans only. Until it has
+passed, the assignment of bits to switches is an assumption.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
 
 RCOUNT = 0x4000
-"""Conversions of 12 ms: a frequency to less than a millionth."""
+"""RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth."""
 NOTICEABLE = 2e-5
-"""Least relative rise of a frequency that counts as a shorted neighbour; on the reference board the nearest neighbours
-give 1.5e-3, the next but one 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
-_MOST_STATES = 16  # at a time: as many as every board takes
+"""Least relative rise of a frequency that counts as a shorted neighbour. On the reference board the nearest neighbours
+give 1.5e-3, the second neighbours 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
+_MOST_STATES = 16  # at a time; every board takes this number
 _ATTEMPTS = 3
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
 
@@ -34,8 +35,8 @@ class CoilCheck:
 
     coil: str
     frequency: float | None  # Hz, with all other coils grounded; None if nothing oscillates
-    turned: float | None  # the same with its ends exchanged; also None if the wiring cannot exchange them
-    felt_by: str | None  # coil whose frequency changes most when this one is grounded; None if no other oscillates
+    turned: float | None  # the same with its ends exchanged; None as well if the wiring cannot exchange them
+    felt_by: str | None  # coil whose frequency changes most when this coil is grounded; None if no other oscillates
     rises: Mapping[str, float]  # of that frequency, relative, with "both" ends of this coil grounded, only "a" or "b"
 
 
@@ -48,9 +49,9 @@ class SelfTest:
     coils : tuple of CoilCheck
         Measurements of the coils, in the order of the wiring.
     symptoms : tuple of str
-        Measurements that a good board would not give; empty if the test has passed.
+        Measurements that a good board would not give. Empty if the test has passed.
     findings : tuple of str
-        Faults each of which alone explains all measurements; empty if the test has passed or there are several faults.
+        Faults that each explain all measurements alone. Empty if the test has passed or there are several faults.
     untested : tuple of str
         Faults that a board which has passed could still have.
     """
@@ -62,13 +63,16 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """Whether the board behaves as the wiring says."""
+        """Whether the board behaves according to the wiring."""
         return not self.symptoms
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """A trial and its result: frequency in Hz, and its relative change against the coil with all others open."""
+    """A trial with its frequency in Hz.
+
+    The change is relative to the coil with all others open.
+    """
 
     trial: Trial
     frequency: float | None
@@ -82,7 +86,7 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Parameters
     ----------
     reader : Reader
-        Reader of the board; afterwards it is not configured and its coils are grounded.
+        Reader of the board. Afterwards it is not configured and its coils are grounded.
     wiring : Wiring
         Assumed wiring of the board.
     settings : ScanSettings
@@ -98,15 +102,15 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Raises
     ------
     BusFault, SwitchFault
-        The converter did not answer three times; the chain of switches returns other words than it was sent.
+        The converter did not answer three times, or the chain of switches returns other words than it was sent.
     HardwareError
         The board refuses the settings or cannot scan.
 
     Notes
     -----
-    Six coils take 110 states, about 2 s. A single fault is named; several at once only give symptoms. Neighbouring
-    coils must be coupled at least so that one shorted raises the frequency of the other by `NOTICEABLE`. Without
-    switches only whether the coil at every channel oscillates can be tested.
+    Six coils take 110 states, about 2 s. A single fault is named. Several faults at once give only symptoms.
+    Neighbouring coils must be coupled strongly enough that a shorted coil raises the frequency of the other by
+    `NOTICEABLE`. Without switches the test shows only whether the coil at every channel oscillates.
     """
     if wiring.channels:
         return _of_channels(reader, settings)
@@ -122,7 +126,7 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
 
 
 def _of_channels(reader: Reader, settings: ScanSettings) -> SelfTest:
-    """Test whether the coil at every channel oscillates: one scan."""
+    """Test in one scan whether every channel's coil oscillates."""
     trying = replace(settings, rcount=RCOUNT)
     reader.configure(trying)
     readings = read_scan(_answered(reader), trying, _ANY_CAPACITANCE).states
@@ -143,7 +147,10 @@ def _of_channels(reader: Reader, settings: ScanSettings) -> SelfTest:
 
 
 def _answered(reader: Reader) -> RawScan:
-    """Return a scan in which the converter has answered; BusFault where it does not."""
+    """Return a scan in which the converter has answered.
+
+    A converter that does not answer raises a BusFault.
+    """
     for _ in range(_ATTEMPTS):
         scan = reader.scan()
         if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
@@ -152,13 +159,17 @@ def _answered(reader: Reader) -> RawScan:
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
-    """Divide a group into scans that a board accepts; each part of a group of pairs begins with the coil alone."""
+    """Divide a group into scans that a board accepts.
+
+    Each part of a group of pairs begins with the coil alone.
+    """
     head = group[:1] if group[-1].other is not None else ()
     rest, size = group[len(head) :], _MOST_STATES - len(head)
     return [(*head, *rest[k : k + size]) for k in range(0, len(rest), size)]
 
 
 def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) -> list[_Seen]:
+    """Measure the trials of a group in one scan."""
     drives = {state.name: state.drive for state in settings.states}
     states = tuple(
         StateSettings(f"trial {k}", trial.words, drives.get(trial.coil or "", settings.states[0].drive))
@@ -177,7 +188,10 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
 
 
 def _compared(seen: Sequence[_Seen]) -> list[_Seen]:
-    """Add the relative change against the first trial, which is the coil alone."""
+    """Add the relative change against the first trial.
+
+    The first trial is the coil alone.
+    """
     first = seen[0]
     return [
         replace(
@@ -190,6 +204,7 @@ def _compared(seen: Sequence[_Seen]) -> list[_Seen]:
 
 
 def _check(coil: str, seen: Sequence[_Seen]) -> CoilCheck:
+    """Collect the measurements of one coil."""
     scan = {one.trial.turned: one.frequency for one in seen if one.trial.coil == coil and one.trial.rest == "ground"}
     changes = [(one.trial, one.change) for one in seen if one.trial.other == coil and one.change is not None]
     felt_by = max(changes, key=lambda pair: abs(pair[1]), default=(None, 0.0))[0]
@@ -219,12 +234,16 @@ def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequ
 
 
 def _harmless(fault: Fault, good: Fault, words: Set[bytes]) -> bool:
-    """Whether a fault changes nothing: the two ends of every coil may be exchanged."""
+    """Check whether a fault changes nothing.
+
+    The two ends of every coil may be exchanged.
+    """
     same_parts = not (fault.stuck or fault.missing or fault.shorted)
     return same_parts and all(fault.predict(one) == good.predict(one) for one in words)
 
 
 def _symptom(one: _Seen, rise: int | None) -> str:
+    """Describe a measurement in words."""
     trial, does = one.trial, "oscillates" if one.frequency is not None else "does not oscillate"
     if trial.coil is None:
         return f"with all coils {'grounded' if trial.rest == 'ground' else 'open'} the converter {does}"
@@ -237,7 +256,10 @@ def _symptom(one: _Seen, rise: int | None) -> str:
 
 
 def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> Iterator[tuple[_Seen, int | None]]:
-    """Yield the measurements that contradict the fault, with the rise if that is what differs."""
+    """Yield the measurements that contradict the fault.
+
+    The rise is given if it differs.
+    """
     predict = functools.cache(fault.predict)
     for one, rise in judged:
         predicted = predict(one.trial.words)
@@ -250,23 +272,30 @@ def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> It
 
 
 def _expected(predicted: Prediction, reference: Prediction) -> int | None:
-    """Whether a frequency rises (1), stays (0) or falls (−1); None if more than one coil changes."""
+    """Predict whether a frequency rises, stays or falls.
+
+    The result is 1, 0 or −1, and None if more than one coil changes.
+    """
     added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
     return added - removed if added + removed <= 1 else None
 
 
 def _with_rises(seen: Sequence[_Seen], checks: Mapping[str, CoilCheck]) -> list[tuple[_Seen, int | None]]:
-    """Add to each measurement whether the frequency rose, stayed or fell; None if that is unknown."""
+    """Add the direction of the frequency change to each measurement.
+
+    The frequency rose, stayed or fell. The direction is None if it is unknown.
+    """
     alone = {one.trial.coil for one in seen if one.reference is one.trial and one.frequency is not None}
     return [(one, _rise(one, checks, alone)) for one in seen]
 
 
 def _rise(one: _Seen, checks: Mapping[str, CoilCheck], alone: Set[str | None]) -> int | None:
+    """Direction of the frequency change of one measurement."""
     check = None if one.trial.other is None else checks[one.trial.other]
     if check is None or one.change is None or one.trial.coil != check.felt_by:
         return None
     largest = max(map(abs, check.rises.values()))
-    if largest < NOTICEABLE:  # the neighbour that would feel it may be one of those that do not oscillate
+    if largest < NOTICEABLE:  # the neighbour that would show it may not oscillate
         return 0 if alone >= checks.keys() - {check.coil} else None
     if abs(one.change) < largest / 2:
         return 0

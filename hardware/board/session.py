@@ -1,4 +1,7 @@
-"""A session with a microcontroller board: from its greeting until the port is lost or the board restarts."""
+"""Session with a microcontroller board.
+
+It lasts from the greeting of the board until the port is lost or the board restarts.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +36,19 @@ T = TypeVar("T")
 
 
 class Session(Link):
-    """Starts a session: stops whatever the board does, greets it, and keeps its number, its clock and its end.
+    """Session with a board on a serial port.
 
-    `close` closes the port, but not this constructor, if it raises: NoAnswer, NotABoard, VersionMismatch or DeviceLost
-    where no board of this protocol answers. The clock, the computer's by default, is that of all deadlines.
+    The constructor stops the board and greets it. The session stores its number, its clock and its end.
+
+    `close` closes the port, but this constructor does not if it raises. It raises NoAnswer, NotABoard, VersionMismatch
+    or DeviceLost if no board of this protocol answers. The clock, the computer's by default, is used for all deadlines.
     """
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None) -> None:
         super().__init__(port, times=times, clock=clock, number=random.randrange(IDS))
         self._time = BoardTime()
         self.dropped_by_board = 0
-        """Lines of this computer that the board dropped, by its last report."""
+        """Lines of this computer that the board dropped, from its last report."""
         self.newest = 0
         """Latest present time of the board in µs, without wraps."""
         self._silence()
@@ -52,12 +57,18 @@ class Session(Link):
         self.ping()
 
     def check(self) -> None:
-        """Raise the fault that has ended the session, if one has."""
+        """Raise the fault that has ended the session.
+
+        Nothing happens if the session goes on.
+        """
         if self.end is not None:
             raise type(self.end)(f"this session has ended: {self.end}")
 
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command as `Link.ask` does; after a refusal, check whether the board has restarted."""
+        """Send a command with `Link.ask`.
+
+        After a refusal it checks whether the board has restarted.
+        """
         try:
             return super().ask(reading, verb, *arguments, patience=patience)
         except CommandRefused:
@@ -70,20 +81,26 @@ class Session(Link):
         self.keep(self.ask(read_pong, "PING", patience=patience))
 
     def keep(self, pong: Pong) -> None:
-        """Keep a reply to PING: the board's time, and the lines it dropped."""
+        """Store the reply to PING.
+
+        It has the board's time and the lines that it dropped.
+        """
         self.check_boot(pong.boot)
         self.dropped_by_board = pong.dropped
         self.present(pong.time)
 
     def present(self, microseconds: int) -> bool:
-        """Keep the board's present time, and return whether it is later than those before."""
+        """Store the board's present time.
+
+        True is returned if it is later than all previous times.
+        """
         unwrapped = self.unwrap(microseconds)
         later = unwrapped > self.newest
         self.newest = max(self.newest, unwrapped)
         return later
 
     def unwrap(self, microseconds: int) -> int:
-        """Return a time of the board in µs without its wraps."""
+        """Return a board time in µs without its wraps."""
         return self._time.unwrap(microseconds, self.clock.now())
 
     def close(self) -> None:
@@ -92,7 +109,7 @@ class Session(Link):
         self.end = self.end or DeviceLost(f"{self.name} was closed.")
 
     def _silence(self) -> None:
-        """Stop what the board does, and discard what it sent before."""
+        """Stop the board and discard its earlier messages."""
         times = self.times
         end = self.wait(max(times.opening, times.attempts * times.reply)).until
         while True:
@@ -100,7 +117,7 @@ class Session(Link):
             try:
                 super().ask(read_nothing, "STOP")
                 break
-            except BusFault:  # the board has heard; configuring it will show what is wrong with its converter
+            except BusFault:  # the board has received the command; configuring shows the fault of its converter
                 break
             except NoAnswer:
                 if self.clock.now() < end:
@@ -111,6 +128,7 @@ class Session(Link):
         self.drain(min(_QUIET, times.reply))
 
     def _greet(self) -> Greeting:
+        """Greet the board and check its protocol version."""
         version, greeting = super().ask(_hello, "HELLO")
         if greeting is None:
             raise VersionMismatch(
@@ -122,10 +140,16 @@ class Session(Link):
 
 
 def read_nothing(fields: tuple[str, ...]) -> None:
-    """Read the reply to a command without fields, which a later minor version may have."""
+    """Read the reply to a command without fields.
+
+    A later minor version may have fields.
+    """
 
 
 def _hello(fields: tuple[str, ...]) -> tuple[tuple[int, int], Greeting | None]:
-    """Read the version, and the greeting if it is of this major version."""
+    """Read the version and the greeting.
+
+    The greeting is read only if it is of this major version.
+    """
     version = read_version(fields)
     return version, read_greeting(fields) if version[0] == VERSION[0] else None

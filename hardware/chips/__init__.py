@@ -1,1 +1,1 @@
-"""The chips: registers, codes and timing, without any input or output."""
+"""Registers, codes and timing of the chips, without I/O."""

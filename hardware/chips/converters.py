@@ -1,8 +1,9 @@
-"""The converters with 28-bit results of the LDC1614's family: how many channels each has, and what it does not have.
+"""Converters of the LDC1614's family with 28-bit results.
 
-All answer with the same numbers, so that a program cannot tell them apart: Texas Instruments SNOSCY9A for the LDC1612
-and LDC1614, SNOSCZ5B for the FDC2212 and FDC2214. The latter two convert capacitances, with the same core, register
-addresses, drive and timing; that they measure coils as well is not verified.
+The module lists the number of channels of each converter and the features that it lacks. All of them identify
+themselves with the same numbers, so a program cannot distinguish them. The sources are Texas Instruments SNOSCY9A for
+the LDC1612 and LDC1614, and SNOSCZ5B for the FDC2212 and FDC2214. The latter two convert capacitances with the same
+core, register addresses, drive and timing. It is not verified that they measure coils as well.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Family = Literal["LDC", "FDC"]
 
 @dataclass(frozen=True)
 class Converter:
-    """A type of converter: its name, the number of its channels, and its family."""
+    """Name, number of channels and family of a converter."""
 
     name: str
     channels: int
@@ -71,7 +72,9 @@ _TWELVE_BITS = ("LDC1314", "LDC1312", "FDC2114", "FDC2112")
 
 
 def converter(name: str) -> Converter:
-    """Return a converter by its name, in any case; HardwareError, which says what is known, for another one.
+    """Return a converter by its name, in any case.
+
+    An unknown name raises a HardwareError that lists the known names.
 
     >>> converter("ldc1612").channels
     2

@@ -1,7 +1,8 @@
-"""LDC1614 inductance-to-digital converter: code, frequency and inductance, and how long everything takes.
+"""Codes, frequencies, inductances and times of the LDC1614.
 
-Equations 1, 3, 6 and 7 and the times of section 7 of the data sheet, Texas Instruments SNOSCY9A. Its register tables
-print the conversion time without the four clocks of equation 7; they are counted here.
+The module implements equations 1, 3, 6 and 7 and the times of section 7 of the data sheet, Texas Instruments SNOSCY9A.
+The register tables of the data sheet print the conversion time without the four clocks of equation 7. They are counted
+here.
 """
 
 from __future__ import annotations
@@ -16,35 +17,37 @@ from coilarray.errors import HardwareError, require_positive
 CODE_BITS = 28
 """Width of a conversion result."""
 FULL_SCALE = 1 << CODE_BITS
-"""Code of a frequency that equals the reference; results are below."""
+"""Code of a frequency that equals the reference. Results are below."""
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 """Smallest and largest frequency of the internal oscillator over all units in Hz."""
 CLOCK_TOLERANCE = 5e-3
-"""Relative change that a measured internal oscillator is allowed: twice what the data sheet's curves of one unit show
-between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
+"""Relative change that a measured internal oscillator is allowed. It is twice the change in the data sheet's curves of
+one unit between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
 SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
-"""Slowest and fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
+"""Slowest and fastest clock of the I²C bus in Hz. `coilarray.hardware.wire.ports.bus_rate` returns a board's clock."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
 CHANNELS = 4
 """Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
-"""From channel to channel in s, and cycles of the reference on top; assumed too for the slot before every conversion of
-a single channel, whose length the data sheet does not give."""
+"""Time from channel to channel in s, and additional cycles of the reference. The same is assumed for the slot before
+every conversion of a single channel, whose length the data sheet does not give."""
 MOST_DISCARDED = 15
 """Largest number of conversions that a state may discard after waking."""
 READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
 LEAST_SETTLE_COUNT = 2
-"""What SETTLECOUNT 0 and 1 act as."""
-_SWITCH_BITS = 20  # words to a chain of six at 1 MHz take as long as this many bits of the bus
+"""Effective value of SETTLECOUNT 0 and 1."""
+_SWITCH_BITS = 20  # the words for a chain of six at 1 MHz take as long as this number of bits of the bus
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
-    """Return the sensor frequency of a conversion result, f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
+    """Return the sensor frequency of a conversion result in Hz.
+
+    The frequency is f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
 
     Parameters
     ----------
@@ -79,9 +82,10 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
 
 
 def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, offset: int = 0) -> int:
-    """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`.
+    """Conversion result nearest to a sensor frequency in Hz.
 
-    `reference`, `divider` and `offset` are those of `code_to_frequency`.
+    The function is the inverse of `code_to_frequency`. `reference`, `divider` and `offset` have the same meaning as
+    there.
 
     Returns
     -------
@@ -106,7 +110,9 @@ def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, o
 
 
 def inductance_from_frequency(frequency: float, capacitance: float, quality_factor: float = math.inf) -> float:
-    """Inductance of a tank that oscillates at a frequency; without losses L = 1/((2πf)² C).
+    """Inductance of an oscillating tank in H.
+
+    Without losses it is L = 1/((2πf)² C).
 
     Parameters
     ----------
@@ -130,9 +136,9 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
 
     Notes
     -----
-    Equation 1: f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it is the cubic
-    Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0, whose largest root is the inductance of a real sensor; at the others the delay
-    would be a large part of the period.
+    Equation 1 is f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it becomes the cubic Ω² u³ −
+    (1 − 1/Q²) u + 5 ns/Q = 0. Its largest root is the inductance of a real sensor. At the other roots the delay would
+    be a large part of the period.
 
     Examples
     --------
@@ -163,7 +169,9 @@ def _check(reference: float, divider: int, offset: int) -> None:
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Return `coilarray.design.readout.conversion_time`, in s, for RCOUNT from 5 and f_ref in Hz, checked.
+    """Return the time of a conversion in s.
+
+    The function is `coilarray.design.readout.conversion_time` with checked arguments: RCOUNT from 5, and f_ref in Hz.
 
     >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
     48.321
@@ -175,16 +183,17 @@ def conversion_time(rcount: int, reference: float) -> float:
 
 
 def rcount_for(duration: float, reference: float) -> int:
-    """Return the largest RCOUNT whose conversion is not longer than `duration` in s; the inverse of `conversion_time`.
+    """Return the largest RCOUNT for a duration in s.
 
-    HardwareError for a duration that is not positive and finite or that the shortest conversion exceeds.
+    Its conversion is not longer than `duration`. The function is the inverse of `conversion_time`. A duration that is
+    not positive and finite, or shorter than the shortest conversion, raises a HardwareError.
 
     >>> rcount_for(conversion_time(1234, 21.7e6), 21.7e6)
     1234
     """
     _check_clock(reference)
     require_positive("a duration", duration, " s", HardwareError)
-    # the rounding of a duration that is itself a multiple of a clock must not cost a count
+    # A duration that is a multiple of a clock must not lose a count by rounding.
     clocks = math.floor(duration * reference * (1 + 1e-12))
     rcount = (clocks - 4) // 16
     if rcount < SMALLEST_RCOUNT:
@@ -194,7 +203,9 @@ def rcount_for(duration: float, reference: float) -> int:
 
 
 def next_conversion_time(rcount: int, reference: float) -> float:
-    """Return the time from one result of a single channel to the next in s, for RCOUNT from 5 and f_ref in Hz.
+    """Return the time between a single channel's results in s.
+
+    RCOUNT is at least 5, and f_ref is in Hz.
 
     >>> round(next_conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
     48.322
@@ -203,7 +214,9 @@ def next_conversion_time(rcount: int, reference: float) -> float:
 
 
 def internal_clock_range(measured: float | None = None) -> tuple[float, float]:
-    """Return the slowest and the fastest that the internal oscillator may be, in Hz, of any converter or this one.
+    """Return the slowest and fastest internal oscillator in Hz.
+
+    The range holds for any converter, or for the converter whose clock was `measured`.
 
     >>> internal_clock_range(), tuple(map(round, internal_clock_range(43.2e6)))
     ((35000000.0, 55000000.0), (42984000, 43416000))
@@ -214,7 +227,10 @@ def internal_clock_range(measured: float | None = None) -> tuple[float, float]:
 
 
 def settle_time(settle_count: int, reference: float) -> float:
-    """Return the wait from starting the sensor to converting in s: 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1."""
+    """Return the settling time of the sensor in s.
+
+    It is the wait from starting the sensor to converting: 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
+    """
     _check_clock(reference)
     if not 0 <= settle_count <= 0xFFFF:
         raise HardwareError(f"SETTLECOUNT must be 0 to 65535; got {settle_count}.")
@@ -222,7 +238,9 @@ def settle_time(settle_count: int, reference: float) -> float:
 
 
 def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
-    """Return the time from leaving sleep to starting the sensor in s; `internal_clock` is in Hz.
+    """Return the time from leaving sleep to starting the sensor.
+
+    The time is in s, and `internal_clock` is in Hz.
 
     >>> round(wake_time() * 1e3, 4)
     0.3775
@@ -232,7 +250,9 @@ def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
 
 
 def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:
-    """Return the time to read and write registers over I²C in s; `rate` is the bus clock in Hz.
+    """Return the time to transfer registers over I²C in s.
+
+    `reads` and `writes` are the numbers of registers. `rate` is the bus clock in Hz.
 
     >>> round(bus_time(reads=2) * 1e6)
     240
@@ -245,9 +265,9 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 class StateTime:
     """Times of the steps of one state, in s.
 
-    `wake`, `settle` and `conversion` are the converter's own; `discarded` are the discarded conversions,
-    with their transfers; `result` is the reading of the two data registers, `control` all other transfers: status,
-    sleep and wake, drive current, switches.
+    `wake`, `settle` and `conversion` are the converter's own times. `discarded` are the discarded conversions, with
+    their transfers. `result` is the reading of the two data registers. `control` are all other transfers: status, sleep
+    and wake, drive current, switches.
     """
 
     wake: float
@@ -282,12 +302,13 @@ def state_time(
     bus_rate: float = BUS_RATE,
     discard: int = 0,
 ) -> StateTime:
-    """Return the times of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
+    """Return the times of one measured state.
 
-    All clocks are in Hz; waking is counted with the internal one whatever clock the conversions have. `discard`
-    conversions are discarded. With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and
-    reading the result take 293.6 ms; Gast & Zimmermann (2020) print 293.5 ms. That speaks for these settings but does
-    not prove them.
+    The boards measure a state in the order sleep, switch, wake, convert, read. All clocks are in Hz. Waking is counted
+    with the internal clock, whatever clock the conversions have. `discard` is the number of conversions to discard.
+
+    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading the result take 293.6
+    ms. Gast & Zimmermann (2020) print 293.5 ms. This agreement supports these settings but does not prove them.
     """
     return StateTime(
         wake=wake_time(internal_clock),

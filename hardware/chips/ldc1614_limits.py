@@ -1,6 +1,7 @@
-"""Limits of the LDC1614's clocks, counts and dividers: Texas Instruments SNOSCY9A, table 43.
+"""Limits of the LDC1614's clocks, counts and dividers.
 
-Which coils it can read and drive is in `coilarray.circuit.converter_limits`.
+The source is Texas Instruments SNOSCY9A, table 43. `coilarray.circuit.converter_limits` computes which coils the
+converter can read and drive.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ _LARGEST_REFERENCE = 35e6  # Hz, with one channel
 _LARGEST_SCANNING, _LARGEST_SCANNING_EXTERNAL = 55e6, 40e6  # Hz, with several channels
 _LEAST_SCANNING_RCOUNT, LEAST_SCANNING_SETTLE_COUNT = 9, 4
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
-"""Cut-off frequencies of the input filter in Hz by code; the application table prints 0b011 for the last."""
+"""Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for the last."""
 
 
 def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
-    """Return the least SETTLECOUNT, ⌈Q f_ref/(16 f)⌉ and at least 4.
+    """Return the least SETTLECOUNT of a sensor.
 
-    `frequency` f is that of the sensor and `reference` f_ref that of the converter, both in Hz; `quality_factor` Q is
-    the sensor's.
+    It is ⌈Q f_ref/(16 f)⌉ and at least 4. `frequency` f of the sensor and `reference` f_ref of the converter are in Hz.
+    `quality_factor` Q belongs to the sensor.
 
     Returns
     -------
@@ -65,9 +66,10 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
 
 
 def largest_reference(*, external: bool = False, channels: int = 1) -> float:
-    """Return the largest reference frequency in Hz of a converter that scans a number of channels.
+    """Return the largest reference frequency of a converter in Hz.
 
-    The clock is its own oscillator or, where it is `external`, at the pin CLKIN.
+    The converter scans a number of channels. The clock is its own oscillator or, if `external`, comes from the pin
+    CLKIN.
 
     >>> largest_reference(), largest_reference(channels=2), largest_reference(external=True, channels=2)
     (35000000.0, 55000000.0, 40000000.0)
@@ -78,7 +80,7 @@ def largest_reference(*, external: bool = False, channels: int = 1) -> float:
 
 
 def smallest_rcount(channels: int = 1, family: Family = "LDC") -> int:
-    """Return the least RCOUNT of a converter that scans a number of channels.
+    """Return the least RCOUNT for a number of scanned channels.
 
     >>> smallest_rcount(), smallest_rcount(2), smallest_rcount(2, "FDC")
     (5, 9, 256)
@@ -96,10 +98,11 @@ def check_clock(
     channels: int = 1,
     family: Family = "LDC",
 ) -> tuple[Limit, ...]:
-    """Check the limits of clock (in Hz) and counts of a converter that scans a number of channels.
+    """Check the limits of a converter's clock and counts.
 
-    All limits are returned, kept or not; ValueError for a clock or divider that is not positive. With one channel and
-    the internal oscillator (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2 at any frequency.
+    `clock` is in Hz, and `channels` is the number of channels that the converter scans. All limits are returned, kept
+    or not. A clock or divider that is not positive raises a ValueError. With one channel and the internal oscillator
+    (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2 at any frequency.
 
     >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
     ['reference frequency (Hz)']
@@ -115,9 +118,9 @@ def check_clock(
 
 
 def reference_divider(clock: float, *, external: bool = False, channels: int = 1) -> int:
-    """Return the least FREF_DIVIDER of a clock in Hz: the largest reference gives the best resolution.
+    """Return the least FREF_DIVIDER of a clock in Hz.
 
-    `channels` is the number of channels that the converter scans.
+    The largest reference gives the best resolution. `channels` is the number of channels that the converter scans.
 
     >>> reference_divider(43.4e6), reference_divider(32e6, external=True), reference_divider(43.4e6, channels=2)
     (2, 1, 1)
@@ -132,10 +135,10 @@ def _least_reference_divider(external: bool, channels: int) -> int:
 
 
 def input_divider(frequency: float, reference: float) -> int:
-    """Return the least FIN_DIVIDER for a sensor's frequency and a reference frequency in Hz.
+    """Return the least FIN_DIVIDER for a sensor's frequency in Hz.
 
-    The divided frequency must be below a quarter of the reference, and the divider at least 2 from 8.75 MHz; ValueError
-    where no divider brings it below.
+    `reference` is the reference frequency in Hz. The divided frequency must be below a quarter of it, and the divider
+    must be at least 2 from 8.75 MHz. A ValueError is raised if no divider is large enough.
 
     >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
     (1, 2)
@@ -149,7 +152,9 @@ def input_divider(frequency: float, reference: float) -> int:
 
 
 def deglitch_for(frequency: float) -> int:
-    """Return the code of DEGLITCH, the lowest input filter above a sensor's frequency of 1 kHz to 10 MHz.
+    """Return the code of DEGLITCH for a sensor's frequency.
+
+    It selects the lowest input filter above the frequency, which is from 1 kHz to 10 MHz.
 
     >>> deglitch_for(2e6)
     4

@@ -1,7 +1,7 @@
-"""Registers of the LDC1614 as a table of fields: masks, resets, what may be written.
+"""Registers of the LDC1614: fields, masks, resets and writable bits.
 
-The table is `ldc1614_registers.csv` beside this file, read from the data sheet, Texas Instruments SNOSCY9A. Where the
-data sheet contradicts itself the table says so, in the field's meaning.
+The table is `ldc1614_registers.csv` beside this file, read from the data sheet, Texas Instruments SNOSCY9A. If the data
+sheet contradicts itself, the meaning of the field in the table describes this.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from coilarray.errors import HardwareError
 MANUFACTURER = 0x5449
 """Register MANUFACTURER_ID."""
 DEVICE = 0x3055
-"""Register DEVICE_ID; the LDC1612 and the FDC2212/2214 have the same."""
+"""Register DEVICE_ID. The LDC1612 and the FDC2212/2214 have the same."""
 ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 
-# values of a field that the data sheet allows, by the name of the field without the number of the channel
+# Values of a field that the data sheet allows, by the name of the field without the number of the channel.
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
     "RCOUNT": (range(5, 0x10000), "5 to 65535"),
     "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),
@@ -34,9 +34,10 @@ _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
 
 @dataclass(frozen=True)
 class Field:
-    """Bits of a register, `lsb` to `msb`, with the name and meaning of the data sheet and the value after a reset.
+    """Bits of a register, `lsb` to `msb`.
 
-    The name is ``"RESERVED"`` for bits that must be written as they are after a reset.
+    The name, the meaning and the value after a reset are taken from the data sheet. The name is ``"RESERVED"`` for bits
+    that must be written as they are after a reset.
     """
 
     name: str
@@ -53,18 +54,21 @@ class Field:
 
     @property
     def mask(self) -> int:
-        """Its bits in the register."""
+        """Bits of the field in the register."""
         return self.largest << self.lsb
 
     @property
     def reserved(self) -> bool:
-        """Whether the bits are not to be changed."""
+        """Whether the bits must not be changed."""
         return self.name == "RESERVED"
 
 
 @dataclass(frozen=True)
 class Register:
-    """One register of 16 bits; its fields, from the highest bit down, together cover every bit once."""
+    """One register of 16 bits.
+
+    Its fields, from the highest bit down, together cover every bit once.
+    """
 
     address: int
     name: str
@@ -77,12 +81,18 @@ class Register:
 
     @property
     def writable_mask(self) -> int:
-        """Bits that keep what is written to them; 0 if the register is read-only."""
+        """Bits that keep a written value.
+
+        The mask is 0 if the register is read-only.
+        """
         return sum(field.mask for field in self.fields if field.writable)
 
     @property
     def constant_mask(self) -> int:
-        """Reserved bits that must be written as they are after a reset."""
+        """Reserved bits that must be written unchanged.
+
+        They have the values after a reset.
+        """
         return sum(field.mask for field in self.fields if field.reserved and not field.meaning.startswith("RO"))
 
     @property
@@ -91,7 +101,10 @@ class Register:
         return all("LDC1614 only" in field.meaning for field in self.fields)
 
     def field(self, name: str) -> Field:
-        """Return a field that is not reserved; HardwareError if there is none of that name."""
+        """Return a field that is not reserved.
+
+        An unknown name raises a HardwareError.
+        """
         named = {field.name: field for field in self.fields if not field.reserved}
         if name not in named:
             raise HardwareError(f"register {self.name} has the fields {', '.join(named)}; got {name!r}.")
@@ -100,7 +113,7 @@ class Register:
 
 @functools.cache
 def registers() -> Mapping[str, Register]:
-    """Return every register by its name, in ascending order of the addresses."""
+    """Return all registers by name, in ascending order of addresses."""
     text = resources.files("coilarray.hardware.chips").joinpath("ldc1614_registers.csv").read_text(encoding="utf-8")
     rows: dict[tuple[int, str], list[Field]] = {}
     for row in csv.DictReader(text.splitlines()):
@@ -137,10 +150,10 @@ def register(name_or_address: str | int) -> Register:
 
 
 def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyType({})) -> int:
-    """Return the 16-bit value to write to a register: these values of its fields, the reset values of the others.
+    """Return the 16-bit value to write to a register.
 
-    HardwareError for a read-only register, an unknown field, or a value that its bits do not hold or the data sheet
-    forbids.
+    Fields that are not given have their reset values. A HardwareError is raised for a read-only register, an unknown
+    field, or a value that its bits do not hold or the data sheet forbids.
 
     >>> hex(encode("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}))
     '0x1002'
@@ -158,9 +171,10 @@ def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyT
 
 
 def decode(name_or_address: str | int, value: int) -> dict[str, int]:
-    """Split what a register reads into its fields, all but the reserved ones; the inverse of `encode`.
+    """Split the value of a register into its fields.
 
-    HardwareError for a value beyond 16 bits, or reserved bits that no LDC1614 returns: another chip or a disturbed bus.
+    Reserved fields are left out. The function is the inverse of `encode`. A HardwareError is raised for a value beyond
+    16 bits, or for reserved bits that no LDC1614 returns. Such bits come from another chip or a disturbed bus.
 
     >>> decode("CLOCK_DIVIDERS0", 0x1002)
     {'FIN_DIVIDER0': 1, 'FREF_DIVIDER0': 2}
@@ -177,10 +191,10 @@ def decode(name_or_address: str | int, value: int) -> dict[str, int]:
 
 
 def check_value(name_or_address: str | int, value: int) -> None:
-    """Refuse a value that must not be written to a register: HardwareError says which field, and what is allowed.
+    """Refuse a value that a register must not hold.
 
-    That is any value of a read-only register, one beyond 16 bits or with other reserved bits, and a field that the data
-    sheet forbids.
+    The HardwareError names the field and the allowed values. Refused are any value of a read-only register, a value
+    beyond 16 bits or with other reserved bits, and a field that the data sheet forbids.
     """
     target = register(name_or_address)
     _check_writable(target)

@@ -1,4 +1,7 @@
-"""Words of switches, one bit each, and the bytes of a daisy chain of packages."""
+"""Words of switches and the bytes of a daisy chain.
+
+A word has one bit for each switch of a package.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,14 @@ from collections.abc import Iterable, Sequence
 from coilarray.errors import HardwareError, listed, shown
 
 ALL_OPEN = 0x00
-"""Word that opens every switch; also the state after power-on."""
+"""Word that opens every switch. It is also the state after power-on."""
 
 
 def switch_word(closed: Iterable[str], bits: Sequence[str]) -> int:
-    """Return the word that closes these switches and opens all others; `bits` names those from bit 0 to bit 7.
+    """Return the word that closes the given switches.
 
-    HardwareError for a name that is none of the switches.
+    All other switches are opened. `bits` names the switches from bit 0 to bit 7. An unknown name raises a
+    HardwareError.
 
     >>> from coilarray.design.switch_parts import switch_part
     >>> hex(switch_word(["S1A", "S1B"], switch_part("ADG739").bits))
@@ -28,9 +32,10 @@ def switch_word(closed: Iterable[str], bits: Sequence[str]) -> int:
 
 
 def chain_bytes(words: Sequence[int]) -> bytes:
-    """Return the bytes to shift into a chain: words of 0 to 255, the device next to the computer first.
+    """Return the bytes to shift into a chain of switches.
 
-    The first byte moves to the far end, so the order is reversed. HardwareError for no word, or one beyond a byte.
+    The words are from 0 to 255, with the device next to the computer first. The first byte moves to the far end, so the
+    order is reversed. An empty chain or a word beyond a byte raises a HardwareError.
 
     >>> chain_bytes([0x22, 0x11, 0x11]).hex()
     '111122'
@@ -44,7 +49,10 @@ def chain_bytes(words: Sequence[int]) -> bytes:
 
 
 def check_bits(bits: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the switches by bit; HardwareError for one of the known that is missing, or any other."""
+    """Return the names of the switches by bit.
+
+    A missing known switch or an unknown switch raises a HardwareError.
+    """
     if sorted(bits) != sorted(known):
         got = listed(map(shown, bits)) or "none"
         raise HardwareError(f"bits must name each of {', '.join(known)} once; got {got}.")

@@ -1,4 +1,7 @@
-"""An emulated board: the chips at the level of their registers, the coils by our own physics."""
+"""An emulated board with chips and coils.
+
+The chips are emulated at the level of their registers, and the coils by this package's physics.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A whole emulated board: converter, switches, coils, indenter, temperature and time."""
+"""A whole emulated board.
+
+It has a converter, switches, coils, an indenter, a temperature and a time.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,11 @@ from coilarray.hardware.emulator.switches import EmulatedChain, EmulatedSwitches
 from coilarray.hardware.scan.closure import Drains, Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 
-_CIRCUITS = 256  # solved circuits that are kept: a scan repeats the same few
+_CIRCUITS = 256  # number of solved circuits to keep; a scan repeats the same few
 
 
 class Netlist(Protocol):
-    """What the emulator needs of a wiring."""
+    """Properties of a wiring that the emulator needs."""
 
     @property
     def coils(self) -> tuple[str, ...]:
@@ -28,41 +31,59 @@ class Netlist(Protocol):
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """Channels of the coils where there are no switches; else empty."""
+        """Channels of the coils.
+
+        They are empty if there are switches.
+        """
 
     def encode(self) -> bytes:
-        """Return eight bytes per device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
+        """Return eight bytes per device.
+
+        `coilarray.hardware.scan.closure.switch_table` reads them.
+        """
 
     @property
     def drains(self) -> Sequence[Drains]:
-        """Bits that share a common pin, of every device in the order of the words."""
+        """Bits of every device that share a common pin.
+
+        The devices are in the order of the words.
+        """
 
     def capacitances(self, switches: Switches) -> Switches:
-        """Return switches with the capacitances of the parts in place of their own."""
+        """Return switches with the capacitances of the parts."""
 
 
 class World(Protocol):
-    """Physics of the coils behind the switches; `SensorWorld` has all of them."""
+    """Physics of the coils behind the switches.
+
+    `SensorWorld` has all of them.
+    """
 
     def check(self, place: Place) -> None:
-        """Refuse a place where the indenter cannot go; HardwareError."""
+        """Refuse a place that the indenter cannot reach.
+
+        It raises a HardwareError.
+        """
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives at its resonance; None if nothing oscillates.
+        """Return the tank that the converter drives at its resonance.
 
-        `state` has the measured coils and the terminations of the others; `temperature` is the board's in °C.
+        None is returned if nothing oscillates. `state` has the measured coils and the terminations of the others.
+        `temperature` is the board's temperature in °C.
         """
 
 
 class EmulatedBoard:
-    """Converter, switches and coils on one clock. `emulated_board` makes one.
+    """Converter, switches and coils on one clock.
+
+    `emulated_board` makes such a board.
 
     Parameters
     ----------
     coils : sequence of str
         Names of the coils by their number in the netlist.
     wiring : bytes
-        Wiring of the switches, as `switch_table` reads it; empty without switches.
+        Wiring of the switches, as `switch_table` reads it. Empty without switches.
     world : World
         Physics of the coils.
     clock : Clock
@@ -70,16 +91,16 @@ class EmulatedBoard:
     conditions : Conditions, optional
         Oscillator, temperature and noise of the converter.
     wired : sequence of int
-        Without switches the channel of each coil. Those of other channels are grounded while one is converted; other
-        coils of the world are open.
+        Channel of each coil, without switches. The coils of other channels are grounded while a coil is converted.
+        Other coils of the world are open.
     converter : Converter
         Type of the converter.
     drains : sequence of Drains, optional
-        Bits that share a common pin, of every device in the order of the words; none by default.
+        Bits that share a common pin, of every device in the order of the words. None by default.
     open_points : OpenPoints, optional
-        How the converter behaves where its documents contradict each other.
+        Behaviour of the converter in points on which its documents contradict each other.
     strict : bool
-        Whether undocumented use of a chip raises UndocumentedUse; it is noted in any case.
+        Whether undocumented use of a chip raises UndocumentedUse. It is noted in any case.
     readback : bool
         Whether the end of the chain of switches is wired back.
     seed : int
@@ -87,8 +108,8 @@ class EmulatedBoard:
 
     Notes
     -----
-    A driver uses `bus` and `switches`; a test causes faults through `chip`, `chain`, `indenter` and `conditions`.
-    `misuse.notes` lists what the driver did against the data sheets.
+    A driver uses `bus` and `switches`. A test causes faults through `chip`, `chain`, `indenter` and `conditions`.
+    `misuse.notes` lists the driver's violations of the data sheets.
     """
 
     def __init__(
@@ -150,7 +171,10 @@ class EmulatedBoard:
         return self.conditions.clkin
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
-        """Return the tank at a channel of the converter; switches join coils to the first only."""
+        """Return the tank at a channel of the converter.
+
+        Switches connect coils only to the first channel.
+        """
         state = self._at_channel.get(channel) if self._at_channel else self._seen.state if channel == 0 else None
         if state is None:
             return None
@@ -163,15 +187,15 @@ class EmulatedBoard:
         return self._seen
 
     def true_tank(self, channel: int = 0) -> Resonator | None:
-        """Return the tank at a channel as it is now, without noise."""
+        """Return the present tank at a channel, without noise."""
         return self.sensor(channel, self.clock.now())
 
     def temperature(self) -> float:
-        """Return the temperature of the board in °C now."""
+        """Return the present temperature of the board in °C."""
         return self.conditions.drift.at(self.clock.now())
 
     def place(self) -> Place:
-        """Return where the indenter is now."""
+        """Return the present place of the indenter."""
         return self.indenter.at(self.clock.now())
 
     def _switched(self) -> None:

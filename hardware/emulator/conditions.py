@@ -1,4 +1,4 @@
-"""Surroundings of an emulated converter: time, temperature, its own clock, and noise."""
+"""Time, temperature, clock and noise around an emulated converter."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ _AHEAD, _BEHIND = 1e-3, 0.05  # s
 
 
 class VirtualClock:
-    """A `coilarray.hardware.wire.buses.Clock` whose time passes only in `sleep`: hours of measuring take seconds.
+    """Clock whose time passes only in `sleep`.
+
+    It is a `coilarray.hardware.wire.buses.Clock`. Hours of measuring take seconds.
 
     Parameters
     ----------
@@ -39,26 +41,33 @@ class VirtualClock:
         return self._now
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass; HardwareError for a time that is not finite."""
+        """Let time pass.
+
+        A time that is not finite raises a HardwareError.
+        """
         if not math.isfinite(seconds):
             raise HardwareError(f"a wait must be finite; got {seconds} s.")
         self._now += max(seconds, 0.0)
 
 
 class PacedClock:
-    """A clock for an emulated board in real time: time passes in `sleep` as exactly as on a board, and keeps pace.
+    """Clock of an emulated board in real time.
 
-    A transfer of 0.1 ms is a wait, and a computer that is asked to wait so shortly takes up to twice as long; what it
-    computes in between would be counted as well. So waits are added up, and the computer sleeps only where they are
-    ahead of its own clock. Where it falls behind by more than `_BEHIND`, time goes on without the board: a computer
-    that is too slow has fewer scans, not slower seconds.
+    Time passes in `sleep` as exactly as on a board, at the pace of the computer's clock. A transfer of 0.1 ms is a
+    wait. A computer takes up to twice as long for such a short wait, and its computations in between would be counted
+    as well. Therefore the waits are added up, and the computer sleeps only if they are ahead of its own clock. If it
+    falls behind by more than `_BEHIND`, time goes on without the board. So a computer that is too slow has fewer scans
+    and not slower seconds.
     """
 
     def __init__(self) -> None:
         self._time = time.monotonic()
 
     def now(self) -> float:
-        """Return the time in s, that of the computer but for `_BEHIND`."""
+        """Return the time in s.
+
+        It differs from the computer's time by at most `_BEHIND`.
+        """
         self._time = max(self._time, time.monotonic() - _BEHIND)
         return self._time
 
@@ -71,7 +80,9 @@ class PacedClock:
 
 @dataclass(frozen=True)
 class Oscillator:
-    """Internal oscillator of one converter: 35 to 55 MHz, typically 43.4 MHz, and slower as it warms.
+    """Internal oscillator of one converter.
+
+    Its frequency is 35 to 55 MHz, typically 43.4 MHz, and falls as it warms.
 
     Parameters
     ----------
@@ -93,7 +104,10 @@ class Oscillator:
     ageing: float = 0.0
 
     def at(self, time: float, temperature: float) -> float:
-        """Return the frequency in Hz at a time in s and a temperature in °C."""
+        """Return the frequency in Hz.
+
+        `time` is in s, and `temperature` is in °C.
+        """
         return self.frequency * (
             1 + self.temperature_coefficient * (temperature - ROOM_TEMPERATURE) + self.ageing * time
         )
@@ -125,7 +139,7 @@ class Drift:
 
 @dataclass
 class Conditions:
-    """What surrounds the converter; may be changed at any time.
+    """Surroundings of the converter, which may change at any time.
 
     Parameters
     ----------
@@ -134,12 +148,12 @@ class Conditions:
     drift : Drift
         Temperature of the board.
     noise : float
-        Relative standard deviation of a frequency at full resolution; that of `Readout` by default.
+        Relative standard deviation of a frequency at full resolution. By default it is taken from `Readout`.
     clkin : float or None
-        Frequency at the pin CLKIN in Hz; None if the pin is grounded.
+        Frequency at the pin CLKIN in Hz. None if the pin is grounded.
     first_offset : float
-        Error of the first conversion after sleep in codes, of which each further one has a quarter. Users of the
-        FDC2214, which has the same core, report tens of thousands; neither size nor fading is verified.
+        Error of the first conversion after sleep in codes. Each further conversion has a quarter of it. Users of the
+        FDC2214, which has the same core, report tens of thousands. Neither size nor fading is verified.
     """
 
     oscillator: Oscillator = field(default_factory=Oscillator)

@@ -1,6 +1,7 @@
-"""What an LDC1614 does between its registers: waking, settling, counting, and what can go wrong while it counts.
+"""Waking, settling and counting of an emulated LDC1614.
 
-`Setting` decodes the registers, `Resonator` is the tank that the converter drives, and `Run` counts its cycles.
+The module covers the chip's actions between its registers, and the errors that occur while it counts. `Setting` decodes
+the registers, `Resonator` is the tank that the converter drives, and `Run` counts its cycles.
 """
 
 from __future__ import annotations
@@ -36,55 +37,74 @@ AMPLITUDE_STOPS = 0.6
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
 WATCHDOG = 5.2e-3
 """Time in s without oscillation after which the chip gives up and starts the sensor again."""
-# assumed size of an effect that the data sheet only mentions: clamps pull the frequency, a small amplitude is noisier
+# Assumed size of an effect that the data sheet only mentions. Clamps pull the frequency, and a small amplitude is
+# noisier.
 _CLAMP_PULL = -1e-3
 _HIGH_CURRENT = 4.0  # 1.56 mA become about 6 mA
-_FADING = 0.25  # assumed: what is left of the offset of a first conversion in the next one
-_UNTOUCHED = 4  # conversions that are counted one by one before unread ones are skipped
+_FADING = 0.25  # assumed: part of a first conversion's offset that is left in the next conversion
+_UNTOUCHED = 4  # conversions that are counted individually before unread ones are skipped
 
 
 @dataclass(frozen=True)
 class Resonator:
-    """Coil and capacitor at resonance, as the converter's oscillator meets them."""
+    """Coil and capacitor at resonance at the converter's oscillator."""
 
     frequency: float  # in Hz
     parallel_resistance: float  # in Ω; infinite without losses
     quality_factor: float  # of the whole tank
 
     def amplitude(self, current: float) -> float:
-        """Return the peak voltage in V for a drive current in A: V = 4 R_p I/π (eq. 12)."""
+        """Return the peak voltage in V.
+
+        It is V = 4 R_p I/π (eq. 12) for a drive current in A.
+        """
         return 4 * self.parallel_resistance * current / math.pi
 
     def automatic_drive(self) -> int:
-        """Return the IDRIVE code that the chip chooses by itself: the largest current that stays below the clamps."""
+        """Return the IDRIVE code that the chip chooses itself.
+
+        It is the largest current that stays below the clamps.
+        """
         kept = [code for code, current in enumerate(DRIVE_CURRENTS) if self.amplitude(current) <= AMPLITUDE_HIGH]
         return max(kept, default=0)
 
 
 class Surroundings(Protocol):
-    """Everything that is connected to a converter."""
+    """Everything connected to a converter."""
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
-        """Return the tank at a channel; None if nothing can oscillate."""
+        """Return the tank at a channel.
+
+        None is returned if nothing can oscillate.
+        """
 
     def internal_clock(self, time: float) -> float:
-        """Return the frequency of the chip's own oscillator in Hz."""
+        """Return the frequency of the chip's oscillator in Hz."""
 
     def external_clock(self, time: float) -> float | None:
-        """Return the frequency at the pin CLKIN in Hz; None if it is grounded."""
+        """Return the frequency at the pin CLKIN in Hz.
+
+        None is returned if the pin is grounded.
+        """
 
     @property
     def noise(self) -> float:
-        """Relative standard deviation of a frequency at full resolution and good amplitude."""
+        """Relative standard deviation of a frequency.
+
+        It holds at full resolution and good amplitude.
+        """
 
     @property
     def first_offset(self) -> float:
-        """Error of the first conversion after sleep in codes, of which the next ones have less and less."""
+        """Error of the first conversion after sleep in codes.
+
+        It decreases in the next conversions.
+        """
 
 
 @dataclass(frozen=True)
 class ChannelSetting:
-    """Registers of one channel, decoded."""
+    """Decoded registers of one channel."""
 
     rcount: int
     offset: int
@@ -96,7 +116,7 @@ class ChannelSetting:
 
 @dataclass(frozen=True)
 class Setting:
-    """Registers of a chip as they were when it was woken, decoded."""
+    """Decoded registers of a chip when it was woken."""
 
     channels: tuple[ChannelSetting, ...]
     sequence: tuple[int, ...]
@@ -108,7 +128,10 @@ class Setting:
 
     @staticmethod
     def of(registers: Mapping[int, int], channels: int) -> Setting:
-        """Decode the registers of a chip with the given number of channels."""
+        """Decode the registers of a chip.
+
+        `channels` is its number of channels.
+        """
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
         sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
@@ -138,7 +161,10 @@ class Setting:
         return len(self.sequence) > 1
 
     def problems(self, clock: float | None) -> Iterator[str]:
-        """Yield what the data sheet does not allow, given the clock in Hz; None if the chosen one is missing."""
+        """Yield the violations of the data sheet.
+
+        `clock` is in Hz. It is None if the chosen clock is missing.
+        """
         if clock is None:
             yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
         elif self.external and not EXTERNAL_CLOCK_RANGE[0] <= clock <= EXTERNAL_CLOCK_RANGE[1]:
@@ -154,6 +180,7 @@ class Setting:
             yield from self._channel_problems(channel, clock)
 
     def _channel_problems(self, channel: int, clock: float | None) -> Iterator[str]:
+        """Yield the violations of the data sheet in one channel."""
         one = self.channels[channel]
         if one.fin_divider == 0 or one.fref_divider == 0:
             yield f"CLOCK_DIVIDERS{channel} holds a divider 0, which is reserved."
@@ -175,23 +202,23 @@ class Result:
     """Result of a conversion, with its errors."""
 
     channel: int
-    code: int  # the 28 bits
-    last: bool  # whether it completes the sequence of channels, so that data is ready
+    code: int  # of 28 bits
+    last: bool  # whether it completes the sequence of channels, so that data are ready
     under_range: bool = False
     over_range: bool = False
     watchdog: bool = False  # no oscillation for too long
     high: bool = False  # the amplitude
     low: bool = False
-    no_edges: bool = False  # not one was counted
-    drive: int | None = None  # IDRIVE code, where the chip searched for one by itself
+    no_edges: bool = False  # no edge was counted
+    drive: int | None = None  # IDRIVE code, if the chip searched for it by itself
 
 
 class Run:
-    """The chip from waking at a time in s until it sleeps again, with the registers as they are then.
+    """The chip from waking until sleep.
 
-    `take` is called with every result at its time, `note` with a text where the setting does not suit the sensor.
-    Conversions are computed when `advance` is called. Of many unread conversions, which overwrite each other, only the
-    first and the last few are counted.
+    It is woken at a time in s. The registers are as they were at waking. `take` is called with every result at its
+    time. `note` is called with a text if the setting does not suit the sensor. Conversions are computed when `advance`
+    is called. Unread conversions overwrite each other. If there are many, only the first and the last few are counted.
     """
 
     def __init__(
@@ -212,10 +239,10 @@ class Run:
         self._activate()
 
     def advance(self, until: float, *, changing: bool) -> None:
-        """Do everything that happens up to a time in s.
+        """Simulate everything up to a time in s.
 
-        If something around the chip is about to change, a running conversion is counted up to now, else only where it
-        has ended or the watchdog may fire.
+        If something around the chip is about to change, a running conversion is counted up to now. Otherwise it is
+        counted only if it has ended or the watchdog may fire.
         """
         while self._time < until:
             if not self._counting:
@@ -233,7 +260,10 @@ class Run:
         return self._setting.sequence[self._turn]
 
     def _reference(self) -> float:
-        """Return the reference frequency of the channel in Hz; 0 where nothing can be counted."""
+        """Return the reference frequency of the channel in Hz.
+
+        It is 0 if nothing can be counted.
+        """
         source = self._surroundings.external_clock if self._setting.external else self._surroundings.internal_clock
         clock = source(self._time)
         if clock is None or self._channel >= len(self._setting.channels):
@@ -248,17 +278,21 @@ class Run:
         self._counting = False
         self._quiet_since: float | None = self._time
         if reference == 0:
-            self._time = self._end = math.inf  # nothing ever comes
+            self._time = self._end = math.inf  # no result ever comes
         else:
             self._end = (
                 self._time + 16 * max(self._setting.channels[self._channel].settle, LEAST_SETTLE_COUNT) / reference
             )
 
     def _watched(self, until: float) -> bool:
-        """Whether the watchdog may fire by a time in s."""
+        """Check whether the watchdog may fire by a time.
+
+        `until` is in s.
+        """
         return not self._setting.scan and self._quiet_since is not None and self._quiet_since + WATCHDOG <= until
 
     def _begin_count(self) -> None:
+        """Start a conversion of the channel."""
         self._reference_now = self._reference()
         self._length = conversion_time(self._setting.channels[self._channel].rcount, self._reference_now)
         self._end = self._time + self._length
@@ -268,7 +302,10 @@ class Run:
         self._counting = True  # last: Ctrl-C may come at any line, and the chip is then put to sleep
 
     def _count(self, until: float) -> None:
-        """Count to the end of the conversion, or up to the given time."""
+        """Count to the end of the conversion.
+
+        The count stops at the given time if that is earlier.
+        """
         stop = min(self._end, until)
         sensor = self._surroundings.sensor(self._channel, (self._time + stop) / 2)
         frequency, amplitude = self._oscillation(sensor)
@@ -295,6 +332,7 @@ class Run:
             self._leave_out(until)
 
     def _finish(self, sensor: Resonator | None) -> None:
+        """End a conversion and start the next."""
         one = self._setting.channels[self._channel]
         last = self._turn == len(self._setting.sequence) - 1
         ratio = self._cycles / (self._length * one.fin_divider * self._reference_now)
@@ -326,7 +364,7 @@ class Run:
             self._begin_count()
 
     def _leave_out(self, until: float) -> None:
-        """Skip unread conversions, all but the last few."""
+        """Skip all unread conversions except the last few."""
         if self._setting.scan or self._done < _UNTOUCHED:
             return
         turn = self._length + SWITCH_TIME + SWITCH_CYCLES / self._reference_now
@@ -339,7 +377,10 @@ class Run:
     # ------------------------------------------------------------------- the sensor
 
     def _judge_start(self, sensor: Resonator) -> None:
-        """Check whether the sensor had time to settle, and whether its frequency suits the input."""
+        """Check the settling time and frequency of the sensor.
+
+        The sensor must have had time to settle, and its frequency must suit the input.
+        """
         one = self._setting.channels[self._channel]
         needed = math.ceil(sensor.quality_factor * self._reference_now / (16 * sensor.frequency))
         if max(one.settle, LEAST_SETTLE_COUNT) < needed:
@@ -360,7 +401,10 @@ class Run:
             self._note(f"FIN_DIVIDER{self._channel} must be at least 2 for a sensor of {sensor.frequency:.4g} Hz.")
 
     def _oscillation(self, sensor: Resonator | None) -> tuple[float, float]:
-        """Return the frequency in Hz at the counter and the amplitude in V; both 0 where nothing oscillates."""
+        """Return the frequency in Hz and the amplitude in V.
+
+        The frequency is the value at the counter. Both are 0 if nothing oscillates.
+        """
         if sensor is None:
             return 0.0, 0.0
         amplitude = sensor.amplitude(self._current(sensor))
@@ -379,7 +423,10 @@ class Run:
         return current * _HIGH_CURRENT if self._setting.high_current else current
 
     def _automatic(self, sensor: Resonator | None) -> int | None:
-        """Return the drive that the chip chose; with amplitude correction it searches after every conversion."""
+        """Return the drive that the chip chose.
+
+        With amplitude correction it searches after every conversion.
+        """
         if self._setting.fixed_drive and self._setting.fixed_amplitude:
             return None
         if self._channel not in self._found or not self._setting.fixed_amplitude:

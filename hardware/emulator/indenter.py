@@ -1,4 +1,7 @@
-"""Where the emulated indenter is: pressed and lifted at once, or along a path in time."""
+"""Place of the emulated indenter.
+
+It is pressed and lifted at once, or moves along a path in time.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +23,14 @@ class Place(NamedTuple):
 
 
 LIFTED = Place(0.0, 0.0, 0.0)
-"""Where the indenter touches nothing."""
+"""Place of an indenter without contact."""
 
 
 class Indenter:
-    """What presses on the emulated sensor.
+    """Indenter on the emulated sensor.
 
-    `before_change` is called before it moves, and `check` with every place on its path: it refuses those where it
-    cannot go.
+    `before_change` is called before it moves. `check` is called with every place on its path and refuses places that it
+    cannot reach.
 
     >>> indenter = Indenter()
     >>> indenter.follow([(0.0, 0.0, 0.0, 0.0), (1.0, 2e-3, 0.0, 1e-3)])
@@ -43,7 +46,10 @@ class Indenter:
         self._places: list[Place] = [LIFTED]
 
     def press(self, x: float, y: float, depth: float) -> None:
-        """Press at once at x and y to a depth, all in m."""
+        """Press at once at a position to a depth.
+
+        `x`, `y` and `depth` are in m.
+        """
         self.follow([(0.0, x, y, depth)])
 
     def lift(self) -> None:
@@ -52,10 +58,11 @@ class Indenter:
         self.press(last.x, last.y, 0.0)
 
     def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
-        """Move along straight lines through points of time in s by the board's clock, rising, and x, y and depth in m.
+        """Move along straight lines through points in time.
 
-        The indenter stands still before the first and after the last time. HardwareError for no point, times that do
-        not rise, a negative depth, a value that is not finite, or a place where the indenter cannot go.
+        Each point has a rising time in s by the board's clock, and x, y and depth in m. The indenter stands still
+        before the first and after the last time. A HardwareError is raised for an empty path, times that do not rise, a
+        negative depth, a value that is not finite, or a place that the indenter cannot reach.
         """
         times = [point[0] for point in path]
         if not path or not all(math.isfinite(value) for point in path for value in point):
@@ -71,7 +78,10 @@ class Indenter:
         self._times, self._places = times, places
 
     def at(self, time: float) -> Place:
-        """Return where the indenter is at a time in s."""
+        """Return the place of the indenter.
+
+        `time` is in s.
+        """
         after = bisect_right(self._times, time)
         if after == 0 or after == len(self._times):
             return self._places[max(after - 1, 0)]

@@ -1,7 +1,8 @@
-"""LDC1614 at the level of its registers, and the I²C bus to it: what it answers at any moment.
+"""Registers of an emulated LDC1614 and its I²C bus.
 
-Written from the data sheet's register table and text (Texas Instruments SNOSCY9A), not from any driver. What happens
-between the registers, waking, settling and converting, is in `conversion`.
+The chip answers as at the present moment. The module follows the data sheet's register table and text (Texas
+Instruments SNOSCY9A), not any driver. `conversion` simulates the processes between the registers: waking, settling and
+converting.
 """
 
 from __future__ import annotations
@@ -30,11 +31,16 @@ _START_UP = 2e-3  # s from the end of a shutdown until I²C answers
 
 
 class UndocumentedUse(Exception):  # noqa: N818 - not an error of a board: a fault of the driver that no driver may catch
-    """Use of a chip that its data sheet does not allow, although the chip lets it happen; raised in strict mode."""
+    """Use of a chip that its data sheet forbids.
+
+    The chip itself lets it happen. The exception is raised in strict mode.
+    """
 
 
 class Misuse:
-    """Collects undocumented use, and raises UndocumentedUse in strict mode.
+    """Collection of undocumented uses.
+
+    In strict mode it raises UndocumentedUse.
 
     >>> misuse = Misuse(strict=False)
     >>> misuse.note("register 0x1D is not documented")
@@ -42,19 +48,25 @@ class Misuse:
     ['register 0x1D is not documented']
     """
 
-    _MOST = 1000  # notes that are kept, so that a runaway driver does not fill the memory
+    _MOST = 1000  # notes to keep, so that a runaway driver does not fill the memory
 
     def __init__(self, strict: bool) -> None:
         self.strict = strict
         self.notes: list[str] = []
 
     def remark(self, what: str) -> None:
-        """Note something that may not be the driver's fault; never raises."""
+        """Note an event that may not be the driver's fault.
+
+        The method never raises.
+        """
         if len(self.notes) < self._MOST:
             self.notes.append(what)
 
     def note(self, what: str) -> None:
-        """Note one use; UndocumentedUse in strict mode."""
+        """Note one undocumented use.
+
+        In strict mode it raises UndocumentedUse.
+        """
         self.remark(what)
         if self.strict:
             raise UndocumentedUse(what)
@@ -62,18 +74,20 @@ class Misuse:
 
 @dataclass(frozen=True)
 class OpenPoints:
-    """Behaviour that the sources leave open or contradict each other in; a driver must work either way.
+    """Behaviour that the sources leave open.
+
+    The sources are silent or contradict each other. A driver must work either way.
 
     Parameters
     ----------
     status_clears_unread : bool
-        Reading STATUS clears UNREADCONV too (an answer of the maker's forum); the data sheet lets only DATAx_MSB do so.
+        Reading STATUS clears UNREADCONV too (an answer of the maker's forum). In the data sheet only DATAx_MSB does so.
     status_gated : bool
-        An error reaches STATUS only where its ERR2INT bit is set (data sheet), or always (application note SNOA959).
+        An error reaches STATUS only if its ERR2INT bit is set (data sheet), or always (application note SNOA959).
     flags_clear_on_read : bool
-        Reading DATAx_MSB clears its four flags (data sheet); else only the next good conversion does (SNOA959).
+        Reading DATAx_MSB clears its four flags (data sheet). Otherwise only the next good conversion does (SNOA959).
     proposal_kept : bool
-        INIT_IDRIVE keeps its value while the chip sleeps; the data sheet reads it awake and does not say.
+        INIT_IDRIVE keeps its value while the chip sleeps. The data sheet reads it awake and does not mention sleep.
     """
 
     status_clears_unread: bool = False
@@ -92,9 +106,9 @@ class Ldc1614:
     surroundings : Surroundings
         Coils, clocks and temperature.
     converter : Converter
-        Type of the converter: it decides on the number of channels. All have the same identity.
+        Type of the converter, which determines the number of channels. All types have the same identity.
     open_points, misuse
-        Behaviour where the sources disagree; collects undocumented use.
+        Behaviour if the sources disagree, and the collection of undocumented uses.
     seed : int
         Seed of the noise.
     """
@@ -136,7 +150,7 @@ class Ldc1614:
 
     @property
     def interrupt(self) -> bool:
-        """True while the pin INTB is pulled low."""
+        """Whether the pin INTB is pulled low."""
         self._look()
         ready = self._drdy and self._registers[_ERROR_CONFIG] & 1
         return bool(ready or self._interrupting) and not self._registers[_CONFIG] & _INTB_DIS
@@ -147,7 +161,7 @@ class Ldc1614:
         return bool(self._registers[_CONFIG] & _SLEEP)
 
     def read(self, address: int) -> int:
-        """Return a register as the bus gives it, with all side effects of reading."""
+        """Return a register with all side effects of reading."""
         self._look()
         if address not in self.table:
             self._note(f"register {address:#04x} was read; it is not documented.")
@@ -161,7 +175,7 @@ class Ldc1614:
         return self._registers[address]
 
     def write(self, address: int, value: int) -> None:
-        """Write a register as the bus does."""
+        """Write a register like the bus."""
         self._look()
         register = self.table.get(address)
         if register is None or not register.writable_mask:
@@ -183,21 +197,33 @@ class Ldc1614:
     # ------------------------------------------------------- what happens to the chip
 
     def advance(self) -> None:
-        """Simulate the chip up to now; to be called before anything around it changes."""
+        """Simulate the chip up to now.
+
+        The method must be called before anything around the chip changes.
+        """
         if self._run is not None:
             self._run.advance(self.clock.now(), changing=True)
 
     def brown_out(self) -> None:
-        """Drop the supply for a moment: all registers are as after power-up, and the chip sleeps."""
+        """Drop the supply for a moment.
+
+        All registers are then as after power-up, and the chip sleeps.
+        """
         self.excuse()
         self._reset()
 
     def excuse(self) -> None:
-        """Note no undocumented use until CLOCK_DIVIDERS0 is written again: registers hold values by accident."""
+        """Ignore undocumented use until CLOCK_DIVIDERS0 is written again.
+
+        The registers hold values by accident.
+        """
         self._excused = True
 
     def shut_down(self, pin: bool) -> None:
-        """Drive the pin SD: high resets the chip and switches it off, low starts it again within 2 ms."""
+        """Drive the pin SD.
+
+        High resets the chip and switches it off. Low starts it again within 2 ms.
+        """
         if pin:
             self.brown_out()
         elif self._shut_down:
@@ -209,7 +235,10 @@ class Ldc1614:
         return self._registers[address]
 
     def poke(self, address: int, value: int) -> None:
-        """Change a configuration register behind the driver's back, like a flipped bit."""
+        """Change a configuration register like a flipped bit.
+
+        The driver does not notice the change.
+        """
         self.excuse()
         self._registers[address] = value
 
@@ -230,6 +259,7 @@ class Ldc1614:
         self._forget_results()
 
     def _forget_results(self) -> None:
+        """Clear all results, flags and the status."""
         self._codes = [0] * CHANNELS
         self._flags = [0] * CHANNELS
         self._latched = [0] * CHANNELS
@@ -237,10 +267,11 @@ class Ldc1614:
         self._unread = [False] * CHANNELS
         self._drdy = False
         self._interrupting = False  # by an error
-        self._announced = False  # whether there was anything to assert INTB for since waking
-        self._frozen: int | None = None  # what STATUS says until it is read
+        self._announced = False  # whether INTB had a reason to be asserted since waking
+        self._frozen: int | None = None  # STATUS until it is read
 
     def _configure(self, value: int) -> None:
+        """Put the chip to sleep or wake it."""
         if value & _SLEEP:
             self._run = None
             self._forget_results()
@@ -255,6 +286,7 @@ class Ldc1614:
             self._run = Run(around, setting, now, self._take, self._note, self._random)
 
     def _check_write(self, register: Register, value: int) -> None:
+        """Note violations of the data sheet by a written value."""
         if not 0 <= value <= 0xFFFF:
             raise ValueError(f"value must be 0 to 0xFFFF; got {value:#x}.")
         wrong = (value ^ register.reset) & register.constant_mask
@@ -274,7 +306,10 @@ class Ldc1614:
             self._note(f"{register.name} was written while the chip was active.")
 
     def _check_capacitive(self, register: Register, value: int) -> None:
-        """Note what an FDC2212 or FDC2214 does not have (SNOSCZ5B, sections 7.6.10 to 7.6.31)."""
+        """Note features that an FDC2212 or FDC2214 lacks.
+
+        The source is SNOSCZ5B, sections 7.6.10 to 7.6.31.
+        """
         name = register.name
         if register.address == _ERROR_CONFIG and value & ~_CAPACITIVE_ERRORS:
             self._note(
@@ -312,17 +347,19 @@ class Ldc1614:
         return ready | sum(1 << 3 - channel for channel in range(CHANNELS) if self._unread[channel])
 
     def _read_status(self) -> int:
+        """Return STATUS with all side effects of reading."""
         if not (self.asleep or self._announced):
             self._note("STATUS was read after waking before INTB was asserted.")
         value = self._ready_bits() if self._frozen is None else self._frozen
         self._frozen, self._interrupting = None, False
-        if value & _DRDY:  # one that a frozen register hides is still to be seen
+        if value & _DRDY:  # a DRDY that a frozen register hides is still to be seen
             self._drdy = False
         if self.open_points.status_clears_unread:
             self._unread = [False] * CHANNELS
         return value
 
     def _read_msb(self, channel: int) -> int:
+        """Return DATAx_MSB with all side effects of reading."""
         if self.asleep:
             self._note(f"DATA{channel}_MSB was read while the chip slept, which clears it.")
         value = self._flags[channel] << 12 | self._codes[channel] >> 16
@@ -336,6 +373,7 @@ class Ldc1614:
         return value
 
     def _read_lsb(self, channel: int) -> int:
+        """Return DATAx_LSB with all side effects of reading."""
         if self.asleep:
             self._note(f"DATA{channel}_LSB was read while the chip slept, which clears it.")
         elif not self._fresh[channel]:
@@ -345,9 +383,10 @@ class Ldc1614:
 
 
 class EmulatedBus:
-    """I²C bus to one converter: a `coilarray.hardware.wire.buses.RegisterBus`.
+    """I²C bus to one converter.
 
-    Every transaction takes its time on the clock of the board, at `speed` in Hz.
+    It is a `coilarray.hardware.wire.buses.RegisterBus`. Every transaction takes its time on the clock of the board, at
+    `speed` in Hz.
     """
 
     def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = BUS_RATE) -> None:
@@ -356,20 +395,26 @@ class EmulatedBus:
         self.speed = speed
         self.transactions = 0
         self.log: list[tuple[str, int, int]] | None = None
-        """List to which every transaction is appended: "read" or "write", register, value; None for no log."""
+        """Log of every transaction: "read" or "write", register, value. None for no log."""
         self._refused = 0
         self._flips: list[int] = []
         self._held = False
 
     def read(self, register: int) -> int:
-        """Return a register; BusFault where the chip does not answer."""
+        """Return a register.
+
+        A chip that does not answer causes a BusFault.
+        """
         self._pass(READ_BITS, register)
         value = self._damaged(self.chip.read(register))
         self._note("read", register, value)
         return value
 
     def write(self, register: int, value: int) -> None:
-        """Write a register; BusFault where the chip does not answer."""
+        """Write a register.
+
+        A chip that does not answer causes a BusFault.
+        """
         self._pass(WRITE_BITS, register)
         arriving = self._damaged(value)
         if arriving != value:
@@ -378,7 +423,7 @@ class EmulatedBus:
         self._note("write", register, value)
 
     def clear(self) -> None:
-        """Send nine clocks and a stop, upon which the chip releases the bus."""
+        """Send nine clocks and a stop to release the bus."""
         self.clock.sleep(10 / self.speed)
         self._held = False
 
@@ -386,18 +431,25 @@ class EmulatedBus:
         """Release the bus."""
 
     def refuse(self, transactions: int = 1) -> None:
-        """Make the chip not acknowledge the next transactions."""
+        """Make the chip ignore the next transactions."""
         self._refused = transactions
 
     def hold(self) -> None:
-        """Hold the data line low until the bus is cleared, as a chip does whose transfer was interrupted."""
+        """Hold the data line low until the bus is cleared.
+
+        A chip does this after an interrupted transfer.
+        """
         self._held = True
 
     def flip(self, *bits: int) -> None:
-        """Flip the given bits of the next values, one bit in each transaction; I²C has no checksum to detect it."""
+        """Flip the given bits of the next values.
+
+        Each transaction has one flipped bit. I²C has no checksum to detect it.
+        """
         self._flips += bits
 
     def _pass(self, bits: int, register: int) -> None:
+        """Spend the time of a transaction or raise its fault."""
         self.transactions += 1
         if not SLOWEST_BUS_RATE <= self.speed <= BUS_RATE:
             self.chip.misuse.note(f"the bus runs at {self.speed:.4g} Hz; 10 to 400 kHz are allowed.")

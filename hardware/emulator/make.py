@@ -1,4 +1,7 @@
-"""Make an emulated board of a design with all its physics."""
+"""Make an emulated board of a design.
+
+It has all the physics of the design.
+"""
 
 from __future__ import annotations
 
@@ -58,31 +61,32 @@ def emulated_board(
     seed : int
         Seed of the noise.
     noise : float
-        Relative standard deviation of a frequency at full resolution; by default by the design's `Readout`.
+        Relative standard deviation of a frequency at full resolution. By default it follows from the design's
+        `Readout`.
     drift : Drift, optional
-        Temperature of the board; constant by default.
+        Temperature of the board. Constant by default.
     oscillator : Oscillator, optional
-        Internal oscillator of the converter; the typical 43.4 MHz by default.
+        Internal oscillator of the converter. The typical 43.4 MHz by default.
     first_offset : float
         Error of the first conversion after sleep in codes, see `Conditions`.
     strays, copper, capacitor
         Deviations from the design, see `SensorWorld`.
     count_parts : bool
         Whether the switches have the capacitances of the wiring's parts, which are typical and not verified, in place
-        of those of the design.
+        of the capacitances of the design.
     clock : Clock, optional
-        Clock of the board; a new `VirtualClock` by default.
+        Clock of the board. A new `VirtualClock` by default.
     converter : Converter, optional
-        Type of the converter; an LDC1614 by default.
+        Type of the converter. An LDC1614 by default.
     clkin : float, optional
-        Frequency at its pin CLKIN in Hz; the pin is grounded by default.
+        Frequency at its pin CLKIN in Hz. The pin is grounded by default.
     strict : bool
-        Whether undocumented use of the converter raises UndocumentedUse; it is noted in any case.
+        Whether undocumented use of the converter raises UndocumentedUse. It is noted in any case.
     folder : Path, optional
         Folder of the store in which circuit and response table are kept, as in `coilarray.compute.store.open_store`.
     progress : callable, optional
-        Called with (done, total) while a response table is computed: when the indenter is pressed for the first time
-        and no table is kept.
+        Called with (done, total) while a response table is computed. This happens when the indenter is pressed for the
+        first time and no table is stored.
 
     Raises
     ------
@@ -91,7 +95,7 @@ def emulated_board(
     OutputError
         A folder or file that cannot be written.
     """
-    # a board of other coils does without the physics of a design, which takes a second to load
+    # A board of other coils does not need the physics of a design, which takes a second to load.
     from coilarray.hardware.emulator.sensor_world import SensorWorld
     from coilarray.hardware.scan.board_network import board_network
 
@@ -103,6 +107,7 @@ def emulated_board(
     store = open_store(folder)
 
     def table() -> ResponseTable:
+        """Compute the response table at the mean scan frequency."""
         from coilarray.circuit.network import resonate
         from coilarray.hardware.emulator.response_table import response_table
 

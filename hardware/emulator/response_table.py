@@ -1,4 +1,7 @@
-"""Change of a board's inductance matrix by an indentation at any position: a table, stored and interpolated."""
+"""Table of the inductance changes by an indentation.
+
+It has the change of a board's inductance matrix at any position, stored and interpolated.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +35,8 @@ _DEEPEST = 1.7  # relative to the deepest indentation of the design
 class ResponseTable:
     """Changes of the inductance matrix over position and depth.
 
-    They are known at coordinates x, y and depth in m from the map's origin, each of shape (n,): `change`, shape (depth,
-    y, x, coil, coil), is the inductance in H, dented minus flat. `origin` is that of the map on the board in m.
+    They are known at coordinates x, y and depth in m from the map's origin, each of shape (n,). `change`, shape (depth,
+    y, x, coil, coil), is the inductance in H, dented minus flat. `origin` is the map's origin on the board in m.
     """
 
     def __init__(
@@ -49,7 +52,10 @@ class ResponseTable:
         self.spline: ResponseSpline = response_spline(x, y, depth, values, zero_plane=True, in_root=True)
 
     def check(self, place: Place) -> None:
-        """Refuse a place with a coordinate outside its range; HardwareError."""
+        """Refuse a place outside the table.
+
+        It raises a HardwareError for a coordinate outside its range.
+        """
         outside = self.spline.outside(np.array(place))
         if outside is not None:
             axis, value = outside
@@ -62,15 +68,19 @@ class ResponseTable:
             )
 
     def at(self, place: Place) -> FloatArray:
-        """Return the change of the inductance matrix in H at a place in the table, shape (coils, coils)."""
+        """Return the change of the inductance matrix in H.
+
+        The place is in the table. The shape is (coils, coils).
+        """
         return self.spline.values_at(np.array(place))
 
 
 def table_axes(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose where the change is computed: depth, y and x in m, each of shape (n,), at most `SPACING` apart in x and y.
+    """Choose the axes of the table in m.
 
-    They cover all coils and all positions of the design's own map, down to 1.7 times its depth; for a sample with edges
-    the map's positions and depth alone. HardwareError for a design without an indentation.
+    They are depth, y and x, each of the shape (n,). x and y are at most `SPACING` apart. The axes cover all coils and
+    all positions of the design's own map, down to 1.7 times its depth. For a sample with edges they are only the map's
+    positions and depth. A design without an indentation raises a HardwareError.
     """
     setup = _setup(design)
     edges = np.array([[min(setup.x), min(setup.y)], [max(setup.x), max(setup.y)]])
@@ -91,17 +101,18 @@ def response_table(
     frequency: float | None = None,
     progress: Progress | None = None,
 ) -> ResponseTable:
-    """Return the table of a design, computed where the store does not keep it: 12 s for gast2020.
+    """Return the response table of a design.
 
-    `axes` are depth, y and x in m, at least 3 of the first and 4 of the others, by default those of `table_axes`. The
-    material of an indenter counts at a `frequency` in Hz; its losses do not.
+    It is computed if the store does not have it, which takes 12 s for gast2020. `axes` are depth, y and x in m, at
+    least 3 of the first and 4 of the others. The default is `table_axes`. The material of an indenter counts at a
+    `frequency` in Hz. Its losses do not count.
 
     Raises
     ------
     HardwareError
         A design without an indentation, or axes that carry no cubic.
     ElastomerError
-        What `coilarray.response.map.inductance_changes` refuses.
+        A sample that `coilarray.response.map.inductance_changes` refuses.
     """
     origin = _setup(design).origin_point
     depth, y, x = table_axes(design) if axes is None else axes

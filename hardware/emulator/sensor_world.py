@@ -1,4 +1,7 @@
-"""Physics of an emulated board: resonance and losses of the coils of a design under its elastomer."""
+"""Physics of an emulated board.
+
+It computes the resonance and losses of a design's coils under its elastomer.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from coilarray.hardware.emulator.indenter import LIFTED, Place
 if TYPE_CHECKING:
     from coilarray.hardware.emulator.response_table import ResponseTable
 
-_TEMPERATURE_STEP = 0.01  # K: 2e-8 of a frequency, half a step of the converter's code
+_TEMPERATURE_STEP = 0.01  # K: it changes a frequency by 2e-8, half a step of the converter's code
 _MOST_KEPT = 20_000  # resonators
 
 
@@ -32,13 +35,13 @@ class SensorWorld:
     network : Network
         Circuit of the board, as `coilarray.hardware.scan.board_network.board_network` returns it.
     table : callable
-        Returns the response table; called when the indenter is pressed for the first time.
+        Returns the response table. It is called when the indenter is pressed for the first time.
     strays : mapping of str to float, optional
         Additional capacitance across single coils in F, by name of the coil.
     copper : float
         Relative change of all resistances with temperature in 1/K.
     capacitor : float
-        Relative change of the tank capacitance with temperature in 1/K; at most ±30e-6 for a class-1 ceramic.
+        Relative change of the tank capacitance with temperature in 1/K, at most ±30e-6 for a class-1 ceramic.
 
     Raises
     ------
@@ -47,8 +50,9 @@ class SensorWorld:
 
     Notes
     -----
-    At room temperature and without an indentation it agrees with `coilarray.circuit.impedance.scan_design`. With one,
-    it solves the same network with the changed inductance matrix, as `coilarray.response.map.response_map` does.
+    At room temperature and without an indentation it agrees with `coilarray.circuit.impedance.scan_design`. With an
+    indentation it solves the same network with the changed inductance matrix, as `coilarray.response.map.response_map`
+    does.
     """
 
     def __init__(
@@ -77,12 +81,18 @@ class SensorWorld:
         return self._make_table()
 
     def check(self, place: Place) -> None:
-        """Refuse a place of the indenter outside the table; HardwareError."""
+        """Refuse a place of the indenter outside the table.
+
+        It raises a HardwareError.
+        """
         if place.depth > 0:
             self.table.check(place)
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives; None if the circuit has no resonance."""
+        """Return the tank that the converter drives.
+
+        None is returned if the circuit has no resonance.
+        """
         seen = (state.measured, state.connection, state.others, *state.exceptions.items())
         if seen not in self._untouched:
             self._untouched[seen] = self._resonance(state)
@@ -98,7 +108,10 @@ class SensorWorld:
         return self._found[key]
 
     def _resonance(self, state: ScanState) -> tuple[StateResult, float] | None:
-        """Solve a state at rest and at room temperature; return it with the quality factor of the whole tank."""
+        """Solve a state at rest and at room temperature.
+
+        The quality factor of the whole tank is returned with it.
+        """
         try:
             found = resonate(self._network, state)
         except NetworkError:
@@ -106,7 +119,10 @@ class SensorWorld:
         return found, loaded_quality(self._network, found)
 
     def _changed(self, untouched: StateResult, quality: float, place: Place, warmer: float) -> Resonator:
-        """Solve a state with the indenter at a place and the board warmer than room temperature, in K."""
+        """Solve a state with indenter and temperature.
+
+        The indenter is at a place, and `warmer` is the board's excess over room temperature in K.
+        """
         if place.depth <= 0 and warmer == 0:
             return Resonator(untouched.frequency, untouched.parallel_resistance, quality)
         network = self._warmed(warmer)
@@ -117,6 +133,7 @@ class SensorWorld:
         return Resonator(frequency, pressed.parallel_resistance, quality * lossier)
 
     def _warmed(self, difference: float) -> Network:
+        """Network at a temperature difference from room temperature in K."""
         if difference == 0:
             return self._network
         network, more = self._network, 1 + self._copper * difference

@@ -1,4 +1,7 @@
-"""Packages of switches in a daisy chain, and the port that shifts words into them."""
+"""Packages of switches in a daisy chain, and their port.
+
+The port shifts words into the packages.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +20,19 @@ from coilarray.hardware.scan.closure import (
 )
 from coilarray.hardware.wire.buses import Clock, reversed_bits
 
-_FALLING_EDGE_MODES = (1, 2)  # of SPI, in which data is stable at the falling edge, where the chip samples it
+_FALLING_EDGE_MODES = (1, 2)  # SPI modes in which data are stable at the falling edge, where the chip samples them
 
 
 class EmulatedChain:
     """A daisy chain of packages behind one shift register.
 
-    `devices` are as `coilarray.hardware.scan.closure.switch_table` returns them: the first one is at the far end of the
-    chain and gets the first byte. `drains` has for each device the bits that share a common pin, by default none;
-    HardwareError for switches that cannot. `before_change` and `after_change` are called when switches move; `readback`
-    says whether the end of the chain is wired back to the computer.
+    `devices` are as returned by `coilarray.hardware.scan.closure.switch_table`. The first device is at the far end of
+    the chain and gets the first byte. `drains` has for each device the bits that share a common pin, by default none.
+    Switches that cannot share it raise a HardwareError. `before_change` and `after_change` are called when switches
+    move. `readback` means that the end of the chain is wired back to the computer.
 
-    A bit is shifted in at every falling edge of the clock; when SYNC rises, each package latches its last eight. After
-    power-up all switches are open. Only power-up resets a package.
+    A bit is shifted in at every falling edge of the clock. When SYNC rises, each package latches its last eight bits.
+    After power-up all switches are open. Only power-up resets a package.
     """
 
     def __init__(
@@ -48,36 +51,40 @@ class EmulatedChain:
         self.readback = readback
         self.latches = 0
         self.bit_order = list(range(SWITCHES))
-        """Bit of the word that moves each switch of the netlist; change it to emulate a board with another map."""
+        """Bit of the word that moves each switch of the netlist. Change it to emulate a board with another map."""
         self._before_change, self._after_change = before_change, after_change
         self._stuck: dict[tuple[int, int], bool] = {}
         self._register = 0  # the far end of the chain first
         self._words = bytes(len(self.devices))
 
     def power_up(self) -> None:
-        """Restore the supply: the register is empty and all switches are open."""
+        """Restore the supply.
+
+        The register is then empty, and all switches are open.
+        """
         self._before_change()
         self._register, self._words = 0, bytes(len(self.devices))
         self._after_change()
 
     @property
     def words(self) -> bytes:
-        """Words that the packages latched last, in the order of sending."""
+        """Words that the packages latched last, in sending order."""
         return self._words
 
     def closed(self) -> tuple[WiredSwitch, ...]:
-        """Return the switches that conduct, including those stuck closed."""
+        """Return the conducting switches, including switches stuck closed."""
         return closed_switches(self.devices, self._words, stuck=self._stuck, bit_order=self.bit_order)
 
     def commanded(self) -> tuple[WiredSwitch, ...]:
-        """Return the switches that would conduct if none were stuck."""
+        """Return the switches that conduct if none is stuck."""
         return closed_switches(self.devices, self._words, bit_order=self.bit_order)
 
     def transfer(self, data: bytes, *, mode: int = 1, lsb_first: bool = False) -> bytes | None:
-        """Shift bytes in with SYNC low, then let SYNC rise; return what left the far end, None if it is not wired back.
+        """Shift bytes in with SYNC low, then let SYNC rise.
 
-        In the SPI modes 0 and 3 data changes at the edge at which the chip samples it, so that the chip takes the bit
-        before. The chip expects the most significant bit first.
+        The bytes that left the far end are returned, or None if it is not wired back. In the SPI modes 0 and 3 data
+        change at the edge at which the chip samples them, so the chip takes the bit before. The chip expects the most
+        significant bit first.
         """
         count = SWITCHES * len(data)
         sent = int.from_bytes(reversed_bits(data) if lsb_first else data)
@@ -92,7 +99,10 @@ class EmulatedChain:
         return reversed_bits(came) if lsb_first else came
 
     def stick(self, device: int, bit: int, state: Literal["open", "closed"]) -> None:
-        """Break a switch, given by its device in the order of the words and its bit; it then stays in this state."""
+        """Break a switch, which then stays in this state.
+
+        The switch is given by its device in the order of the words and its bit.
+        """
         self._before_change()
         self._stuck[device, bit] = state == "closed"
         self._after_change()
@@ -104,7 +114,10 @@ class EmulatedChain:
         self._after_change()
 
     def find(self, coil: int, end: int, net: Net) -> tuple[int, int]:
-        """Return device and bit of the switch from an end of a coil to a net; HardwareError if there is none."""
+        """Return device and bit of a switch.
+
+        It connects an end of a coil to a net. A missing switch raises a HardwareError.
+        """
         for device, switches in enumerate(self.devices):
             for bit, switch in enumerate(switches):
                 if switch == WiredSwitch((coil, end), net):
@@ -112,6 +125,7 @@ class EmulatedChain:
         raise HardwareError(f"no switch joins end {end} of coil {coil} to {net}.")
 
     def _latch(self) -> None:
+        """Latch the register and move the switches."""
         words = self._register.to_bytes(len(self.devices))
         self.latches += 1
         if words != self._words:
@@ -121,22 +135,26 @@ class EmulatedChain:
 
 
 class EmulatedSwitches:
-    """Serial port between a driver and the emulated chain: a `coilarray.hardware.wire.buses.SwitchChain`.
+    """Serial port between a driver and the emulated chain.
 
-    Shifting takes its time on the clock of the board, at `speed` in Hz.
+    It is a `coilarray.hardware.wire.buses.SwitchChain`. Shifting takes its time on the clock of the board, at `speed`
+    in Hz.
     """
 
     def __init__(self, chain: EmulatedChain, clock: Clock, *, speed: float = 8e6) -> None:
         self.chain, self.clock, self.speed = chain, clock, speed
         self.mode = 1
-        """SPI mode; change it to emulate a port with another mode."""
+        """SPI mode. Change it to emulate a port with another mode."""
         self.lsb_first = False
-        """Bit order; change it to emulate a port with the wrong one."""
+        """Bit order. Change it to emulate a port with the wrong order."""
         self.broken = False
         """Whether the data line is broken, so that the chain receives zeros."""
 
     def shift(self, words: bytes) -> bytes | None:
-        """Send one byte per device, the first to the far end of the chain, and latch all of them at once."""
+        """Send one byte per device and latch all of them.
+
+        The first byte goes to the far end of the chain. All bytes are latched at once.
+        """
         self.clock.sleep(8 * len(words) / self.speed)
         sent = bytes(len(words)) if self.broken else words
         return self.chain.transfer(sent, mode=self.mode, lsb_first=self.lsb_first)

@@ -1,1 +1,1 @@
-"""Recordings of a board, and what is made of them."""
+"""Recordings of a board and their evaluation."""

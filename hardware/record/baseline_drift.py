@@ -1,8 +1,9 @@
-"""Drift of L_0 of a state during a recording: a low polynomial of time, fitted to the scans at rest.
+"""Drift of a state's L_0 during a recording.
 
-The internal oscillator of the converter falls by about 13 ppm/K, which reads as 26 ppm/K in L, and coils and switches
-have coefficients of their own. Over minutes to hours that is a smooth curve. A fit to all scans at rest is much more
-accurate than the one baseline before each indentation, so that δ loses the noise of its L_0.
+It is a low polynomial of time, fitted to the scans at rest. The internal oscillator of the converter falls by about 13
+ppm/K, which reads as 26 ppm/K in L. Coils and switches have coefficients of their own. Over minutes to hours the sum is
+a smooth curve. A fit to all scans at rest is much more accurate than the single baseline before each indentation, so δ
+loses the noise of its L_0.
 """
 
 from __future__ import annotations
@@ -24,27 +25,31 @@ HIGHEST_ORDER = 3
 
 _ROUNDING = 1e-9  # of the variance of a scan
 _SPARE = 5  # scans beyond the number of coefficients that the estimate of the scatter needs
-_ALIKE = 3.0  # standard deviations by which von Neumann's ratio may fall short of that of white noise
+_ALIKE = 3.0  # standard deviations by which von Neumann's ratio may fall short of its value for white noise
 
 
 @dataclass(frozen=True)
 class Drift:
-    """L_0 of a state within a session: inductance · (1 + Σ c_k u^k), k from 1, u = (time − middle)/half."""
+    """Drift of a state's L_0 within a session.
+
+    L_0 is inductance · (1 + Σ c_k u^k), k from 1, u = (time − middle)/half.
+    """
 
     start: float  # time of the first scan at rest, in s from the first scan of the recording
-    stop: float  # of the last one
-    gap: float  # longest time between two of them in s; by so much the curve may be extrapolated at both ends
+    stop: float  # time of the last scan at rest, likewise
+    gap: float  # longest time between two of them in s; the curve may be extrapolated by it at both ends
     inductance: float  # L_0 at the middle in H
     coefficients: tuple[float, ...]  # c_1 … c_n, without unit
     covariance: tuple[tuple[float, ...], ...]  # of the relative inductance and the coefficients, (n + 1, n + 1)
     scatter: float  # relative standard deviation of one scan about the curve
-    smooth: bool  # whether the scans scatter about the curve randomly; False if no such curve describes L_0
+    smooth: bool  # whether the scans scatter about the curve randomly; if False, no such curve describes L_0
     state: str = ""
     session: int = 0  # index in its recording
     boot: int = 0  # session number of the board
     started: float = 0.0  # s since the epoch; it identifies the session among others of the same board
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for implausible values."""
         terms = len(self.coefficients) + 1
         numbers = [self.started, self.start, self.stop, self.gap, self.inductance, self.scatter, *self.coefficients]
         if not all(map(math.isfinite, [*numbers, *(value for row in self.covariance for value in row)])):
@@ -71,7 +76,10 @@ class Drift:
         return math.sqrt(max(self.covariance[1][1], 0.0)) / self._half
 
     def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return L_0 in H at times in s, and its relative standard error; NaN outside the range of the curve."""
+        """Return L_0 in H and its relative standard error.
+
+        `time` is in s. Both are NaN outside the range of the curve.
+        """
         t = np.asarray(time, dtype=np.float64)
         u = (t - (self.start + self.stop) / 2) / self._half
         powers = u[..., None] ** np.arange(len(self.coefficients) + 1)
@@ -92,14 +100,14 @@ def fit_drift(
     order: int | None = None,
     state: str = "",
 ) -> Drift:
-    """Fit the drift of a state to its scans at rest.
+    """Fit the drift of a state to scans at rest.
 
     Parameters
     ----------
     time, inductance : array_like, shape (n,)
-        Times of the scans in s, rising, and L_0 in H; NaN where a scan has no value.
+        Times of the scans in s, rising, and L_0 in H. NaN if a scan has no value.
     order : int, optional
-        Order of the polynomial, 1 to 3; by default the lowest one with random residuals.
+        Order of the polynomial, 1 to 3. By default the lowest order with random residuals.
 
     Raises
     ------
@@ -108,9 +116,9 @@ def fit_drift(
 
     Notes
     -----
-    Unweighted least squares. Residuals count as random where J. von Neumann's ratio (Ann. Math. Statist. 12, 1941,
-    367), half the mean square of successive differences over the mean square, is less than three of its standard
-    deviations, √n⁻¹, below one.
+    The fit is unweighted least squares. J. von Neumann's ratio (Ann. Math. Statist. 12, 1941, 367) is half the mean
+    square of successive differences over the mean square. Residuals count as random if it is less than three of its
+    standard deviations, √n⁻¹, below one.
 
     Examples
     --------
@@ -146,10 +154,11 @@ def fit_drift(
 def fit_drifts(
     series: xr.Dataset, sessions: Sequence[tuple[int, float]], *, order: int | None = None
 ) -> tuple[Drift, ...]:
-    """Fit the drift of all sessions and states of a recording that have enough scans at rest.
+    """Fit the drift of every session and state.
 
-    `series` is as `coilarray.hardware.record.recorded_response.recorded_series` returns it; `sessions` are the board's
-    session number and the start in s since the epoch of each session of the recording; `order` is that of `fit_drift`.
+    States of the recording with too few scans at rest are left out. `series` is as returned by
+    `coilarray.hardware.record.recorded_response.recorded_series`. `sessions` are the board's session number and the
+    start in s since the epoch of each session of the recording. `order` has the same meaning as in `fit_drift`.
     """
     _check_order(order)
     rest, drifts = at_rest(series), []
@@ -164,7 +173,10 @@ def fit_drifts(
 
 
 def at_rest(series: xr.Dataset) -> npt.NDArray[np.bool_]:
-    """Return in which scans of a series the indenter is not known to press, shape (scan,)."""
+    """Mark the scans of a series at rest, shape (scan,).
+
+    In these scans the indenter is not known to press.
+    """
     return np.asarray(~(series.depth.values > 0))
 
 
@@ -174,6 +186,7 @@ def _check_order(order: int | None) -> None:
 
 
 def _fitted(t: FloatArray, values: FloatArray, order: int, state: str) -> Drift:
+    """Fit a polynomial of the given order to one state."""
     start, stop = float(t[0]), float(t[-1])
     u = (t - (start + stop) / 2) / ((stop - start) / 2)
     powers = u[:, None] ** np.arange(order + 1)

@@ -1,6 +1,7 @@
-"""File with the constants of a board: TOML, units in the names of the keys, full precision, checked on reading.
+"""TOML file with the constants of a board.
 
-A file of `save_calibration` ends in a checksum of all of it. One that a person wrote says so: ``checksum = "none"``.
+The keys have units in their names. The values have full precision and are checked on reading. A file of
+`save_calibration` ends in a checksum of the whole file. A file that a person wrote has ``checksum = "none"`` instead.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ _BY_HAND = re.compile(r'^checksum\s*=\s*"none"', re.MULTILINE)
 
 
 def calibration_to_toml(calibration: BoardCalibration) -> str:
-    """Return the constants of a board as TOML, which `calibration_from_toml` reads without loss.
+    """Return the constants of a board as TOML.
+
+    `calibration_from_toml` reads the text without loss.
 
     Examples
     --------
@@ -59,10 +62,11 @@ def calibration_to_toml(calibration: BoardCalibration) -> str:
 
 
 def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibration:
-    """Read the constants of a board from TOML; `origin` names the file in messages.
+    """Read the constants of a board from TOML.
 
-    HardwareError for text that is not TOML or of another kind, an unknown or missing key, a value outside its range:
-    one line that names the key, what was given and what is allowed.
+    `origin` names the file in messages. A HardwareError is raised for text that is not TOML or of another kind, an
+    unknown or missing key, or a value outside its range. Its message is one line with the key, the given value and the
+    allowed values.
     """
     document = _CALIBRATIONS.parse(text, origin)
     if document.get("kind") != _KIND:
@@ -75,14 +79,18 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
 
 
 def save_calibration(calibration: BoardCalibration, path: Path) -> None:
-    """Write the constants of a board with a checksum behind them; OutputError if that fails."""
+    """Write the constants of a board with a checksum.
+
+    A failure raises an OutputError.
+    """
     write_bytes(path, sealed(calibration_to_toml(calibration).encode()))
 
 
 def load_calibration(path: str | Path) -> BoardCalibration:
     """Read a file with the constants of a board.
 
-    HardwareError for one that cannot be read, is invalid, is not as its checksum says, or has lost its last line.
+    A HardwareError is raised for a file that cannot be read, is invalid, does not match its checksum, or has lost its
+    last line.
     """
     text = _CALIBRATIONS.text(path)
     try:
@@ -94,12 +102,15 @@ def load_calibration(path: str | Path) -> BoardCalibration:
 
 
 def channel_record(channel: Channel) -> dict[str, Any]:
-    """Return a channel under the keys of the file, which carry the units."""
+    """Return a channel under the keys of the file.
+
+    The keys have the units in their names.
+    """
     return _keyed(_Channel, asdict(channel))
 
 
 def _keyed(table: type[Table], values: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a table under the keys of the file."""
+    """Return the fields of a table under the file's keys."""
     return {field.alias or name: values[name] for name, field in table.model_fields.items()}
 
 

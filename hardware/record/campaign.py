@@ -1,8 +1,8 @@
-"""The campaign of Gast & Zimmermann (2020, sect. 3.3): the same recorded sequence at every position of a grid.
+"""Campaign of the same recorded sequence on a grid.
 
-At every position the indenter is moved there without touching (baseline), pressed in slowly to a depth, held for a
-dwell (peak), and lifted slowly. A position counts when it was measured to its end, so that a campaign that was
-interrupted continues with the missing ones.
+It follows Gast & Zimmermann (2020, sect. 3.3). At every position the indenter is moved there without touching
+(baseline), pressed in slowly to a depth, held for a dwell (peak), and lifted slowly. A position counts when it was
+measured to its end, so an interrupted campaign continues with the missing positions.
 """
 
 from __future__ import annotations
@@ -35,13 +35,15 @@ TRIES = 3
 """Number of attempts at one position before the campaign is given up."""
 
 _MOST_PLACES = 1_000_000
-_SHOWN = 120  # characters of what is wrong with a plan
+_SHOWN = 120  # characters of a wrong plan in messages
 _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Where to press how deep, and in which sequence; HardwareError for an invalid value.
+    """Positions, depths and sequence of a campaign.
+
+    An invalid value raises a HardwareError.
 
     Examples
     --------
@@ -59,6 +61,7 @@ class Campaign:
     speed: float = SPEED  # of indenting and relaxing in m/s
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for an invalid value."""
         _require_rising("x", self.x, -_FARTHEST, _FARTHEST)
         _require_rising("y", self.y, -_FARTHEST, _FARTHEST)
         _require_rising("depths", self.depths, 0.0, _DEEPEST)
@@ -81,13 +84,19 @@ class Campaign:
 
     @cached_property
     def places(self) -> tuple[GridPlace, ...]:
-        """Every position in the order in which it is measured: row after row, all depths at one place."""
+        """Every position in the order of measurement.
+
+        The order is row after row, with all depths at one place.
+        """
         grid = product(range(self.repeats), self.y, self.x, self.depths)
         return tuple(GridPlace(number, repeat, depth, y, x) for number, (repeat, y, x, depth) in enumerate(grid))
 
     @property
     def seconds(self) -> float:
-        """Time in s that pressing, dwelling and lifting take, without scans and ways between positions."""
+        """Time in s for pressing, dwelling and lifting.
+
+        Scans and ways between positions are left out.
+        """
         pressing = sum(2 * depth / self.speed + self.dwell for depth in self.depths)
         return self.size / len(self.depths) * pressing
 
@@ -105,12 +114,18 @@ class Campaign:
         }
 
     def to_json(self) -> str:
-        """Return the campaign as JSON in one line; `from_json` reads it."""
+        """Return the campaign as JSON in one line.
+
+        `from_json` reads it.
+        """
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> Campaign:
-        """Read what `to_json` wrote; HardwareError for anything else."""
+        """Read a campaign from the JSON of `to_json`.
+
+        Any other text raises a HardwareError.
+        """
         try:
             values = json.loads(text)
             values |= {name: tuple(float(value) for value in values[name]) for name in ("x", "y", "depths")}
@@ -130,10 +145,11 @@ def design_campaign(
     dwell: float = DWELL,
     speed: float = SPEED,
 ) -> Campaign:
-    """Make the campaign of a design's [indentation], in its window for ellipses: for gast2020 the grid of the paper.
+    """Make the campaign of a design's [indentation].
 
-    Positions and depths in m and the sequence, as of `Campaign`, may be given instead. HardwareError for a design
-    without an indentation, or invalid values.
+    It lies in the design's window for ellipses. For gast2020 it is the grid of the paper. Positions and depths in m and
+    the sequence may be given instead, with the meaning of `Campaign`. A design without an indentation, or invalid
+    values, raise a HardwareError.
 
     Examples
     --------
@@ -185,10 +201,10 @@ def run_campaign(
     Raises
     ------
     BoardRestarted
-        The board restarted, and there is no `reconnect`.
+        The board restarted, and no `reconnect` is given.
     HardwareError
-        A fault of the board or the stage, or a position where a scan failed `TRIES` times. The indenter is then lifted
-        where the stage can do that by itself.
+        A fault of the board or the stage, or a position at which a scan failed `TRIES` times. The indenter is then
+        lifted if the stage can do that by itself.
     """
     stage.check(campaign.places)
     done = recorder.finished()
@@ -213,7 +229,10 @@ class _BadScanError(HardwareError):
 
 @dataclass
 class _Run:
-    """A campaign in progress; its reader changes when the board restarts."""
+    """A campaign in progress.
+
+    Its reader changes when the board restarts.
+    """
 
     campaign: Campaign
     reader: Reader
@@ -223,7 +242,10 @@ class _Run:
     reconnect: Callable[[], Reader] | None
 
     def measure(self, place: GridPlace) -> None:
-        """Measure a position; start it again where a scan fails."""
+        """Measure a position.
+
+        A failed scan restarts the position.
+        """
         for attempt in range(1, TRIES + 1):
             position = self.recorder.begin(place)
             try:
@@ -249,6 +271,7 @@ class _Run:
         self._scan("peak", position, place.depth)
 
     def _scan(self, stage: str, position: int, depth: float) -> None:
+        """Record the scans of a stage and check their values."""
         session = self.recorder.session
         for _ in range(self.campaign.scans):
             raw = self.reader.scan()
@@ -258,7 +281,10 @@ class _Run:
                     raise _BadScanError(f"{state.name} gave no value: {', '.join(state.reasons)}.")
 
     def _configure_again(self) -> None:
-        """Configure the board again after a fault; a board that restarted begins another session."""
+        """Configure the board again after a fault.
+
+        A board that restarted begins another session.
+        """
         session = self.recorder.session
         try:
             self.reader.configure(session.settings)

@@ -1,6 +1,7 @@
-"""Constants of a board: the converter's clock, the capacitance of every tank, the drift of a recording.
+"""Constants of a board: clock, tank capacitances and drift.
 
-δ, a ratio of frequencies, depends only on the drift. Clock and capacitance give L its scale.
+The drift belongs to a recording. δ, a ratio of frequencies, depends only on the drift. Clock and capacitance give L its
+scale.
 """
 
 from __future__ import annotations
@@ -33,14 +34,18 @@ _MOST_ERROR = 0.5  # relative, of a known inductance or frequency
 
 @dataclass(frozen=True)
 class Channel:
-    """Tank of one state; losses and an error of the clock count as capacitance, so that L computed with it is right."""
+    """Tank of one state.
+
+    Losses and an error of the clock count as capacitance, so that L computed with it is right.
+    """
 
     state: str
-    capacitance: float  # across the coil in F: the frequency at rest gives L by the lossless L = 1/((2πf)² C)
-    standard_error: float  # F, from the scatter of the frequency and from the known inductance
-    inductance: float  # known one in H from which the capacitance was computed
+    capacitance: float  # across the coil in F; with the frequency at rest the lossless L = 1/((2πf)² C) is right
+    standard_error: float  # F, from the scatter of the frequency and the known inductance
+    inductance: float  # known inductance in H from which the capacitance was computed
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for an implausible value."""
         low, high = CAPACITANCES
         if not low <= self.capacitance <= high:
             raise HardwareError(
@@ -54,25 +59,27 @@ class Channel:
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """Constants of a board; HardwareError for an implausible clock, or a state that occurs twice.
+    """Constants of a board.
 
-    The capacitances follow from known inductances or those of the simulated design; with the latter, measured and
-    simulated L agree by construction, which is not a test.
+    An implausible clock, or a state that occurs twice, raises a HardwareError. The capacitances follow from known
+    inductances or from the simulated design. With the latter, measured and simulated L agree by construction, which is
+    not a test.
     """
 
-    source: str  # for people
+    source: str  # for readers
     made: str  # date and time, as ISO 8601
     board: str  # identity of the board
     emulated: bool
     design_hash: str
     clock: float  # of the converter in Hz
-    clock_error: float | None  # standard error in Hz; None if the clock is that of the settings
+    clock_error: float | None  # standard error in Hz; None if the clock is taken from the settings
     clock_from: ClockFrom
     inductances_from: InductancesFrom | None = None
     channels: tuple[Channel, ...] = ()  # empty if no inductances were given
     drifts: tuple[Drift, ...] = field(default=())  # of the recording that the constants were computed from
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for an implausible or repeated value."""
         low, high = min(EXTERNAL_CLOCK_RANGE[0], INTERNAL_CLOCK_RANGE[0]), INTERNAL_CLOCK_RANGE[1]
         if not low <= self.clock <= high:
             raise HardwareError(
@@ -109,23 +116,25 @@ def calibrate_board(
     source: str = "",
     made: str = "",
 ) -> BoardCalibration:
-    """Calibrate a board with the scans at rest of a recording: baselines, and scans of a stream.
+    """Calibrate a board with a recording's scans at rest.
+
+    They are baselines, and scans of a stream.
 
     Parameters
     ----------
     inductances : mapping of str to float, optional
-        Known inductances in H by state: of reference inductors in place of the coils, or measured with another
+        Known inductances in H by state, of reference inductors in place of the coils, or measured with another
         instrument.
     inductance_error : float
         Relative standard error of the known inductances.
     from_design : bool
         Whether to take the inductances of the simulated design instead.
     known_frequency : (str, float), optional
-        State that was measured while a known frequency in Hz replaced its tank, and that frequency; it gives the clock.
+        State that was measured while a known frequency in Hz replaced its tank, and that frequency. It gives the clock.
     frequency_error : float
         Relative standard error of the known frequency.
     order : int, optional
-        Order of the polynomial of the drift, 1 to 3; by default the lowest one with random residuals.
+        Order of the polynomial of the drift, 1 to 3. By default the lowest order with random residuals.
     source, made
         Origin and date of the calibration, see `BoardCalibration`.
 
@@ -173,15 +182,16 @@ def calibrate_board(
 
 
 def calibrated_response(recording: Recording, calibration: BoardCalibration, *, partial: bool = False) -> xr.Dataset:
-    """Return the response that a campaign measured, with the constants of the board and L_0 from its drift.
+    """Return the measured response of a campaign, calibrated.
 
-    A drift is used where it is smooth and of a session of this recording; elsewhere L_0 is the one measured at every
-    position, as in `recorded_response`. That response has in addition ``drift_removed`` (state), and the attributes
-    ``calibration``, its source, ``calibration_board``, the calibrated board, and, where it has capacitances,
-    ``capacitance_from``, their origin. Where the drift was removed, ``delta_std`` follows from it.
+    It uses the constants of the board and L_0 from its drift. A drift is used if it is smooth and belongs to a session
+    of this recording. Otherwise L_0 is measured at every position, as in `recorded_response`. That response has in
+    addition ``drift_removed`` (state) and two attributes. ``calibration`` is the source of the calibration, and
+    ``calibration_board`` is the calibrated board. If the calibration has capacitances, ``capacitance_from`` is their
+    origin. If the drift was removed, ``delta_std`` follows from it.
 
-    HardwareError for a calibration of an emulated board for a real one or vice versa, or of another design, and as of
-    `recorded_response`.
+    A HardwareError is raised for a calibration of an emulated board for a real board or vice versa, or of another
+    design, and in the cases of `recorded_response`.
     """
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")
@@ -219,9 +229,10 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 
 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
-    """Return L_0 in H of every state of the recorded design in an ideal circuit: all strays are then capacitance.
+    """Return the simulated L_0 in H of every recorded state.
 
-    HardwareError for a design without an indentation, which has no simulated response.
+    The design is in an ideal circuit, so that all strays count as capacitance. A design without an indentation has no
+    simulated response and raises a HardwareError.
     """
     design, setup = recording.design, recording.design.indentation
     if setup is None:
@@ -237,7 +248,10 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
 def _remove_drift(
     response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
 ) -> bool:
-    """Replace δ of a state by δ from its drift, in place; return False if a session has no drift."""
+    """Replace δ of a state by δ from its drift.
+
+    The response is changed in place. False is returned if a session has no drift.
+    """
     peaks = (series.stage.values == "peak") & series.finished.values
     peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]
@@ -262,7 +276,10 @@ def _remove_drift(
 
 
 def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the mean frequency at rest in Hz of the states that have one, and its standard error."""
+    """Return the mean frequencies at rest in Hz.
+
+    Their standard errors are returned with them. States without a mean are left out.
+    """
     rest = at_rest(series)
     means, errors = {}, {}
     for k, state in enumerate(series.state.values.tolist()):
@@ -275,13 +292,19 @@ def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, f
 
 
 def _with_inductances(series: xr.Dataset, capacitances: Mapping[str, float], ratio: float) -> xr.Dataset:
-    """Return a series with the inductances for other capacitances and a clock that is faster by a ratio."""
+    """Return a series with other capacitances and clock.
+
+    The inductances are converted to the capacitances and to a clock that is faster by a ratio.
+    """
     C = np.array([capacitances[state] for state in series.state.values.tolist()])
     return series.assign(inductance=1 / ((2 * np.pi * series.frequency * ratio) ** 2 * xr.DataArray(C, dims="state")))
 
 
 def _sessions(recording: Recording) -> list[tuple[int, float]]:
-    """Session number of the board and start in s since the epoch, of every session."""
+    """Return the board's number and start of every session.
+
+    The start is in s since the epoch.
+    """
     return [(session.identity.boot, session.started) for session in recording.sessions]
 
 

@@ -1,7 +1,8 @@
-"""Log of a live display: a line of CSV for every scan, in the file at once; netCDF is made of it at the end.
+"""Log of a live display as CSV.
 
-A program that is killed loses at most the last line, a power cut at most the last second. The last column is a checksum
-of the log up to there, and the last line of a log that was ended has the number of its lines and a checksum of all.
+Every scan is a line, written to the file at once. netCDF is made from it at the end. A killed program loses at most the
+last line, and a power cut at most the last second. The last column is a checksum of the log up to there. The last line
+of a log that was ended has the number of its lines and a checksum of the whole log.
 """
 
 from __future__ import annotations
@@ -35,7 +36,10 @@ _UNITS = {"time_s": "s", "unix_s": "s", **dict.fromkeys(_LENGTHS, "m"), "tempera
 
 
 class LiveLog:
-    """A log that is open for writing, from `open_log`."""
+    """A log that is open for writing.
+
+    `open_log` opens it.
+    """
 
     def __init__(self, file: IO[str], states: Sequence[str], *, emulated: bool, temperature: bool) -> None:
         self._file, self._seal, self._broken = file, TableSeal(), False
@@ -44,7 +48,10 @@ class LiveLog:
         self._write(self._seal.line(log_columns(states, temperature=temperature)))
 
     def add(self, reading: LiveReading) -> None:
-        """Write the line of a scan; OutputError if that fails, for example on a full disk."""
+        """Write the line of a scan.
+
+        A failure, for example a full disk, raises an OutputError.
+        """
         states = {state.name: state for state in reading.states}
         deltas = [states[name].delta for name in self._states]
         verdicts = [states[name].verdict for name in self._states]
@@ -58,7 +65,10 @@ class LiveLog:
             self._durable = time.monotonic()
 
     def end(self) -> None:
-        """Write the last line, unless a line before it could not be written: such a log stays one that is cut."""
+        """Write the last line.
+
+        If a line before it could not be written, the log stays cut.
+        """
         if not self._broken:
             self._write(self._seal.end())
 
@@ -71,7 +81,7 @@ class LiveLog:
 
 
 def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
-    """Return the columns of a log, but for the last one, the checksum.
+    """Return the columns of a log without the checksum.
 
     Examples
     --------
@@ -91,7 +101,10 @@ def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
 
 
 def check_log(path: Path, *, force: bool = False) -> None:
-    """Raise OutputError for a log that exists, or whose lines a killed program left, unless it may be replaced."""
+    """Refuse a log that must not be replaced.
+
+    OutputError is raised if the log, or the lines that a killed program left, exist. `force` allows to replace them.
+    """
     for there in {path, _lines_of(path)}:
         if there.exists() and not force:
             left = "" if there == path else ", the lines of a log that was not finished,"
@@ -108,12 +121,14 @@ def open_log(
     attributes: Mapping[str, Any],
     force: bool = False,
 ) -> Iterator[LiveLog]:
-    """Open a log of live readings, whichever way the block is left.
+    """Open a log of live readings.
+
+    The log is closed in whichever way the block is left.
 
     Parameters
     ----------
     path : Path
-        File that ends in .csv or .nc; the lines of the latter are kept in ``NAME.nc.csv`` until the end.
+        File that ends in .csv or .nc. The lines of the latter are kept in ``NAME.nc.csv`` until the end.
     states : sequence of str
         Names of the states of a scan.
     emulated, temperature : bool
@@ -126,7 +141,7 @@ def open_log(
     Raises
     ------
     OutputError
-        As of `check_log`, and for a file that cannot be written.
+        A file that `check_log` refuses, or that cannot be written.
     """
     check_log(path, force=force)
     lines = _lines_of(path)
@@ -161,20 +176,20 @@ def read_log(path: Path, *, cut: bool = False) -> xr.Dataset:
     path : Path
         Log that `open_log` wrote.
     cut : bool
-        Whether to read the whole lines of a log without its last line too, as a program leaves it that was killed.
+        Whether to read the complete lines of a log without its last line too. A killed program leaves such a log.
 
     Returns
     -------
     xarray.Dataset
-        Over ``scan`` and ``state``: ``delta``, NaN where there is none, and ``verdict``, 0 good, 1 doubtful, 2 bad.
-        Over ``scan``: the other columns by their names without the unit, NaN where empty; ``press`` is 0 where nothing
-        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty if none was asked for. The
+        Over ``scan`` and ``state``: ``delta``, NaN if unknown, and ``verdict``, 0 good, 1 doubtful, 2 bad. Over
+        ``scan``: the other columns by their names without the unit, NaN if empty. ``press`` is 0 if nothing presses.
+        ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty if no location was requested. The
         attribute ``cut`` is 1 for a log without its last line, and 0 otherwise.
 
     Raises
     ------
     OutputError
-        A file that is not a log, one without its last line, or one with a line that no log has: which line and column.
+        A file that is not a log, a log without its last line, or an invalid line. The message gives line and column.
     """
     text = read_text(path, OutputError)
     if not text.startswith(",".join(_BEFORE)) and not has_checksums(text):
@@ -192,6 +207,7 @@ def read_log(path: Path, *, cut: bool = False) -> xr.Dataset:
     columns = dict(zip(head, zip(*rows, strict=True) if rows else [()] * len(head), strict=True))
 
     def read(name: str, kind: Callable[[str], _T], allowed: str) -> list[_T]:
+        """Convert a column."""
         found = []
         for line, field in enumerate(columns[name], start=2):
             try:
@@ -238,12 +254,15 @@ def _finite(field: str) -> float:
 
 
 def _lines_of(path: Path) -> Path:
-    """Return the file of the lines of a log."""
+    """Return the CSV file with the lines of a log."""
     return path.with_name(f"{path.name}.csv") if path.suffix.lower() == _NETCDF else path
 
 
 def _position(reading: LiveReading) -> list[object]:
-    """Return verdict, position and standard deviations of a reading, None for what is unknown."""
+    """Return verdict, position and standard deviations of a reading.
+
+    Unknown values are None.
+    """
     location = reading.location
     if location is None or not location.modes:
         return [None if location is None else location.verdict, *[None] * 6]

@@ -1,4 +1,7 @@
-"""Scan by scan, δ of every state relative to a baseline, and the position of the indentation; no input or output."""
+"""Live δ and position of the indentation, without I/O.
+
+Scan by scan, δ of every state is computed relative to a baseline.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +36,9 @@ class LiveState:
     """One state of a scan."""
 
     name: str
-    delta: float | None  # (L − L_0)/L_0; None while the baseline is measured, and where there is no value
+    delta: float | None  # (L − L_0)/L_0; None while the baseline is measured, or without a value
     verdict: Verdict
-    reasons: tuple[str, ...] = ()  # why the reading is not good, or has no δ
+    reasons: tuple[str, ...] = ()  # why the reading is not good or has no δ
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,35 +50,38 @@ class LiveReading:
     elapsed: float  # s since the first scan of this session of the board
     states: tuple[LiveState, ...]  # in the order of the scan
     waiting: int  # scans that the baseline still needs; 0 once it is complete
-    location: Location | None  # of the indentation; None if it was not asked for or cannot be found
-    problem: str  # why there is no location, where one was asked for; otherwise empty
-    noise: float | None  # standard deviation of δ, each state's own, that the location assumes; None without a baseline
+    location: Location | None  # of the indentation; None if it was not requested or cannot be found
+    problem: str  # why there is no location although requested; otherwise empty
+    noise: float | None  # standard deviation of each δ alone that the location assumes; None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far
-    press: Press | None = None  # during this scan, or that has ended with it
+    press: Press | None = None  # press during this scan, or press that has ended with it
     received: float | None = None  # arrival in s since the epoch by the computer's clock
-    temperature: float | None = None  # of the board in °C, where it is known
-    common_noise: float | None = None  # standard deviation of δ by what all states share; None if it is not known
+    temperature: float | None = None  # of the board in °C, if known
+    common_noise: float | None = None  # standard deviation of δ that all states share; None if unknown
 
 
 class LiveTracker:
-    """Turns scans into δ, and into positions where it has the forward model of the board.
+    """Tracker that converts scans into δ and positions.
+
+    Positions need the forward model of the board.
 
     Parameters
     ----------
     model : ForwardModel or None
-        Model of the board; None if no location is wanted.
+        Model of the board. None if no location is wanted.
     baseline_scans : int
         Number of scans without an indentation whose mean is L_0.
     budget : NoiseBudget, optional
-        Budget of the board's states, as `coilarray.hardware.scan.board_network.board_budget` returns it. Of it are the
-        changes since L_0, each state's own and the common ones; the noise of a scan is that measured in the baseline.
-        Without one it is the noise of the model, to which the measured noise is added.
+        Budget of the board's states, as returned by `coilarray.hardware.scan.board_network.board_budget`. It gives the
+        changes since L_0, both separate for each state and common. The noise of a scan is measured in the baseline.
+        Without a budget the noise of the model is used, and the measured noise is added to it.
     noise : float, optional
-        Standard deviation of δ to assume beside the measured noise, independent from state to state, in place of both.
+        Standard deviation of δ to assume beside the measured noise, independent from state to state. It replaces the
+        budget and the noise of the model.
     reference : sequence of str
-        Coils that nothing touches: their mean δ is taken from that of all others; their own stays as it is, and takes
-        no part in locations and presses.
+        Coils that nothing touches. Their mean δ is subtracted from all other states. Their own δ stays as it is, and
+        takes no part in locations and presses.
 
     Raises
     ------
@@ -104,7 +110,7 @@ class LiveTracker:
         if self._model is not None and noise is not None:
             self._model = replace(self._model, common=())
         if budget is not None and reference:
-            budget.referenced(reference)  # refuses what is not there
+            budget.referenced(reference)  # refuses unknown references
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
         self._last: tuple[int, int] | None = None  # session and sequence
@@ -121,7 +127,10 @@ class LiveTracker:
         self._common: float | None = None
 
     def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
-        """Evaluate the next scan; it may enter the baseline only where the indenter is not known to press."""
+        """Evaluate the next scan.
+
+        It may enter the baseline only if the indenter is not known to press.
+        """
         self._count(scan)
         self._states = len(scan.states)
         elapsed = scan.time - self._start
@@ -155,7 +164,10 @@ class LiveTracker:
         )
 
     def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:
-        """Collect values until every state has enough of them, or a state without values has had enough time."""
+        """Collect baseline values of every state.
+
+        Collecting ends when every state has enough values, or a state without values has had enough time.
+        """
         self._rest.append((elapsed, values))
         enough = {name for name, count in self._counts().items() if count >= self._scans}
         everything = len(enough) == self._states
@@ -170,24 +182,27 @@ class LiveTracker:
         rows = [[one[name] for _, one in deltas if name in one] for name in enough if name not in self._reference]
         variances = [float(np.var(row, ddof=1)) for row in rows if len(row) > 1]
         variance = float(np.mean(variances)) if variances else 0.0
-        own = math.sqrt(variance * (1 + 1 / self._scans))  # of a scan, and of the baseline itself
+        own = math.sqrt(variance * (1 + 1 / self._scans))  # of a scan and of the baseline itself
         self._assume(own, [name for name in enough if name not in self._reference])
         self._rest = []
         self._presses = PressDetector(deltas, 0 if self._presses is None else self._presses.number)
 
     def _assume(self, measured: float, names: Sequence[str]) -> None:
-        """Set the noise of δ of the states of these names: as the baseline scatters, and by what changes later."""
+        """Set the noise of δ of the named states.
+
+        It has the scatter of the baseline and the later changes.
+        """
         self._models = {}  # they have the noise
         if self._given is not None:
             self._noise = math.hypot(self._given, measured)
             return
         model, budget, references = self._whole, self._budget, len(self._reference)
-        # a difference scatters by both of its sides: all differences share what is the references' own
+        # A difference scatters by both of its sides. All differences share the noise of the references.
         white = measured / math.sqrt(1 + 1 / references) if references else measured
         if budget is None:
             self._noise = white if model is None else math.hypot(model.noise, white)
         else:
-            white = white or float(budget.noise.max())  # less than a step of the converter is not seen
+            white = white or float(budget.noise.max())  # noise below a step of the converter is not visible
             self._noise = math.hypot(white, float(budget.own_change.max()))
             self._common = self._common_of(budget, names)
         if model is not None:
@@ -197,7 +212,10 @@ class LiveTracker:
             self._model = model.referenced(self._reference) if references else model
 
     def _common_of(self, budget: NoiseBudget, names: Sequence[str]) -> float:
-        """Return the largest standard deviation of δ of these states by what all of them share."""
+        """Return the largest common standard deviation of δ.
+
+        All of the named states share it.
+        """
         references = len(self._reference)
         less = budget.referenced(self._reference) if references else budget
         kept = [k for k, name in enumerate(less.states) if name in names]
@@ -206,7 +224,10 @@ class LiveTracker:
         return math.sqrt(float(squares.max(initial=0.0)) + of_references)
 
     def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
-        """Return δ less that of the references, of the other states; none if a reference has none."""
+        """Return δ of the other states less the references.
+
+        The result is empty if a reference has no value.
+        """
         if not self._reference:
             return dict(delta)
         if not set(self._reference) <= set(delta):
@@ -214,6 +235,7 @@ class LiveTracker:
         return {name: float(value) for name, value in less_reference(delta, self._reference).items()}
 
     def _corrected(self, states: Sequence[LiveState]) -> tuple[LiveState, ...]:
+        """Subtract the mean δ of the references from the states."""
         left = self._less({state.name: state.delta for state in states if state.delta is not None})
         return tuple(
             state
@@ -225,7 +247,7 @@ class LiveTracker:
         )
 
     def _counts(self) -> Counter[str]:
-        """Return how many values of each state the baseline has."""
+        """Count the baseline values of each state."""
         return Counter(name for _, one in self._rest for name in one)
 
     def _still_needed(self) -> int:
@@ -233,6 +255,7 @@ class LiveTracker:
 
     @staticmethod
     def _state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
+        """Return δ of one state relative to the baseline."""
         reasons = tuple(str(reason) for reason in state.reasons)
         if state.inductance is None or base is None:
             return LiveState(state.name, None, state.verdict, reasons)
@@ -241,8 +264,11 @@ class LiveTracker:
         return LiveState(state.name, state.inductance / base[state.name] - 1, state.verdict, reasons)
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
-        """Locate the indentation by all states of the model that have a value."""
-        from coilarray.localize.inverse import locate  # a second to load; without a model never needed
+        """Locate the indentation.
+
+        All states of the model with a value are used.
+        """
+        from coilarray.localize.inverse import locate  # takes a second to load and is not needed without a model
 
         delta = {name: value for name, value in self._touchable(states).items() if name in model.states}
         if len(delta) < model.unknowns:
@@ -254,7 +280,7 @@ class LiveTracker:
         return locate(self._models[used], delta), ""
 
     def _touchable(self, states: Sequence[LiveState]) -> dict[str, float]:
-        """Return δ by state where it has a value that a sensor can have, without the reference."""
+        """Return plausible values of δ without the references."""
         return {
             state.name: state.delta
             for state in states
@@ -262,7 +288,10 @@ class LiveTracker:
         }
 
     def _count(self, scan: ScanReading) -> None:
-        """Keep track of time and of missing scans; a new session or a new stream starts again."""
+        """Update time and number of missing scans.
+
+        A new session or a new stream starts again.
+        """
         if self._last is not None and self._last[0] == scan.boot and scan.sequence > self._last[1]:
             self._lost += scan.sequence - self._last[1] - 1
         if self._last is None or self._last[0] != scan.boot:

@@ -1,4 +1,7 @@
-"""Recordings as datasets: the response of a campaign, as simulations give it, and the time series of all scans."""
+"""Recordings as datasets.
+
+They are the response of a campaign, in the form of simulations, and the time series of all scans.
+"""
 
 from __future__ import annotations
 
@@ -40,28 +43,30 @@ def recorded_response(
     clock: float | None = None,
     partial: bool = False,
 ) -> xr.Dataset:
-    """Return the response that a campaign measured, as `coilarray.response.map.response_map` returns a simulated one.
+    """Return the measured response of a campaign.
+
+    It has the form of a simulated response from `coilarray.response.map.response_map`.
 
     Parameters
     ----------
     recording : Recording
         Recording of a campaign.
     capacitances : mapping of str to float, or float, optional
-        Capacitance of the tank in F, by state; as recorded by default. It affects ``base_inductance`` only.
+        Capacitance of the tank in F, by state. The recorded values by default. It affects ``base_inductance`` only.
     clock : float, optional
-        Clock of the converter in Hz where it is known better than while measuring. It affects ``base_inductance`` only.
+        Clock of the converter in Hz if it is known better than while measuring. It affects ``base_inductance`` only.
     partial : bool
-        Whether to accept positions that are not measured yet; they are NaN.
+        Whether to accept positions that are not measured yet. They are NaN.
 
     Returns
     -------
     xarray.Dataset
-        ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats; ``base_inductance`` (state) the
-        mean L_0 in H; coordinates in m. In addition ``delta_std`` (depth, y, x, state), the standard deviation of one
-        repeat: from the repeats where there are several, else the same for all positions, from the differences of
-        successive baselines (NaN for a single position); ``doubtful`` (depth, y, x, state), whether a reading is
-        outside the specification of the data sheet. The attributes name the equipment, and ``emulated`` is 0 for a real
-        board.
+        ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats. ``base_inductance`` (state) is
+        the mean L_0 in H. Coordinates are in m. ``delta_std`` (depth, y, x, state) is the standard deviation of one
+        repeat. It comes from the repeats if there are several. Otherwise it is the same for all positions and comes
+        from the differences of successive baselines (NaN for a single position). ``doubtful`` (depth, y, x, state)
+        marks readings outside the specification of the data sheet. The attributes name the equipment, and ``emulated``
+        is 0 for a real board.
 
     Raises
     ------
@@ -122,7 +127,7 @@ def recorded_series(
     capacitances: Capacitances = None,
     clock: float | None = None,
 ) -> xr.Dataset:
-    """Return every scan of a recording of any kind in the order of time.
+    """Return every scan of any recording in time order.
 
     Parameters
     ----------
@@ -134,12 +139,12 @@ def recorded_series(
     Returns
     -------
     xarray.Dataset
-        Over ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN where the verdict is
-        bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``.
-        Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session; ``received`` in
-        s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a position that was
-        measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown; ``temperature`` in °C where the recording
-        has one, likewise.
+        Over ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN if the verdict is bad;
+        ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``. Coordinates of
+        a scan: ``time`` in s from the first scan, by the board's clock within a session; ``received`` in s since the
+        epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a position that was measured to
+        its end; ``depth``, ``y``, ``x`` in m, NaN if unknown; ``temperature`` in °C if the recording has temperatures,
+        likewise.
 
     Raises
     ------
@@ -183,9 +188,10 @@ def recorded_series(
 
 
 def response_csv(response: xr.Dataset) -> str:
-    """Return a measured response as CSV: depth_m, y_m, x_m, state, delta, delta_std for every position and state.
+    """Return a measured response as CSV.
 
-    The last column is a checksum of the lines up to there, and the last line has one of all.
+    The columns are depth_m, y_m, x_m, state, delta, delta_std for every position and state. The last column is a
+    checksum of the lines up to there, and the last line has a checksum of all lines.
     """
     in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
     table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
@@ -193,10 +199,11 @@ def response_csv(response: xr.Dataset) -> str:
 
 
 def series_csv(series: xr.Dataset) -> str:
-    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty if unknown.
+    """Return a time series as CSV for ``coilarray locate``.
 
-    Where the series has temperatures, ``temperature_C`` follows, nan where unknown. The last column is a checksum of
-    the lines up to there, and the last line has one of all.
+    The columns are time_s and δ of every state, empty if unknown. If the series has temperatures, ``temperature_C``
+    follows, nan if unknown. The last column is a checksum of the lines up to there, and the last line has a checksum of
+    all lines.
     """
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")
@@ -214,7 +221,10 @@ def _campaign(recording: Recording) -> Campaign:
 def _measured(
     recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
-    """L_0 and L_peak over (repeat, depth, y, x, state), where one is doubtful, and every L_0 in the order of time."""
+    """Return L_0 and L_peak over (repeat, depth, y, x, state).
+
+    The marks of doubtful values and every L_0 in time order are returned with them.
+    """
     shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x), len(recording.states))
     sums = {"baseline": np.zeros(shape), "peak": np.zeros(shape)}
     counts = {"baseline": np.zeros(shape[:-1]), "peak": np.zeros(shape[:-1])}
@@ -231,13 +241,13 @@ def _measured(
         doubtful[node] |= np.array([state.verdict != "good" for state in states])
         if scan.stage == "baseline":
             baselines.append(inductance)
-    with np.errstate(invalid="ignore"):  # 0/0 where nothing was measured
+    with np.errstate(invalid="ignore"):  # 0/0 at positions that were not measured
         base, peak = (sums[name] / counts[name][..., None] for name in ("baseline", "peak"))
     return base, peak, doubtful, np.array(baselines).reshape(-1, shape[-1])
 
 
 def _node(recording: Recording, campaign: Campaign, place: GridPlace) -> tuple[int, int, int, int]:
-    """Return the indices of a place in the grid: repeat, depth, y, x."""
+    """Return the indices (repeat, depth, y, x) of a place."""
     if not 0 <= place.number < campaign.size or campaign.places[place.number] != place:
         raise HardwareError(f"{recording.path} is damaged: position {place.number} is not of its campaign.")
     row, k = divmod(place.number, len(campaign.depths))
@@ -247,9 +257,10 @@ def _node(recording: Recording, campaign: Campaign, place: GridPlace) -> tuple[i
 
 
 def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
-    """Estimate the standard deviation of δ by state from differences of successive L_0, in which a drift cancels.
+    """Estimate the standard deviation of δ by state.
 
-    This is von Neumann's estimate. δ is a difference as well: of two means of the given number of scans.
+    Differences of successive L_0 are used, in which a drift cancels. This is von Neumann's estimate. δ is a difference
+    as well, between two means of the given number of scans.
     """
     if len(baselines) < 2:
         return np.full(baselines.shape[-1], np.nan)
@@ -257,7 +268,10 @@ def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
 
 
 def _mean(values: FloatArray) -> FloatArray:
-    """Mean of the rows without NaN; NaN where there is nothing else."""
+    """Mean of the rows without NaN.
+
+    It is NaN if all values are NaN.
+    """
     count = np.isfinite(values).sum(axis=0)
     return np.asarray(np.where(count > 0, np.nansum(values, axis=0), np.nan) / np.maximum(count, 1))
 
@@ -270,7 +284,10 @@ def _reading(recording: Recording, scan: RecordedScan, capacitances: Capacitance
 
 
 class _Row(NamedTuple):
-    """A scan of a time series; its first four fields have a value or a row of words for every state."""
+    """A scan of a time series.
+
+    The first four fields have a value or a row of words for every state.
+    """
 
     frequency: FloatArray
     inductance: FloatArray
@@ -289,6 +306,7 @@ class _Row(NamedTuple):
 
 
 def _row(scan: RecordedScan, reading: ScanReading, finished: Container[int | None]) -> _Row:
+    """Make the row of a scan."""
     raw, states, place = scan.scan, reading.states, scan.place
     when = (raw.time, raw.received, scan.session, raw.sequence, scan.stage, scan.position in finished)
     where = (math.nan, math.nan) if place is None else (place.y, place.x)
@@ -305,13 +323,16 @@ def _row(scan: RecordedScan, reading: ScanReading, finished: Container[int | Non
 
 
 def _temperatures(rows: Sequence[_Row]) -> dict[str, Any]:
-    """Return the coordinate of the temperature where any scan has one."""
+    """Return the temperature coordinate if any scan has it."""
     values = np.array([row.temperature for row in rows])
     return {"temperature": ("scan", values, {"units": "degC"})} if np.isfinite(values).any() else {}
 
 
 def _times(scans: Sequence[_Row]) -> list[float]:
-    """Time of every scan in s from the first: the board's within a session, the computer's from one to the next."""
+    """Time in s of every scan from the first.
+
+    The board's clock counts within a session, and the computer's clock between sessions.
+    """
     times: list[float] = []
     first = start = 0.0
     for k, scan in enumerate(scans):
@@ -331,6 +352,7 @@ def _indentation(recording: Recording) -> dict[str, str | float]:
 
 
 def _provenance(recording: Recording) -> dict[str, str | int]:
+    """Return the attributes that name the equipment."""
     session = recording.sessions[0]
     return {
         "source": "measured",

@@ -1,7 +1,8 @@
-"""Writing of recordings: a scan is in the file as soon as it is added, and a kill at any moment leaves the file whole.
+"""Writing of recordings.
 
-A scan is one transaction in SQLite's write-ahead log, so that a kill loses only a scan that was not added yet. Once a
-second, and at the end of every position, the log is also flushed to disk: a power cut loses no more than that.
+A scan is in the file as soon as it is added, and a kill at any moment leaves the file intact. A scan is one transaction
+in SQLite's write-ahead log, so a kill loses only a scan that was not added yet. Once a second, and at the end of every
+position, the log is also flushed to disk. A power cut loses only the scans after the last flush.
 """
 
 from __future__ import annotations
@@ -43,18 +44,19 @@ from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.signals import held_signals
 
 _DURABLE = 1.0  # s
-_WRITES_IN_LOG = 256  # before it is taken into the file: about a megabyte
+_WRITES_IN_LOG = 256  # before the log is copied into the file: about a megabyte
 _PATIENCE = 5.0  # s to wait for another program that writes
 _T = TypeVar("_T")
 
 Thermometer = Callable[[], float | None]
-"""Returns the temperature in °C; None if it is not known just now."""
+"""Function that returns the temperature in °C, or None if it is not known at present."""
 
 
 class Recorder:
-    """A recording that is open for writing, from `open_recorder`; call `start` before any other method.
+    """A recording that is open for writing.
 
-    Every method writes completely or not at all, and raises OutputError if that fails, for example on a full disk.
+    `open_recorder` opens it. Call `start` before any other method. Every method writes completely or not at all. A
+    failure, for example a full disk, raises an OutputError.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -68,7 +70,10 @@ class Recorder:
 
     @property
     def started(self) -> bool:
-        """Whether a session has begun, and the recording is therefore no longer empty."""
+        """Whether a session has begun.
+
+        The recording is then no longer empty.
+        """
         return self._session is not None
 
     @property
@@ -81,14 +86,16 @@ class Recorder:
     def start(
         self, session: RecordedSession, campaign: str | None = None, thermometer: Thermometer | None = None
     ) -> None:
-        """Begin a session: the first one creates the recording, a later one continues it.
+        """Begin a session.
 
-        `campaign` is its plan as JSON; `thermometer` returns the temperature in °C of every scan, where it is known.
-        HardwareError for a recording of another design, wiring or campaign, with other settings, or of an emulator
-        where the board is real or vice versa; OutputError for a file that cannot be written.
+        The first session creates the recording, and later sessions continue it. `campaign` is its plan as JSON.
+        `thermometer` returns the temperature in °C of every scan, if known. A HardwareError is raised for a recording
+        of another design, wiring or campaign, with other settings, or of an emulator if the board is real or vice
+        versa. A file that cannot be written raises an OutputError.
         """
 
         def write(connection: sqlite3.Connection) -> int:
+            """Create or update the tables and add the session."""
             if is_blank(connection):
                 create_tables(connection)
                 if campaign is not None:
@@ -117,7 +124,7 @@ class Recorder:
         position : int, optional
             Number of the position, from `begin`.
         depth : float, optional
-            Depth of the indenter in m; 0 where it does not touch.
+            Depth of the indenter in m. 0 if it does not touch.
 
         Raises
         ------
@@ -135,18 +142,24 @@ class Recorder:
         self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 
     def count(self) -> int:
-        """Return how many scans the recording has, those of earlier sessions included."""
+        """Return the number of scans in the recording.
+
+        Scans of earlier sessions are included.
+        """
         with reading(self.path):
             return int(self._connection.execute("SELECT count(*) FROM scan").fetchone()[0])
 
     def finished(self) -> frozenset[int]:
-        """Return the numbers of the places that were measured to their end."""
+        """Return the numbers of the places measured to their end."""
         with reading(self.path):
             rows = self._connection.execute("SELECT place FROM position WHERE finished IS NOT NULL")
             return frozenset(place for (place,) in rows)
 
     def begin(self, place: GridPlace) -> int:
-        """Begin a place of the campaign and return the number of this position."""
+        """Begin a place of the campaign.
+
+        The number of this position is returned.
+        """
 
         def write(connection: sqlite3.Connection) -> int:
             values = {"place": place.number, "repeat": place.repeat, "depth": place.depth, "y": place.y, "x": place.x}
@@ -155,7 +168,10 @@ class Recorder:
         return self._write(write, durable=False)
 
     def finish(self, position: int) -> None:
-        """Mark a position as measured to its end: from then on it counts."""
+        """Mark a position as measured to its end.
+
+        From then on it counts.
+        """
 
         def write(connection: sqlite3.Connection) -> None:
             connection.execute("UPDATE position SET finished = ? WHERE id = ?", (time.time(), position))
@@ -164,12 +180,16 @@ class Recorder:
         self._write(write, durable=True)
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
-        """Write the symptoms and findings of a `coilarray.hardware.board.self_test.SelfTest`."""
+        """Write the symptoms and findings of a self-test.
+
+        See `coilarray.hardware.board.self_test.SelfTest`.
+        """
         values: dict[str, object] = {"session": self._number, "time": time.time()}
         values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
         self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
 
     def _require_ours(self, scan: RawScan) -> None:
+        """Refuse a scan of another session or other settings."""
         settings, boot = self.session.settings, self.session.identity.boot
         if scan.boot != boot:
             raise BoardRestarted(
@@ -184,6 +204,7 @@ class Recorder:
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
+        """Run a write as one transaction."""
         with held_signals(), writing(self.path, sqlite3.Error):  # Ctrl-C comes before a write or after it
             if durable:
                 self._connection.execute("PRAGMA synchronous = FULL")
@@ -200,7 +221,7 @@ class Recorder:
 
 
 def begin_session(board: Board, settings: ScanSettings, design: Design) -> RecordedSession:
-    """Return a session that begins now, of a board that has been configured."""
+    """Return a session of a configured board that begins now."""
     capacitance = design.circuit.switches.tank_capacitance
     return RecordedSession(
         started=time.time(),
@@ -218,10 +239,11 @@ def begin_session(board: Board, settings: ScanSettings, design: Design) -> Recor
 
 @contextmanager
 def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
-    """Open a file, whose folder must exist, for a new recording, or with `resume` one to continue where there is one.
+    """Open a file for a new or resumed recording.
 
-    OutputError for a file that already exists, cannot be written, or is being written by another process; HardwareError
-    for one to continue that is not a recording, has another schema, or is damaged.
+    The folder of the file must exist. With `resume` an existing recording is continued. An OutputError is raised for a
+    file that already exists, cannot be written, or is being written by another process. A HardwareError is raised for a
+    file to continue that is not a recording, has another schema, or is damaged.
     """
     with _alone(path):
         with writing(path, ValueError):
@@ -236,7 +258,7 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
                     _log_ahead(path, connection)
                 yield recorder
             finally:
-                with suppress(sqlite3.Error):  # one file is left, which opens anywhere; unless it is being read
+                with suppress(sqlite3.Error):  # one file is left, which opens anywhere, unless it is read
                     connection.execute("PRAGMA journal_mode = DELETE")
                 connection.close()
                 if not (there or recorder.started):
@@ -252,7 +274,9 @@ def record_stream(
     interval: float = 0.0,
     progress: Progress | None = None,
 ) -> int:
-    """Record the scans of a running board for a number of scans or a time, and return how many there were.
+    """Record a number of scans, or for a time.
+
+    The number of recorded scans is returned.
 
     Parameters
     ----------
@@ -261,16 +285,16 @@ def record_stream(
     scans : int, optional
         Number of scans.
     seconds : float, optional
-        Duration in s from the first scan on, by the board's clock; instead of a number of scans.
+        Duration in s from the first scan on, by the board's clock. It is given instead of a number of scans.
     interval : float
-        Time from scan to scan in s; as fast as possible by default.
+        Time from scan to scan in s. As fast as possible by default.
     progress : callable, optional
         Called with (done, total): scans, or tenths of a second.
 
     Raises
     ------
     HardwareError
-        Neither or both of `scans` and `seconds`, values that are not positive, or a fault of the board; every earlier
+        Neither or both of `scans` and `seconds`, values that are not positive, or a fault of the board. Every earlier
         scan is in the recording.
     """
     if (scans is None) == (seconds is None):
@@ -298,7 +322,10 @@ def record_stream(
 
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
-    """Write the log first, so that readers and a recorder do not wait for each other; makes a file where none is."""
+    """Switch SQLite to its write-ahead log.
+
+    Readers and a recorder then do not wait for each other. A missing file is created.
+    """
     with writing(path, sqlite3.Error):
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA wal_autocheckpoint = 0")
@@ -306,11 +333,12 @@ def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _empty_log(connection: sqlite3.Connection) -> None:
-    """Take the log into the file and cut it to nothing, unless it is being read; it is whole in any case.
+    """Copy the log into the file and empty it.
 
-    SQLite itself would write from the beginning of the old log again, and after a kill over what was broken off. A
-    write that is broken off there leaves the head of a new frame before an old page, which is what a flipped bit looks
-    like; at the end of a file it leaves a part of a frame.
+    Nothing happens while the log is being read. The recording is intact in any case. SQLite itself would write from the
+    beginning of the old log again, and after a kill over the interrupted part. A write that is interrupted there leaves
+    the head of a new frame before an old page, which looks like a flipped bit. At the end of a file it leaves a part of
+    a frame.
     """
     with suppress(sqlite3.Error):
         connection.execute("PRAGMA busy_timeout = 0")  # scans do not wait for readers
@@ -319,6 +347,7 @@ def _empty_log(connection: sqlite3.Connection) -> None:
 
 
 def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bool) -> None:
+    """Refuse a file that cannot be continued."""
     with reading(path):
         if is_blank(connection):  # killed before the session began
             return
@@ -332,7 +361,7 @@ def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bo
 
 
 def _require_same(recording: Recording, session: RecordedSession, campaign: str | None) -> None:
-    """Refuse to go on with a recording of something else."""
+    """Refuse to continue a recording of another campaign or board."""
     before = recording.sessions[0]
     pairs = (
         ("board", _kind(before), _kind(session)),  # first: another board has other settings too
@@ -355,6 +384,7 @@ def _kind(session: RecordedSession) -> str:
 
 
 def _session_row(session: RecordedSession) -> dict[str, object]:
+    """Return the database row of a session."""
     return {
         "started": session.started,
         "identity": json.dumps(asdict(session.identity)),
@@ -373,6 +403,10 @@ def _session_row(session: RecordedSession) -> dict[str, object]:
 
 
 def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connection], _T]) -> _T:
+    """Run a write in a transaction.
+
+    A failure rolls it back.
+    """
     try:
         connection.execute("BEGIN IMMEDIATE")
         result = write(connection)

@@ -1,4 +1,7 @@
-"""Reading of recordings: every scan with its raw words, the place of the indenter, and the settings of the board."""
+"""Reading of recordings.
+
+Every scan has its raw words, the place of the indenter, and the settings of the board.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,10 @@ class GridPlace:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSession:
-    """Properties of all scans from opening a board to closing it."""
+    """Properties of all scans while a board is open.
+
+    They hold from opening the board to closing it.
+    """
 
     started: float  # s since the epoch
     identity: Identity
@@ -58,7 +64,7 @@ class RecordedSession:
     capacitances: Mapping[str, float]  # of the tank in F by state, as assumed while measuring
     design: str
     design_hash: str  # digest of the design
-    design_document: Mapping[str, Any]  # as `coilarray.design.model.build_design` takes it
+    design_document: Mapping[str, Any]  # as input for `coilarray.design.model.build_design`
     version: str  # of this program
 
 
@@ -70,10 +76,10 @@ class RecordedScan:
     scan: RawScan
     session: int  # index in `Recording.sessions`
     stage: str  # part of the measurement: "stream", "single", "baseline" or "peak"
-    position: int | None  # number of the attempt at a place; `Recording.positions` holds those that were finished
+    position: int | None  # number of the attempt at a place; `Recording.positions` holds the finished attempts
     place: GridPlace | None
-    depth: float | None  # of the indenter in m where it is known; 0 where it does not touch
-    temperature: float | None  # in °C, where a thermometer was given and its reading known
+    depth: float | None  # of the indenter in m if known; 0 if it does not touch
+    temperature: float | None  # in °C, if a thermometer was given and its reading known
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ class RecordedSelfTest:
     session: int  # index in `Recording.sessions`
     time: float  # s since the epoch
     symptoms: tuple[str, ...]  # deviations from a good board
-    findings: tuple[str, ...]  # faults that each explain them alone
+    findings: tuple[str, ...]  # faults that each explain the deviations alone
 
     @property
     def passed(self) -> bool:
@@ -92,18 +98,20 @@ class RecordedSelfTest:
 
 
 class Recording:
-    """A recording that is open for reading, from `open_recording`.
+    """A recording that is open for reading.
+
+    `open_recording` opens it.
 
     Attributes
     ----------
     sessions : tuple of RecordedSession
         Sessions in the order in which they began.
     campaign : str or None
-        Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), where there is one.
+        Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), if there is a campaign.
     has_temperatures : bool
         Whether a thermometer was given in any session.
     has_checksums : bool
-        Whether it is of a version that writes checksums; all that is read is then checked against them.
+        Whether its version writes checksums. All data are then checked against them on reading.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -131,31 +139,42 @@ class Recording:
 
     @cached_property
     def design(self) -> Design:
-        """Design of the first session; DesignError for one that this version cannot read."""
+        """Design of the first session.
+
+        A design that this version cannot read raises a DesignError.
+        """
         return build_design(self.sessions[0].design_document, str(self.path))
 
     def self_tests(self) -> tuple[RecordedSelfTest, ...]:
-        """Return the self-tests in the order of time; HardwareError for a damaged file."""
+        """Return the self-tests in time order.
+
+        A damaged file raises a HardwareError.
+        """
         return tuple(self._self_test(row) for row in self.rows("self_test"))
 
     def count(self) -> int:
-        """Return how many scans there are."""
+        """Return the number of scans."""
         with reading(self.path):
             return int(self._connection.execute("SELECT count(*) FROM scan").fetchone()[0])
 
     def positions(self) -> dict[int, GridPlace]:
-        """Return the finished places in the order of the campaign, by the numbers of their positions."""
+        """Return the finished places by position number.
+
+        They are in the order of the campaign.
+        """
         rows = [row for row in self.rows("position") if row["finished"] is not None]
         rows.sort(key=lambda row: row["place"])
         return {row["id"]: GridPlace(*(row[name] for name in _PLACE)) for row in rows}
 
     def scans(self, *, after: int = 0, finished: bool = False) -> Generator[RecordedScan]:
-        """Read the scans in the order in which they were measured; HardwareError for a damaged file.
+        """Read the scans in the order of measurement.
+
+        A damaged file raises a HardwareError.
 
         Parameters
         ----------
         after : int
-            Number of a scan; only later ones are read, for following a recording that grows.
+            Number of a scan. Only later scans are read, for following a recording that grows.
         finished : bool
             Whether to read only scans of positions that were measured to their end.
         """
@@ -165,18 +184,24 @@ class Recording:
                     yield scan
 
     def scan(self, number: int) -> RecordedScan:
-        """Read one scan, also of a file of which other parts are damaged; HardwareError if it is itself."""
+        """Read one scan.
+
+        Other parts of the file may be damaged. A damaged scan raises a HardwareError.
+        """
         with closing(self._scans(number - 1, number)) as found:
             for scan, _, _ in found:
                 return scan
         raise HardwareError(f"{self.path} is damaged: scan {number} is missing.")
 
     def scan_checksums(self) -> list[tuple[str, int]]:
-        """Return what the checksum of every scan must be, with the number of the scan."""
+        """Return the expected checksum and number of every scan."""
         return [(expected, scan.number) for scan, expected, _ in self._scans(0, math.inf)]
 
     def _scans(self, after: int, last: float) -> Generator[tuple[RecordedScan, str, bool]]:
-        """Read scans up to a last number: each with its checksum, and whether its position was finished."""
+        """Read scans up to a last number.
+
+        Each scan comes with its checksum, and whether its position was finished.
+        """
         celsius, beside = "NULL", ""
         if self.has_temperatures:
             celsius, beside = "temperature.celsius", "LEFT JOIN temperature ON temperature.scan = scan.id"
@@ -196,7 +221,10 @@ class Recording:
                 yield self._scan(list(group), positions)
 
     def check(self) -> None:
-        """Read everything, and so check the whole file for damage; HardwareError names the first that is found."""
+        """Read the whole file to check it for damage.
+
+        The HardwareError names the first damage.
+        """
         check_references(self._connection, self.path)
         self.self_tests()
         self.positions()
@@ -204,7 +232,10 @@ class Recording:
             pass
 
     def rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
-        """Read rows of a table other than that of the scans; HardwareError for one that is not as its checksum says."""
+        """Read rows of a table other than the scans.
+
+        A row that does not match its checksum raises a HardwareError.
+        """
         with reading(self.path):
             rows = table_rows(self._connection, table, which, *values)
         for row in rows:
@@ -214,6 +245,7 @@ class Recording:
         return rows
 
     def _scan(self, rows: list[tuple[Any, ...]], positions: _Positions) -> tuple[RecordedScan, str, bool]:
+        """Build a scan from its rows and check it."""
         number, session, position, stage, depth, sequence, time, received, celsius, kept = rows[0][:10]
         try:
             index = self._sessions[session]
@@ -242,6 +274,7 @@ class Recording:
             raise HardwareError(f"{self.path} is damaged: self-test {row['id']}: {error}.") from None
 
     def _session(self, row: Mapping[str, Any]) -> RecordedSession:
+        """Build a session from its row and check it."""
         try:
             settings = ScanSettings.from_json(row["settings"])
             if settings.hash != row["settings_hash"]:
@@ -264,7 +297,10 @@ class Recording:
 
 
 class _Positions(dict[int, tuple[GridPlace, bool]]):
-    """Place of every position by its number, and whether it was finished, read when a scan first asks for it."""
+    """Place of every position by its number.
+
+    The place, and whether it was finished, is read when a scan first needs it.
+    """
 
     def __init__(self, recording: Recording) -> None:
         super().__init__()
@@ -280,10 +316,11 @@ class _Positions(dict[int, tuple[GridPlace, bool]]):
 
 @contextmanager
 def open_recording(path: Path) -> Iterator[Recording]:
-    """Open a recording for reading; a program that writes it at the same time is not disturbed.
+    """Open a recording for reading.
 
-    HardwareError for a file that is missing, not a recording, of another schema, or damaged: its structure is checked
-    at once, what it holds when it is read.
+    A program that writes it at the same time is not disturbed. A HardwareError is raised for a file that is missing,
+    not a recording, of another schema, or damaged. The structure of the file is checked at once, and its contents on
+    reading.
     """
     with closing(connect_to_read(path)) as connection:
         check_pages(connection, path)
@@ -291,11 +328,15 @@ def open_recording(path: Path) -> Iterator[Recording]:
 
 
 def iso_time(seconds: float) -> str:
-    """Return a time in s since the epoch as ISO 8601, to a second."""
+    """Return a time as ISO 8601, to a second.
+
+    `seconds` is in s since the epoch.
+    """
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
 
 
 def _identity(values: Mapping[str, Any]) -> Identity:
+    """Build the identity of a board and check its values."""
     identity = Identity(**values)
     words = (identity.manufacturer, identity.device, identity.boot)
     if not (isinstance(identity.kind, str) and isinstance(identity.emulated, bool)):
@@ -320,7 +361,10 @@ def _texts(text: Any) -> tuple[str, ...]:
 
 
 def _date(value: Any) -> float:
-    """Return a time in s since the epoch that a calendar has."""
+    """Return a time in s since the epoch.
+
+    The calendar must have it.
+    """
     try:
         datetime.fromtimestamp(_finite(value), UTC)
     except (OverflowError, OSError, ValueError):

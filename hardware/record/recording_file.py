@@ -1,8 +1,9 @@
-"""The SQLite file of a recording: its tables, what tells it from other files, its checksums, its errors in one line.
+"""SQLite file of a recording.
 
-Every row has a checksum of its values and its number, and that of a scan counts its samples and its temperature in. As
-scans are numbered from 1 without a gap, and SQLite's own check notices pages and entries of a page that are lost, no
-single flipped bit takes away or changes what a result is made of without being noticed.
+The module has its tables, its marks against other files, its checksums, and its errors in one line. Every row has a
+checksum of its values and its number. The checksum of a scan includes its samples and its temperature. Scans are
+numbered from 1 without a gap, and SQLite's own check notices lost pages and lost entries of a page. Therefore every
+single flipped bit that removes or changes data of a result is noticed.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import RawScan
 
 APPLICATION = 0x636F696C
-""""coil", by which a database of this program is known: SQLite's application_id."""
+"""SQLite's application_id of a database of this program: "coil"."""
 SCHEMA = 2
-"""Of the tables: SQLite's user_version; 1 had no checksums."""
+"""Version of the tables: SQLite's user_version. Version 1 had no checksums."""
 
-_LONGEST_TEXT = 160  # characters shown of what SQLite says
+_LONGEST_TEXT = 160  # characters of SQLite's message to show
 _TABLES = """
 CREATE TABLE session (              -- from opening a board to letting go of it
     id INTEGER PRIMARY KEY,
@@ -88,7 +89,7 @@ CREATE TABLE sample (
     PRIMARY KEY (scan, state)
 ) WITHOUT ROWID;
 """
-# earlier versions neither make nor miss this table, and so it is not a reason for another schema
+# Earlier versions neither make nor need this table, so it is no reason for another schema.
 _TEMPERATURES = """
 CREATE TABLE IF NOT EXISTS temperature (
     scan INTEGER PRIMARY KEY REFERENCES scan (id),
@@ -100,7 +101,10 @@ _WITH_CHECKSUM = ("session", "self_test", "campaign", "position", "scan")
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
-    """Make an empty database a recording, within the transaction that is open."""
+    """Make an empty database a recording.
+
+    It runs within the open transaction.
+    """
     connection.execute(f"PRAGMA application_id = {APPLICATION}")
     connection.execute(f"PRAGMA user_version = {SCHEMA}")
     for statement in _TABLES.split(";\n"):
@@ -109,7 +113,10 @@ def create_tables(connection: sqlite3.Connection) -> None:
 
 
 def insert_row(connection: sqlite3.Connection, table: str, values: dict[str, Any]) -> int:
-    """Add a row with its checksum to a table other than that of the scans; return its number."""
+    """Add a row with its checksum to a table.
+
+    The table is not the table of the scans. The number of the row is returned.
+    """
     names, marks = ", ".join([*values, "checksum"]), "?, " * len(values)
     row = connection.execute(f"INSERT INTO {table} ({names}) VALUES ({marks}'')", list(values.values()))
     sign_row(connection, table, int(row.lastrowid or 0))
@@ -125,7 +132,10 @@ def insert_scan(
     temperature: float | None,
     scan: RawScan,
 ) -> None:
-    """Add a scan with its samples, its temperature and its checksum; arguments as of `scan_checksum`."""
+    """Add a scan with samples, temperature and checksum.
+
+    The arguments have the same meaning as in `scan_checksum`.
+    """
     (number,) = connection.execute("SELECT coalesce(max(id), 0) + 1 FROM scan").fetchone()
     when = (scan.sequence, scan.time, scan.received)
     known = scan_checksum(number, session, position, stage, depth, temperature, scan)
@@ -146,20 +156,26 @@ def insert_scan(
 
 
 def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
-    """Give a row the checksum of its values as they are in the file."""
+    """Store the checksum of a row's values in the file."""
     (row,) = table_rows(connection, table, "WHERE id = ?", number)
     connection.execute(f"UPDATE {table} SET checksum = ? WHERE id = ?", (_row_checksum(table, row), number))
 
 
 def table_rows(connection: sqlite3.Connection, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
-    """Return rows of a table by the names of their columns, in the order of their numbers."""
+    """Return rows of a table by column names.
+
+    They are in the order of their numbers.
+    """
     found = connection.execute(f"SELECT * FROM {table} NOT INDEXED {which} ORDER BY id", values)
     names = [column[0] for column in found.description]
     return [dict(zip(names, row, strict=True)) for row in found]
 
 
 def is_whole(table: str, row: dict[str, Any]) -> bool:
-    """Whether the values of a row are those of its checksum, or it is of a time when there was none."""
+    """Check the values of a row against its checksum.
+
+    A row from a version without checksums passes.
+    """
     return "checksum" not in row or row["checksum"] == _row_checksum(table, row)
 
 
@@ -172,16 +188,19 @@ def scan_checksum(
     temperature: float | None,
     scan: RawScan,
 ) -> str:
-    """Return the checksum of a scan; `session` and `position` are numbers of rows, the others as of `RecordedScan`."""
+    """Return the checksum of a scan.
+
+    `session` and `position` are numbers of rows. The other arguments have the same meaning as in `RecordedScan`.
+    """
     known = [None if value is None else float(value) for value in (depth, temperature, scan.time, scan.received)]
     words = [(sample.msb, sample.lsb, sample.status, int(sample.fault)) for sample in scan.samples]
     return checksum("scan", number, session, position, stage, known, scan.sequence, words)
 
 
 def add_checksums(connection: sqlite3.Connection, of_scans: list[tuple[str, int]]) -> None:
-    """Make a recording of schema 1 one with checksums, within the transaction that is open.
+    """Add checksums to a recording of schema 1.
 
-    `of_scans` are the checksums of its scans, with their numbers.
+    It runs within the open transaction. `of_scans` are the checksums of its scans, with their numbers.
     """
     for table in _WITH_CHECKSUM:
         connection.execute(f"ALTER TABLE {table} ADD COLUMN checksum TEXT NOT NULL DEFAULT ''")
@@ -193,29 +212,41 @@ def add_checksums(connection: sqlite3.Connection, of_scans: list[tuple[str, int]
 
 
 def has_checksums(connection: sqlite3.Connection) -> bool:
-    """Whether a recording is of a version that writes checksums."""
+    """Check whether a recording has checksums.
+
+    It depends on the version that wrote the recording.
+    """
     return _pragma(connection, "user_version") > 1
 
 
 def add_temperatures(connection: sqlite3.Connection) -> None:
-    """Give a recording its table of temperatures where it has none, within the transaction that is open."""
+    """Add the table of temperatures if it is missing.
+
+    It runs within the open transaction.
+    """
     connection.execute(_TEMPERATURES)
 
 
 def has_temperatures(connection: sqlite3.Connection) -> bool:
-    """Whether a recording has a table of temperatures."""
+    """Check whether a recording has a table of temperatures."""
     query = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'temperature'"
     return bool(connection.execute(query).fetchone()[0])
 
 
 def is_blank(connection: sqlite3.Connection) -> bool:
-    """Whether a database holds nothing at all, as after a kill before its first transaction."""
+    """Check whether a database is empty.
+
+    It is empty after a kill before its first transaction.
+    """
     tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     return not tables and not _pragma(connection, "application_id") and not _pragma(connection, "user_version")
 
 
 def require_recording(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse another program's database, and a recording of a newer version, with a HardwareError."""
+    """Refuse a file that is not a recording.
+
+    Another program's database and a recording of a newer version raise a HardwareError.
+    """
     if is_blank(connection):
         raise HardwareError(f"{path} is not a recording: it is empty.")
     if _pragma(connection, "application_id") != APPLICATION:
@@ -232,9 +263,10 @@ def require_recording(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
-    """Open a file read-only, also while a recorder writes it, and also where nothing may be written beside it.
+    """Open a file read-only.
 
-    HardwareError for a file that is not there, cannot be read or is not a database.
+    This works while a recorder writes the file, and in a folder that is not writable. A file that is missing, cannot be
+    read or is not a database raises a HardwareError.
     """
     try:
         if path.is_dir():
@@ -254,12 +286,12 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
         except sqlite3.OperationalError:
             if waiting:
                 raise
-            return _connected(path, "mode=ro&immutable=1")  # SQLite else wants to make a file beside it
+            return _connected(path, "mode=ro&immutable=1")  # otherwise SQLite makes a file beside it
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of a file into one line."""
+    """Convert errors of SQLite to one line."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -272,12 +304,18 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
-    """Look through the structure of the whole file for damage; HardwareError names the first that is found."""
+    """Check the structure of the whole file.
+
+    The HardwareError names the first damage.
+    """
     _check(connection, path, "integrity_check(1)")
 
 
 def check_references(connection: sqlite3.Connection, path: Path) -> None:
-    """Check that every row that another one refers to is there; HardwareError names the first that is not."""
+    """Check that every referenced row exists.
+
+    The HardwareError names the first missing row.
+    """
     _check(connection, path, "foreign_key_check")
 
 
@@ -289,6 +327,7 @@ def _check(connection: sqlite3.Connection, path: Path, pragma: str) -> None:
 
 
 def _connected(path: Path, how: str) -> sqlite3.Connection:
+    """Open a database file and check that it is readable."""
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?{how}", uri=True, isolation_level=None, timeout=5.0)
     try:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
@@ -303,7 +342,10 @@ def _row_checksum(table: str, row: dict[str, Any]) -> str:
 
 
 def _one_line(text: str) -> str:
-    """Return a text of SQLite, which may have several lines and names out of a damaged file, in one that is short."""
+    """Shorten a text of SQLite to one line.
+
+    It may have several lines and names from a damaged file.
+    """
     line = "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
     return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}…"
 

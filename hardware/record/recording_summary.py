@@ -1,4 +1,7 @@
-"""Summary of a recording: its origin, its extent, and the quality of its readings."""
+"""Summary of a recording.
+
+It gives the origin, the extent, and the quality of the readings.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,25 @@ from coilarray.hardware.scan.readings import Reason, StateReading, Verdict, read
 
 
 class StateSummary:
-    """Gathers the readings of a state; means are None if none was good or doubtful."""
+    """Statistics of the readings of a state.
+
+    Means are None if no reading was good or doubtful.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.verdicts: Counter[Verdict] = Counter()
         self.reasons: Counter[Reason] = Counter()
-        """Numbers of readings by the reason why they are not good."""
+        """Numbers of readings that are not good, by reason."""
         self._count = self._steps = 0
         self._frequency = self._inductance = self._squares = 0.0  # sums
         self._last: float | None = None
 
     def add(self, reading: StateReading, *, pressed: bool) -> None:
-        """Add a reading; `pressed` where the indenter presses, so that it says nothing of the noise."""
+        """Add a reading.
+
+        `pressed` means that the indenter presses, so that the reading does not count for the noise.
+        """
         self.verdicts[reading.verdict] += 1
         self.reasons.update(reading.reasons)
         if reading.frequency is None or reading.inductance is None:
@@ -51,9 +60,10 @@ class StateSummary:
 
     @property
     def noise(self) -> float | None:
-        """Relative standard deviation of the inductance at rest, from differences of scans, in which a drift cancels.
+        """Relative standard deviation of the inductance at rest.
 
-        None if there are no two such scans; the difference of two readings has twice the variance of one.
+        It comes from differences of scans, in which a drift cancels. The difference of two readings has twice the
+        variance of a single reading. The value is None if no two such scans exist.
         """
         mean = self.inductance
         return math.sqrt(self._squares / self._steps / 2) / mean if mean is not None and self._steps else None
@@ -61,7 +71,10 @@ class StateSummary:
 
 @dataclass(frozen=True, eq=False)
 class RecordingSummary:
-    """A recording as a whole; design, wiring and version of this program are those of the first session."""
+    """Summary of a whole recording.
+
+    Design, wiring and version of this program are taken from the first session.
+    """
 
     file: str
     emulated: bool
@@ -71,7 +84,7 @@ class RecordingSummary:
     version: str
     sessions: tuple[dict[str, Any], ...]  # time, board and number of scans of each, for JSON
     scans: int
-    lost: int  # scans of streams that the board numbered and that never arrived
+    lost: int  # scans of streams that the board numbered but that never arrived
     seconds: float  # from the first to the last scan of every session, by the board's clock
     rate: float | None  # scans/s without the pauses between sessions; None for a campaign, or too few scans
     states: tuple[StateSummary, ...]
@@ -80,7 +93,7 @@ class RecordingSummary:
     self_tests: tuple[RecordedSelfTest, ...]  # before and after a campaign
 
     def to_record(self) -> dict[str, Any]:
-        """Return everything as plain values in SI, for JSON."""
+        """Return all values as plain values in SI, for JSON."""
         plan = self.campaign
         return {
             "file": self.file,
@@ -120,7 +133,10 @@ class RecordingSummary:
 
 
 def summarize_recording(recording: Recording) -> RecordingSummary:
-    """Read a whole recording of any kind and summarize it; HardwareError for a damaged file."""
+    """Read a whole recording of any kind and summarize it.
+
+    A damaged file raises a HardwareError.
+    """
     states = tuple(StateSummary(name) for name in recording.states)
     times: list[list[float]] = [[] for _ in recording.sessions]
     count, lost = 0, 0

@@ -1,8 +1,9 @@
-"""Drift correction by reference coils, away from the indenter: their δ is subtracted from that of the others.
+"""Drift correction by reference coils.
 
-A clock or a tank capacitor that drifts changes δ of all coils alike, as do supply and expansion of the board. What is
-not alike stays, and each reference adds its own noise: `coilarray.circuit.noise_budget.NoiseBudget.referenced` says how
-much of both, and `coilarray.localize.forward.ForwardModel.referenced` is the model of what is left.
+The reference coils lie away from the indenter. Their δ is subtracted from δ of the other coils. A clock or a tank
+capacitor that drifts changes δ of all coils alike, as do supply and expansion of the board. Unequal changes remain, and
+each reference adds its own noise. `coilarray.circuit.noise_budget.NoiseBudget.referenced` computes both, and
+`coilarray.localize.forward.ForwardModel.referenced` is the model of the remaining δ.
 """
 
 from __future__ import annotations
@@ -24,25 +25,25 @@ def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str])
     Parameters
     ----------
     delta : mapping of str to array_like
-        δ of every state by name: a number of one scan, or an array over scans, alike for all; NaN where there is none.
+        δ of every state by name: a number of one scan, or an array over scans, alike for all. NaN if unknown.
     reference : sequence of str
         Names of the states of the reference coils.
 
     Returns
     -------
     dict of str to ndarray
-        δ of the other states. NaN where a state or one of the references has none: a mean over fewer of them would jump
-        by their noise.
+        δ of the other states. It is NaN if a state or any reference has no value. A mean over fewer references would
+        jump by their noise.
 
     Raises
     ------
     HardwareError
-        A reference that is not there or named twice, none at all, or no other state.
+        A reference that is missing or named twice, an empty `reference`, or no other state.
 
     Notes
     -----
     A drift d multiplies every L by 1 + d, so that δ becomes δ + d + δ d. The last term, 10⁻⁸ for d = 10⁻⁵ and δ = 10⁻³,
-    is left.
+    remains.
 
     Examples
     --------
@@ -56,9 +57,11 @@ def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str])
 
 
 def response_less_reference(response: xr.Dataset, reference: Sequence[str]) -> xr.Dataset:
-    """Return a response, measured or simulated, with δ less the mean δ of the reference coils, of the other states.
+    """Return a response less the reference coils.
 
-    ``delta_std``, where there is one, gets the noise of the mean in addition. HardwareError as of `less_reference`.
+    The response is measured or simulated. The mean δ of the reference coils is subtracted from δ of the other states.
+    If the response has ``delta_std``, the noise of the mean is added to it. A HardwareError is raised as in
+    `less_reference`.
     """
     others = list(referenced_names(tuple(response.state.values.tolist()), reference, HardwareError))
     mean = response.delta.sel(state=list(reference)).mean("state", skipna=False)

@@ -1,4 +1,7 @@
-"""Stability of the readings of a board at rest: the Allan deviation of every state against the averaging time."""
+"""Stability of a board's readings at rest.
+
+It is the Allan deviation of every state against the averaging time.
+"""
 
 from __future__ import annotations
 
@@ -45,14 +48,14 @@ class AllanDeviation:
 def allan_deviation(
     values: npt.ArrayLike, *, factors: npt.ArrayLike | None = None, confidence: float = CONFIDENCE
 ) -> AllanDeviation:
-    """Compute the overlapping Allan deviation of values at equal distances in time.
+    """Compute the overlapping Allan deviation of equidistant values.
 
     Parameters
     ----------
     values : array_like, shape (n,)
-        At least 8 values; NaN where one is missing.
+        At least 8 values at equal distances in time. NaN if a value is missing.
     factors : array_like of int, shape (n,), optional
-        Numbers of values that are averaged; 1, 2, 4, … up to a third of all by default.
+        Numbers of values that are averaged. 1, 2, 4, … up to a third of all by default.
     confidence : float
         Probability of the confidence intervals, between 0 and 1.
 
@@ -68,11 +71,11 @@ def allan_deviation(
 
     Notes
     -----
-    W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065 (2008), overlapping Allan variance: σ²(m) is
-    half the mean square of the differences of neighbouring means of m values, over all places. Intervals are those of
-    χ² with its degrees of freedom for white noise or for a random walk, whichever are fewer; they hold for both.
-    Differences with a missing value are left out, and their share of the degrees of freedom with them. White noise
-    falls with the root of m, a random walk grows with it, a steady drift grows with m.
+    The method is the overlapping Allan variance of W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065
+    (2008). σ²(m) is half the mean square of the differences of neighbouring means of m values, over all places.
+    Intervals come from χ² with its degrees of freedom for white noise or for a random walk, whichever are fewer, so
+    they hold for both. Differences with a missing value are left out, and their share of the degrees of freedom with
+    them. White noise falls with the root of m, a random walk grows with it, and a steady drift grows with m.
 
     Examples
     --------
@@ -107,7 +110,10 @@ def allan_deviation(
 
 
 def _freedom(n: int, m: int) -> float:
-    """Degrees of freedom of the overlapping estimate from sums at n times: white noise or random walk, the fewer."""
+    """Degrees of freedom of the overlapping estimate.
+
+    The estimate uses sums at n times. White noise and random walk are compared, and the smaller number is returned.
+    """
     white = (3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5)
     walk = (n - 2) / m * ((n - 1) ** 2 - 3 * m * (n - 1) + 4 * m**2) / (n - 3) ** 2
     return min(white, walk)
@@ -116,26 +122,26 @@ def _freedom(n: int, m: int) -> float:
 def stability(
     time: npt.ArrayLike, delta: npt.ArrayLike, states: Sequence[str], *, expected: npt.ArrayLike | None = None
 ) -> xr.Dataset:
-    """Return how steady δ of every state of a board at rest is.
+    """Compute the stability of δ of a board at rest.
 
     Parameters
     ----------
     time : array_like, shape (n,)
         Times of the scans in s, rising.
     delta : array_like, shape (n, states)
-        δ of every scan and state, or anything that is relative to L; NaN where a scan has no value.
+        δ of every scan and state, or any quantity relative to L. NaN if a scan has no value.
     states : sequence of str
         Names of the states.
     expected : array_like, shape (states,), optional
-        Standard deviation of one scan that was expected, by `coilarray.circuit.noise_budget.NoiseBudget.scan_noise`.
+        Expected standard deviation of one scan, from `coilarray.circuit.noise_budget.NoiseBudget.scan_noise`.
 
     Returns
     -------
     xarray.Dataset
         Over ``state`` and ``tau``, the averaging time in s: ``deviation``, the overlapping Allan deviation of δ, and
-        ``low`` and ``high``, between which it is with a probability of 68 %; NaN where a state has too few values. Over
-        ``state``: ``scan_noise``, that of single scans, which for white noise is their standard deviation; ``drift``
-        and ``drift_error``, change of δ in 1/s by a straight line; ``expected`` where it is given. Attributes
+        ``low`` and ``high``, the ends of its 68 % confidence interval. They are NaN if a state has too few values. Over
+        ``state``: ``scan_noise``, the deviation of single scans, which for white noise is their standard deviation;
+        ``drift`` and ``drift_error``, change of δ in 1/s by a straight line; ``expected`` if it is given. Attributes
         ``period`` in s, from scan to scan, and ``scans``.
 
     Raises
@@ -146,8 +152,8 @@ def stability(
 
     Notes
     -----
-    The converter looks at one coil after the other, so that each state is seen for a part of the time only. White noise
-    is not affected by this; noise that is faster than a scan is aliased.
+    The converter measures one coil after the other, so it sees each state for a part of the time only. White noise is
+    not affected by this. Noise that is faster than a scan is aliased.
     """
     t, values = np.asarray(time, dtype=np.float64), np.asarray(delta, dtype=np.float64)
     if t.ndim != 1 or values.shape != (len(t), len(states)):

@@ -1,10 +1,12 @@
-"""Stages that move the indenter: a person, a machine that takes G-code over a serial port, or the emulator.
+"""Stages that move the indenter.
 
-A campaign gives every stage x and y from the map's origin, and a depth that is 0 where the indenter just touches. What
-people see and set is on the board: instructions, limits, and the coordinates of a machine.
+A stage is a person, a machine that takes G-code over a serial port, or the emulator. A campaign gives every stage x and
+y from the map's origin, and a depth that is 0 where the indenter just touches. Instructions, limits, and the
+coordinates of a machine are positions on the board, for the user.
 
-A machine that restarts when its port is opened, as most do, no longer knows where it is. It is not moved before it has
-homed itself. A person confirms its first move, which is slow: only then is it known that its zero is at contact.
+Most machines restart when their port is opened and then no longer know their position. Such a machine is not moved
+before it has homed itself. A person confirms its first move, which is slow. Only this move shows that its zero is at
+contact.
 """
 
 from __future__ import annotations
@@ -31,11 +33,11 @@ Dialect = Literal["grbl", "marlin"]
 
 _TRAVEL = 20e-3  # m/s, of the emulated stage between positions
 _SLOW = 5e-3  # m/s, of the first move of a machine
-_WAIT = {"grbl": "G4 P0.01", "marlin": "M400"}  # answered when all movements before it are over
+_WAIT = {"grbl": "G4 P0.01", "marlin": "M400"}  # answered when all earlier movements are over
 _HOME = {"grbl": "$H", "marlin": "G28"}
-_REFUSALS = ("error", "alarm", "!!", "resend")  # begin what GRBL and Marlin say of a line that failed
-_GREETING = re.compile(r"grbl|marlin|for help\]|(start|reset|powerup)$", re.IGNORECASE)  # of one that has just started
-_LONGEST_LINE, _MOST_AT_ONCE = 512, 4096  # bytes that are kept of a line that does not end
+_REFUSALS = ("error", "alarm", "!!", "resend")  # beginnings of the answers of GRBL and Marlin to a failed line
+_GREETING = re.compile(r"grbl|marlin|for help\]|(start|reset|powerup)$", re.IGNORECASE)  # of a started machine
+_LONGEST_LINE, _MOST_AT_ONCE = 512, 4096  # bytes to keep of an unfinished line
 _MOST_BYTES = 65536  # of answers to one line
 _QUIET = 0.3  # s after the greeting, for its last lines
 _FARTHEST, _HIGHEST = 1.0, 0.1  # m
@@ -43,22 +45,37 @@ _ROUNDING = 1e-12  # m, of a position and its origin
 
 
 class Stage(Protocol):
-    """Moves the indenter; a method returns when the movement is over, or raises a HardwareError."""
+    """Mover of the indenter.
+
+    A method returns when the movement is over, or raises a HardwareError.
+    """
 
     def check(self, places: Sequence[GridPlace]) -> None:
-        """Refuse places outside the range of the stage, before anything moves."""
+        """Refuse places outside the range of the stage.
+
+        The check comes before any movement.
+        """
 
     def move(self, x: float, y: float) -> None:
         """Go to a position in m, lifted off."""
 
     def indent(self, depth: float, speed: float) -> None:
-        """Indent to a depth in m below the point of contact, at a speed in m/s."""
+        """Indent to a depth in m below contact.
+
+        The speed is in m/s.
+        """
 
     def relax(self, speed: float) -> None:
-        """Lift off at a speed in m/s; does nothing if the indenter does not touch."""
+        """Lift off at a speed in m/s.
+
+        Nothing happens if the indenter does not touch.
+        """
 
     def retreat(self) -> None:
-        """Lift off after a failure, where that needs no person. Never raises."""
+        """Lift off after a failure if this needs no person.
+
+        The method never raises.
+        """
 
     def close(self) -> None:
         """Release the machine. Never raises."""
@@ -67,8 +84,8 @@ class Stage(Protocol):
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    `ask` shows an instruction and returns when it was carried out; it raises HardwareError if nobody answers. The
-    places in it are those on the board, where the map has its `origin` in m.
+    `ask` shows an instruction and returns when it was carried out. It raises HardwareError if nobody answers. The
+    instruction gives places on the board, where the map has its `origin` in m.
     """
 
     def __init__(self, ask: Callable[[str], None], origin: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -76,7 +93,7 @@ class PersonStage:
         self._where = ""
 
     def check(self, places: Sequence[GridPlace]) -> None:
-        """Accept everything: the person decides."""
+        """Accept all places, because the person decides."""
 
     def move(self, x: float, y: float) -> None:
         """Ask for a position."""
@@ -93,14 +110,17 @@ class PersonStage:
         self._ask(f"Lift the indenter off at {_mm(speed)} mm/s.")
 
     def retreat(self) -> None:
-        """Do nothing: the person sees the error."""
+        """Do nothing, because the person sees the error."""
 
     def close(self) -> None:
         """Do nothing."""
 
 
 class EmulatedStage:
-    """Moves the indenter of an emulated board, in the time of its clock."""
+    """Stage that moves the indenter of an emulated board.
+
+    The movement takes its time on the board's clock.
+    """
 
     def __init__(self, board: EmulatedBoard) -> None:
         self._board, self._indenter, self._clock = board, board.indenter, board.clock
@@ -141,14 +161,18 @@ class EmulatedStage:
 
 @dataclass(frozen=True)
 class StageLimits:
-    """Where a machine may go, nothing outside is ever sent; HardwareError for a range that is empty or too large."""
+    """Range of a machine.
+
+    No position outside is ever sent. A range that is empty or too large raises a HardwareError.
+    """
 
     x: tuple[float, float]  # least and greatest position on the board in m
     y: tuple[float, float]  # m
-    depth: float  # greatest below the point of contact in m
-    clearance: float = 2e-3  # height above it in m at which the indenter travels and baselines are measured
+    depth: float  # greatest depth below the point of contact in m
+    clearance: float = 2e-3  # height above contact in m at which the indenter travels and baselines are measured
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for an empty or too large range."""
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not -_FARTHEST <= low <= high <= _FARTHEST:
                 raise HardwareError(f"{name} of a stage must rise and be at most {_FARTHEST} m; got {low} to {high} m.")
@@ -158,22 +182,23 @@ class StageLimits:
 
 
 class GcodeStage:
-    """A machine with three axes that speaks G-code in mm, as GRBL and Marlin do; it answers every line by ``ok``.
+    """A machine with three axes that takes G-code in mm.
 
-    Its work origin must be set: x and y of the board, z = 0 where the indenter just touches, z upwards. Only ``G21``,
-    ``G90``, ``G0``, ``G1``, the command that waits for the end of a movement and, with `home`, that of homing are ever
-    sent. Nothing moves before the first call of `move`, except for homing.
+    It answers every line by ``ok``, like GRBL and Marlin. Its work origin must be set: x and y of the board, z = 0
+    where the indenter just touches, z upwards. Only ``G21``, ``G90``, ``G0``, ``G1``, the command that waits for the
+    end of a movement and, with `home`, the homing command are ever sent. Except for homing, nothing moves before the
+    first call of `move`.
 
     Parameters
     ----------
     confirm : callable or None
-        Shows a text to a person and returns once the person has agreed; else it raises a HardwareError. It is called
-        before the machine homes, before its first move, which is slow, and after it. None asks nobody, and is allowed
-        for a machine that a person has confirmed before at this computer.
+        Shows a text to a person and returns once the person has agreed. Otherwise it raises a HardwareError. It is
+        called before the machine homes, before its first move, which is slow, and after it. None asks nobody, and is
+        allowed for a machine that a person has confirmed before at this computer.
     home : bool
         Whether the machine homes itself first: ``$H`` of GRBL, ``G28`` of Marlin.
     identity : str
-        What tells the machine from others at this computer; the name of the port by default.
+        Identity that distinguishes the machine from others at this computer. The name of the port by default.
     origin : tuple of float
         x and y in m of the map's origin on the board, from which the positions of a campaign count.
     greeting : float
@@ -188,8 +213,8 @@ class GcodeStage:
     Raises
     ------
     HardwareError
-        Another dialect; a machine that does not answer, or refuses; one that has restarted without `home`; `confirm`
-        that is None at the first use of a machine. The port is then closed.
+        Another dialect, a machine that does not answer, or refuses, or has restarted without `home`, or `confirm` that
+        is None at the first use of a machine. The port is then closed.
     """
 
     def __init__(
@@ -210,7 +235,7 @@ class GcodeStage:
         self._port, self._limits, self._dialect, self._origin = port, limits, dialect, origin
         self._patience, self._longest, self._now = patience, longest, now
         self._rest = b""  # of a line that has not ended yet
-        self._due = 0  # lines that were sent and not answered: more than one after an interrupt
+        self._due = 0  # lines that were sent but not answered: several after an interrupt
         self._ready = False
         self._moved = False  # the first, slow move is over, and confirmed
         self._identity, self._confirm = f"{dialect} {identity or port.name}", confirm
@@ -267,7 +292,10 @@ class GcodeStage:
             _remember_machine(self._identity)
 
     def indent(self, depth: float, speed: float) -> None:
-        """Indent to a depth in m at a speed in m/s."""
+        """Indent to a depth in m.
+
+        The speed is in m/s.
+        """
         if not 0 < depth <= self._limits.depth:
             raise HardwareError(
                 f"depth of the stage must be positive and at most {self._limits.depth * 1e3:g} mm; "
@@ -282,7 +310,10 @@ class GcodeStage:
         self._go(f"G1 Z{_word(self._limits.clearance)} F{_feed(speed)}", way / speed)
 
     def retreat(self) -> None:
-        """Lift off, unless nobody has confirmed yet where it is. Never raises."""
+        """Lift off, if a person has confirmed the position.
+
+        The method never raises.
+        """
         if self._ready and self._moved:
             with suppress(HardwareError):
                 self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
@@ -292,15 +323,19 @@ class GcodeStage:
         self._port.close()
 
     def _on_board(self, x: float, y: float) -> tuple[float, float]:
-        """Return a position of the map where it is on the board, in m."""
+        """Return the board position of a map position in m."""
         return self._origin[0] + x, self._origin[1] + y
 
     def _go(self, line: str, seconds: float) -> None:
-        """Move and wait until the movement is over: ``ok`` alone says only that the line was understood."""
+        """Move and wait until the movement is over.
+
+        ``ok`` alone only means that the line was understood.
+        """
         self._send(line, seconds)
         self._send(_WAIT[self._dialect], seconds)
 
     def _send(self, line: str, seconds: float) -> None:
+        """Send a line and wait for its answer."""
         self._due += 1
         self._port.write(f"{line}\n".encode("ascii"))
         until = self._now() + seconds + self._patience
@@ -317,7 +352,7 @@ class GcodeStage:
         raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
 
     def _ask(self, text: str) -> None:
-        """Let a person confirm, unless nobody is to be asked."""
+        """Let a person confirm, unless nobody is asked."""
         if self._confirm is not None:
             self._confirm(text)
 
@@ -332,7 +367,10 @@ class GcodeStage:
         return HardwareError(f"the stage at {self._port.name} {what}.")
 
     def _answers(self, until: float) -> Iterator[str]:
-        """Yield lines that come before a deadline, and those that have already come however late it is."""
+        """Yield lines that come before a deadline.
+
+        Lines that have already come are yielded even after the deadline.
+        """
         taken = 0
         while True:
             while b"\n" in self._rest:
@@ -348,7 +386,10 @@ class GcodeStage:
                 raise self._failed("sends without end; is it really a stage")
 
     def _is_greeted(self, seconds: float) -> bool:
-        """Whether the machine says that it has started, as most do when their port is opened; take in all of it."""
+        """Check whether the machine announces its start.
+
+        Most machines do so when their port is opened. The whole announcement is read.
+        """
         found = any(_GREETING.search(answer) for answer in self._answers(self._now() + seconds))
         for _ in self._answers(self._now() + _QUIET):
             pass
@@ -362,15 +403,18 @@ def _machines_file() -> Path:
 
 
 def _confirmed_machines() -> set[str]:
-    """Machines of which a person has confirmed the first move at this computer."""
+    """Machines whose first move was confirmed at this computer."""
     try:
         return set(_machines_file().read_text(encoding="utf-8").splitlines())
-    except (OSError, UnicodeDecodeError):  # none yet
+    except (OSError, UnicodeDecodeError):  # no file yet
         return set()
 
 
 def _remember_machine(identity: str) -> None:
-    """Keep that a person has confirmed the first move of a machine; where that cannot be kept, it is asked again."""
+    """Store that a machine's first move was confirmed.
+
+    If this cannot be stored, the person is asked again.
+    """
     path, known = _machines_file(), _confirmed_machines()
     if identity not in known:
         with suppress(OutputError):
@@ -379,7 +423,10 @@ def _remember_machine(identity: str) -> None:
 
 
 def _within(low: float, value: float, high: float) -> bool:
-    """Whether a length in m is between two others, to rounding."""
+    """Check whether a length in m is within limits.
+
+    The limits are kept to rounding.
+    """
     return low - _ROUNDING <= value <= high + _ROUNDING
 
 

@@ -1,9 +1,10 @@
-"""The temperature of a file, as Linux shows its sensors: read once a second beside the scans, which never wait for it.
+"""Temperature from a sensor file of Linux.
 
-Of hwmon (``/sys/class/hwmon/hwmon0/temp1_input``), thermal zones (``/sys/class/thermal/thermal_zone0/temp``) and the
-1-wire bus (``/sys/bus/w1/devices/28-*/temperature``) it is a whole number in 0.001 °C, as the kernel's documentation of
-``/sys/class/hwmon``, ``thermal`` and ``w1_therm`` says; ``w1_slave`` of the latter has it behind ``t=``, with ``YES``
-where its checksum is right. A number with a decimal point, as another program may write it, is in °C.
+The file is read once a second beside the scans, which never wait for it. The files of hwmon
+(``/sys/class/hwmon/hwmon0/temp1_input``), thermal zones (``/sys/class/thermal/thermal_zone0/temp``) and the 1-wire bus
+(``/sys/bus/w1/devices/28-*/temperature``) have a whole number in 0.001 °C, according to the kernel's documentation of
+``/sys/class/hwmon``, ``thermal`` and ``w1_therm``. ``w1_slave`` of the latter has it behind ``t=``, with ``YES`` if its
+checksum is right. A number with a decimal point, as another program may write it, is in °C.
 """
 
 from __future__ import annotations
@@ -22,15 +23,17 @@ PERIOD = 1.0
 """Time in s from reading to reading."""
 
 COLDEST, WARMEST = -100.0, 300.0
-"""Range in °C of what is taken for a temperature; a sensor of the 1-wire bus without power shows 85 °C."""
+"""Range of accepted temperatures in °C. A sensor of the 1-wire bus without power shows 85 °C."""
 
-_OUTDATED = 5.0  # s after which the last reading no longer counts
+_OUTDATED = 5.0  # s after which the last reading is outdated
 _SLAVE = re.compile(r"(?s).*crc=\w+ YES\s.*t=(-?\d+)\s*")
 _LONGEST = 4096  # bytes
 
 
 def file_temperature(path: Path) -> float:
-    """Read a temperature in °C from a file; HardwareError if there is none.
+    """Read a temperature in °C from a file.
+
+    A file without a temperature raises a HardwareError.
 
     Examples
     --------
@@ -61,14 +64,16 @@ def file_temperature(path: Path) -> float:
 
 @contextmanager
 def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
-    """Read a file once a second in the background; the function gives the temperature in °C, None for an outdated one.
+    """Read a file once a second in the background.
 
-    HardwareError if the file has no temperature at first; later on there is none while it cannot be read.
+    The returned function gives the temperature in °C, or None if it is outdated. A file without a temperature at first
+    raises a HardwareError. Later the temperature is None while the file cannot be read.
     """
     latest = (file_temperature(path), time.monotonic())
     ended = threading.Event()
 
     def follow() -> None:
+        """Read the file until the block is left."""
         nonlocal latest
         while not ended.wait(PERIOD):
             try:
@@ -84,4 +89,4 @@ def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
     try:
         yield temperature
     finally:
-        ended.set()  # a sensor of the 1-wire bus may take a second to answer, for which nobody waits
+        ended.set()  # a sensor of the 1-wire bus may take a second to answer, and it is not awaited

@@ -1,1 +1,1 @@
-"""What is measured: wiring, settings, switch states and readings."""
+"""Wiring, settings, switch states and readings of a scan."""

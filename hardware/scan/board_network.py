@@ -1,6 +1,7 @@
-"""The circuit of a design with all losses and strays, for an emulated board and for the simulation of a real one.
+"""Circuit and noise budget of a design's board.
 
-And the noise budget of a board with the settings it is read with.
+The circuit has all losses and strays. It serves an emulated board and the simulation of a real board. The noise budget
+holds for the settings with which the board is read.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ if TYPE_CHECKING:
 
 
 def board_network(design: Design, store: Store, *, wired: bool = False) -> Network:
-    """Return `coilarray.circuit.coupling.design_circuit` of a design, which takes 4 s for gast2020, kept in a store.
+    """Return the circuit of a design from a store.
 
-    Where the coils are `wired` to the channels of a converter, no switches are in their way, whatever the design has.
-    NetworkError for a state of the design's plan without a resonance.
+    It is `coilarray.circuit.coupling.design_circuit`, which takes 4 s for gast2020. If the coils are `wired` to the
+    channels of a converter, no switches are in their way, whatever the design has. A state of the design's plan without
+    a resonance raises a NetworkError.
     """
     parts = store.dataset(["circuit", design.digest], lambda: _circuit(design))
     return Network(
@@ -43,13 +45,13 @@ def board_network(design: Design, store: Store, *, wired: bool = False) -> Netwo
 def board_budget(
     design: Design, settings: ScanSettings, store: Store, *, baseline_scans: int | None = None
 ) -> NoiseBudget:
-    """Return the noise budget of all states of a design for a board that is read with these settings.
+    """Return the noise budget of all states of a design.
 
-    Clock and length of a conversion are those of the settings, coefficients and changes those of the design's
-    `Readout`; `store` is that of `board_network`. With `baseline_scans` for L_0 a reading is a single scan, otherwise
-    both numbers are the design's too.
+    The board is read with the given settings, which determine the clock and the length of a conversion. Coefficients
+    and changes are taken from the design's `Readout`. `store` has the same meaning as in `board_network`. With
+    `baseline_scans` for L_0 a reading is a single scan. Otherwise both numbers are taken from the design too.
     """
-    from coilarray.circuit.noise_budget import noise_budget  # the emulator does without it
+    from coilarray.circuit.noise_budget import noise_budget  # not needed by the emulator
 
     readout = replace(
         design.readout, rcount=settings.rcount, clock=settings.clock, external_clock=settings.external_clock,
@@ -61,7 +63,10 @@ def board_budget(
 
 
 def _without_switches(design: Design) -> Switches:
-    """Return leads and tank of a design; of what its part would add, the pins of the converter stay."""
+    """Return leads and tank of a design.
+
+    Of the capacitances of its part only the pins of the converter remain.
+    """
     switches = replace(design.circuit.switches, on_resistance=0.0)
     if design.circuit.part is None:
         return switches
@@ -70,13 +75,14 @@ def _without_switches(design: Design) -> Switches:
 
 
 def _circuit(design: Design) -> xr.Dataset:
+    """Compute the circuit of a design as a dataset."""
     from coilarray.circuit.coupling import design_circuit
 
     network = design_circuit(design)
     resistance = network.resistance
     assert isinstance(resistance, SampledMatrix)
     pair = ("coil", "other")
-    dispersion = {} if network.dispersion is None else {"dispersion": network.dispersion.matrices}  # at those of R
+    dispersion = {} if network.dispersion is None else {"dispersion": network.dispersion.matrices}  # at the R samples
     return xr.Dataset(
         {
             "inductance": (pair, network.inductance, {"units": "H"}),

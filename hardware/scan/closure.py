@@ -1,7 +1,8 @@
-"""The switch from each end of each coil to each net, and the circuit of the coils that closed switches form. No I/O.
+"""Switches between coil ends and nets, without I/O.
 
-The one table of a board's switches: the check of the settings, the self-test and the emulated board all read it. The
-firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.md`).
+The module describes the switch from each end of each coil to each net, and the circuit of the coils that closed
+switches form. This is the only table of a board's switches. The check of the settings, the self-test and the emulated
+board all read it. The firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.md`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import HardwareError
 
 Net = Literal["ground", "INA", "INB", "other"]
-"""What an end of a coil can be joined to: ground, the two pins of the converter, or anything else."""
+"""Net that an end of a coil can be connected to: ground, the two pins of the converter, or anything else."""
 NETS: tuple[Net, ...] = get_args(Net)
 SWITCHES = 8
 """Number of switches of a device, one for each bit of its word."""
@@ -29,20 +30,23 @@ Node = Terminal | str
 
 
 class WiredSwitch(NamedTuple):
-    """What one switch joins: an end of a coil, and a net."""
+    """End of a coil and net that one switch connects."""
 
     terminal: Terminal
     net: Net
 
     @property
     def code(self) -> int:
-        """Byte of the switch in an encoded wiring: 4·(2·coil + end) + net."""
+        """Byte of the switch in an encoded wiring.
+
+        It is 4·(2·coil + end) + net.
+        """
         coil, end = self.terminal
         return 4 * (2 * coil + end) + NETS.index(self.net)
 
 
 SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
-"""The switches of every device in the order of the words, by bit; None for a switch that is not wired."""
+"""Switches of every device in the order of the words, by bit. None for a switch that is not wired."""
 
 
 Drains = tuple[tuple[int, ...], ...]
@@ -50,10 +54,11 @@ Drains = tuple[tuple[int, ...], ...]
 
 
 def check_drains(switches: Sequence[WiredSwitch | None], drains: Drains, names: Sequence[str], device: str) -> None:
-    """Refuse a device whose switches could not share their common pin: HardwareError, which two and why.
+    """Refuse switches that cannot share their common pin.
 
-    All switches on a common pin join the same end of a coil, or the same net: the pin is one of the two. `switches` are
-    those of the device by bit, `names` their names.
+    The HardwareError names the two switches and the reason. All switches on a common pin must connect the same end of a
+    coil, or the same net, because the pin is one side of the switches. `switches` are the switches of the device by
+    bit, and `names` are their names.
     """
     for bits in drains:
         wired = [(names[bit], switch) for bit in bits if (switch := switches[bit]) is not None]
@@ -67,9 +72,10 @@ def check_drains(switches: Sequence[WiredSwitch | None], drains: Drains, names: 
 
 
 def switch_table(wiring: bytes) -> SwitchTable:
-    """Decode a wiring: eight bytes for each device in the order of the words, bit 0 first, as `WiredSwitch.code` says.
+    """Decode a wiring.
 
-    A byte is 4·terminal + net, or 0xFF for a switch that is not wired; HardwareError for any other number of bytes.
+    It has eight bytes for each device in the order of the words, bit 0 first, as `WiredSwitch.code` encodes them. A
+    byte is 4·terminal + net, or 0xFF for a switch that is not wired. Any other number of bytes raises a HardwareError.
 
     >>> switch_table(bytes([0x05, *[0xFF] * 7]))[0][0]
     WiredSwitch(terminal=(0, 1), net='INA')
@@ -87,10 +93,10 @@ def closed_switches(
     stuck: Mapping[tuple[int, int], bool] = MappingProxyType({}),
     bit_order: Sequence[int] = range(SWITCHES),
 ) -> tuple[WiredSwitch, ...]:
-    """Return the wired switches that conduct under these words, one byte for each device of the table.
+    """Return the wired switches that conduct under these words.
 
-    `stuck` has the broken switches by the numbers of their device and bit, True for closed; `bit_order` has the bit of
-    the word that moves each switch of the table.
+    The words have one byte for each device of the table. `stuck` has the broken switches by the numbers of their device
+    and bit, True for closed. `bit_order` has the bit of the word that moves each switch of the table.
     """
     return tuple(
         switch
@@ -101,9 +107,10 @@ def closed_switches(
 
 
 class Closure:
-    """Nets and ends of coils, joined by closed switches.
+    """Nets and ends of coils, connected by closed switches.
 
-    `coils` are the numbers of those that conduct between their two ends, `shorted` of those whose ends are joined.
+    `coils` are the numbers of the coils that conduct between their two ends. `shorted` are the numbers of the coils
+    whose ends are connected to each other.
     """
 
     def __init__(self, coils: Collection[int], closed: Iterable[WiredSwitch], shorted: Collection[int] = ()) -> None:
@@ -113,18 +120,21 @@ class Closure:
         for coil in shorted:
             self._join((coil, 0), (coil, 1))
         self.branches = [Branch(coil, (self.group((coil, 0)), self.group((coil, 1)))) for coil in coils]
-        """The coils that conduct, between the groups that their ends belong to."""
+        """Conducting coils between the groups of their ends."""
 
     def group(self, node: Node) -> Node:
-        """Return the node that stands for all that are joined to this one."""
+        """Return the node that represents all nodes connected to it."""
         return self._group.get(node, node)
 
     def joined(self, first: Node, second: Node) -> bool:
-        """Whether closed switches join two nodes."""
+        """Check whether closed switches connect two nodes."""
         return self.group(first) == self.group(second)
 
     def conducts(self, first: Node, second: Node) -> bool:
-        """Whether direct current flows between two nodes, through switches and coils."""
+        """Check whether direct current flows between two nodes.
+
+        It flows through switches and coils.
+        """
         return _path_exists(self.branches, self.group(first), self.group(second))
 
     def _join(self, first: Node, second: Node) -> None:
@@ -136,17 +146,18 @@ class Closure:
 
 
 class Branch(NamedTuple):
-    """A coil between two groups of joined nodes."""
+    """A coil between two groups of connected nodes."""
 
     coil: int
     ends: tuple[Node, Node]
 
 
 class Seen(NamedTuple):
-    """What the converter sees: the measured coils with what closes the others, or why there are none.
+    """Coils that the converter sees.
 
-    Between its pins are coils; nothing ("open"); a joint of both ("short"); or coils joined in another way than in
-    series or in parallel ("tangled"). "grounded" is a pin that direct current leads to ground.
+    They are the measured coils with the terminations of the others, or the reason why no coil is measured. Between the
+    pins are coils, nothing ("open"), a connection of both ("short"), or coils connected in another way than in series
+    or in parallel ("tangled"). "grounded" is a pin with a direct current path to ground.
     """
 
     kind: Literal["coils", "open", "short", "grounded", "tangled"]
@@ -154,10 +165,11 @@ class Seen(NamedTuple):
 
 
 def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
-    """Return what the converter sees through the closed switches; `names` are those of the coils, by number.
+    """Return the coils that the converter sees.
 
-    A coil joins its two ends for direct current. Coils that hang on the converter by one end only count as open, and so
-    do idle ones that are joined to each other.
+    It sees them through the closed switches. `names` are the names of the coils by number. A coil connects its two ends
+    for direct current. Coils with only one end on the converter count as open, and so do idle coils that are connected
+    to each other.
 
     >>> what_is_seen([WiredSwitch((0, 0), "INA"), WiredSwitch((0, 1), "INB")], ["coil1"]).state.measured
     (('coil1', 1),)
@@ -180,7 +192,7 @@ def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
 
 
 def _path_exists(branches: Sequence[Branch], start: Node, goal: Node) -> bool:
-    """Whether direct current flows from one group to another."""
+    """Check whether direct current flows between two groups."""
     found, grown = {start}, True
     while grown and goal not in found:
         more = {end for branch in branches if found & set(branch.ends) for end in branch.ends}
@@ -190,7 +202,10 @@ def _path_exists(branches: Sequence[Branch], start: Node, goal: Node) -> bool:
 
 
 def _between_pins(closure: Closure) -> tuple[Literal["series", "parallel"], tuple[tuple[int, Sense], ...]] | None:
-    """Coils between the pins with their sense, in series or all in parallel; None for anything else."""
+    """Coils between the pins with their sense.
+
+    They are in series or all in parallel. The result is None for any other circuit.
+    """
     pin_a, pin_b = closure.group("INA"), closure.group("INB")
     direct = [branch for branch in closure.branches if set(branch.ends) == {pin_a, pin_b}]
     others = [branch for branch in closure.branches if branch not in direct and branch.ends[0] != branch.ends[1]]
@@ -214,7 +229,10 @@ def _between_pins(closure: Closure) -> tuple[Literal["series", "parallel"], tupl
 
 
 def _carries_current(branch: Branch, branches: Sequence[Branch], pin_a: Node, pin_b: Node) -> bool:
-    """Whether current from pin to pin can pass a branch: not where it hangs by one end."""
+    """Check whether pin-to-pin current can pass a branch.
+
+    It cannot pass a branch with only one end connected.
+    """
     rest = [other for other in branches if other is not branch]
     return any(
         _path_exists(rest, pin_a, first) and _path_exists(rest, second, pin_b)
@@ -227,9 +245,9 @@ def _sense(branch: Branch, start: Node) -> Sense:
 
 
 def _passive(branch: Branch, ground: Node) -> Passive:
-    """Return the termination of a coil that carries no current of the converter."""
+    """Return the termination of a coil without converter current."""
     if branch.ends[0] == branch.ends[1]:
-        return "ground"  # joined ends carry the induced current wherever they are
+        return "ground"  # connected ends carry the induced current wherever they are
     first, second = (end == ground for end in branch.ends)
     if first:
         return "ground one end"
@@ -237,11 +255,12 @@ def _passive(branch: Branch, ground: Node) -> Passive:
 
 
 def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str, bytes]]) -> None:
-    """Refuse words that could join what must not be joined: HardwareError.
+    """Refuse words that make a forbidden connection.
 
-    The safe words, between two states, must ground every end of every coil and close nothing else. A state, given by
-    name and words, must not close a switch that is not wired, join an end to two nets at once, or a pin of the
-    converter to two ends, to one alone, or to another coil than the other pin.
+    They raise a HardwareError. The safe words, used between two states, must ground every end of every coil and close
+    nothing else. A state, given by name and words, must not close a switch that is not wired. It must not connect an
+    end to two nets at once, or a pin of the converter to two ends, to a single end alone, or to another coil than the
+    other pin.
     """
     if not states:
         raise HardwareError("a scan must have at least one state; got none.")
@@ -256,6 +275,7 @@ def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str
 
 
 def _check_state(nets: Mapping[Terminal, Sequence[Net]], where: str) -> None:
+    """Refuse forbidden connections of a state."""
     for terminal, joined in nets.items():
         if len(joined) > 1:
             listed = " and ".join("another net" if net == "other" else net for net in joined)
@@ -271,7 +291,10 @@ def _check_state(nets: Mapping[Terminal, Sequence[Net]], where: str) -> None:
 
 
 def _nets(table: SwitchTable, words: bytes, where: str) -> dict[Terminal, list[Net]]:
-    """Nets of every end that the words join to any, in the order of `NETS`."""
+    """Nets that the words connect to every end.
+
+    They are in the order of `NETS`.
+    """
     for device, (switches, word) in enumerate(zip(table, words, strict=True)):
         for bit, switch in enumerate(switches):
             if switch is None and word >> bit & 1:

@@ -1,4 +1,7 @@
-"""Settings of a scan that fit the coils of a design: drive currents, settling and dividers from its circuit."""
+"""Settings of a scan for the coils of a design.
+
+Drive currents, settling and dividers follow from its circuit.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,9 @@ _MARGIN = 1.25  # of the quality factor, for the settling time
 
 
 def design_plan(design: Design, states: Sequence[str] | None = None) -> tuple[ScanState, ...]:
-    """Return the states of these names, or all, in a design's scan plan; HardwareError for a wrong or repeated name.
+    """Return states of a design's scan plan.
+
+    All states are returned without names. A wrong or repeated name raises a HardwareError.
 
     >>> from coilarray import load_design
     >>> [state.name for state in design_plan(load_design("gast2020"), ["coil1", "coil3"])]
@@ -56,24 +61,24 @@ def design_settings(
     Parameters
     ----------
     design : Design
-        Design whose coils are among those of the wiring.
+        Design whose coils are among the coils of the wiring.
     wiring : Wiring
-        Wiring of the board's switches, or of coils to the channels of the converter: a coil of the design that it does
+        Wiring of the board's switches, or of coils to the channels of the converter. A coil of the design that it does
         not have counts as open.
     states : sequence of str, optional
-        Names of states of the design's scan plan; by default all, or without switches all of wired coils.
+        Names of states of the design's scan plan. All states by default, or without switches all states of wired coils.
     rate : float, optional
-        Scans per second; full resolution by default.
+        Scans per second. Full resolution by default.
     bus_rate : float
         Clock of the I²C bus in Hz.
     undivided, family
-        As of `scan_settings`.
+        See `scan_settings`.
     clock : float, optional
-        Measured or external clock of the converter in Hz; that of its own typical oscillator by default.
+        Measured or external clock of the converter in Hz. Its own typical oscillator by default.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     drives : mapping of str to int, or int, optional
-        IDRIVE by coil, or of all coils; by default from the parallel resistance of every state.
+        IDRIVE by coil, or of all coils. By default it follows from the parallel resistance of every state.
     discard : int
         Number of conversions to discard after waking, 0 to 15.
 
@@ -86,7 +91,7 @@ def design_settings(
     ------
     HardwareError
         A design whose coils the wiring does not have, a coil that the converter cannot drive, an external clock without
-        its frequency, and what `scan_settings` refuses.
+        its frequency, and all values that `scan_settings` refuses.
     NetworkError
         A state without a resonance.
     """
@@ -137,7 +142,10 @@ def design_settings(
 def _of_wired(
     plan: Sequence[ScanState], wiring: Wiring, others: Sequence[str], *, chosen: bool
 ) -> tuple[ScanState, ...]:
-    """Return the states of wired coils, in which the `others` are open; all states where the user has `chosen` them."""
+    """Return the states of wired coils.
+
+    The `others` are open in them. All states are returned if the user has `chosen` them.
+    """
     kept = [state for state in plan if chosen or {coil for coil, _ in state.measured} <= set(wiring.coils)]
     for state in kept:
         for coil, _ in state.measured:
@@ -153,6 +161,7 @@ def _among(state: ScanState, coils: Sequence[str]) -> ScanState:
 
 
 def _drive(coil: str, parallel_resistance: float) -> int:
+    """Return the IDRIVE code of a coil."""
     drive = drive_for(parallel_resistance)
     if drive is None:
         raise HardwareError(

@@ -1,6 +1,6 @@
-"""The interface to every kind of board, and what it returns: raw scans, nothing converted.
+"""Interface to every kind of board, and its raw scans.
 
-The board may be a microcontroller, chips on the buses of this computer, or an emulation.
+Nothing is converted. The board may be a microcontroller, chips on the buses of this computer, or an emulation.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ from coilarray.hardware.scan.settings import ScanSettings
 
 
 class SampleFault(IntEnum):
-    """Why a state of a scan has no result. The numbers are those of the protocol."""
+    """Reasons why a state of a scan has no result.
+
+    The numbers are defined by the protocol.
+    """
 
     NONE = 0
     NOT_ACKNOWLEDGED = 1
@@ -26,10 +29,11 @@ class SampleFault(IntEnum):
 
 @dataclass(frozen=True)
 class RawSample:
-    """One state of a scan: registers DATA0_MSB, its four error flags included, DATA0_LSB, and STATUS, read before them.
+    """Registers of one state of a scan.
 
-    With a fault the words are 0 and no measurement. `drive` is register DRIVE_CURRENT0 as read while the converter was
-    awake, where it chose its own drive current; else None.
+    They are DATA0_MSB with its four error flags, DATA0_LSB, and STATUS, which is read before them. With a fault the
+    words are 0 and no measurement. `drive` is register DRIVE_CURRENT0, read while the converter was awake, if it chose
+    its own drive current. Otherwise it is None.
     """
 
     msb: int
@@ -46,13 +50,13 @@ class RawScan:
     Parameters
     ----------
     sequence : int
-        Number of the scan since the stream began, counted by the board; a gap means lost scans.
+        Number of the scan since the stream began, counted by the board. A gap means lost scans.
     time, received : float
-        Start in s by the board's clock, unwrapped, and arrival in s since the epoch by the computer's.
+        Start in s by the board's clock, unwrapped, and arrival in s since the epoch by the computer's clock.
     configuration : int
         16-bit hash of the settings the board measured with (`ScanSettings.hash`).
     boot : int
-        Number of the board's session; it changes when the board restarts.
+        Number of the board's session. It changes when the board restarts.
     samples : tuple of RawSample
         Samples in the order of the states of the settings.
     """
@@ -69,9 +73,9 @@ class RawScan:
 class Identity:
     """Identity of the board at a port.
 
-    `kind` describes it: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator". Where it is `emulated`, every output for
-    people says so. `manufacturer` and `device` are the registers MANUFACTURER_ID and DEVICE_ID of the converter, and
-    `boot` is the number of the board's session.
+    `kind` describes it: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator". If it is `emulated`, every output for people
+    states it. `manufacturer` and `device` are the registers MANUFACTURER_ID and DEVICE_ID of the converter. `boot` is
+    the number of the board's session.
     """
 
     kind: str
@@ -82,14 +86,20 @@ class Identity:
 
 
 class Reader(Protocol):
-    """A board that can be configured and scanned. All methods raise a HardwareError of `wire.faults`."""
+    """A board that can be configured and scanned.
+
+    All methods raise a HardwareError of `wire.faults`.
+    """
 
     @property
     def identity(self) -> Identity:
         """Identity of the board."""
 
     def configure(self, settings: ScanSettings) -> None:
-        """Write settings and read them back; unsafe ones are refused."""
+        """Write settings and read them back.
+
+        Unsafe settings are refused.
+        """
 
     def scan(self) -> RawScan:
         """Measure every state once.
@@ -101,7 +111,9 @@ class Reader(Protocol):
         """
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
-        """Scan until the generator is closed, once every `interval` in s, or as fast as possible for 0.
+        """Scan until the generator is closed.
+
+        A scan runs once every `interval` in s, or as fast as possible for 0.
 
         Yields
         ------
@@ -110,7 +122,9 @@ class Reader(Protocol):
         """
 
     def peek(self, address: int) -> int:
-        """Read the register at an `address` (0 to 127) of the converter, which must not be scanning.
+        """Read a register of the converter.
+
+        The `address` is 0 to 127. The converter must not be scanning.
 
         Returns
         -------
@@ -122,4 +136,7 @@ class Reader(Protocol):
         """Ground all coils and put the converter to sleep."""
 
     def close(self) -> None:
-        """Put the board to rest, if it still answers, and close the port. Never raises; may be called again."""
+        """Put the board to rest and close the port.
+
+        The board is put to rest only if it still answers. The method never raises and may be called again.
+        """

@@ -1,7 +1,8 @@
-"""A scan in physical units: frequency and inductance of every state, or the reason why there is none.
+"""Readings of a scan in physical units.
 
-The four flags of a result come only where ERROR_CONFIG asks for them; the codes 0 and 0xFFFFFFF mark a range error even
-where it does not. STATUS is read once for each result, before the data: reading it may clear what it says.
+Every state has a frequency and an inductance, or the reason why they are missing. The four flags of a result come only
+if ERROR_CONFIG enables them. The codes 0 and 0xFFFFFFF mark a range error even if it does not. STATUS is read once for
+each result, before the data, because reading may clear it.
 """
 
 from __future__ import annotations
@@ -20,22 +21,25 @@ from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 Verdict = Literal["good", "doubtful", "bad"]
-"""Quality of a result: good; doubtful, outside what the data sheet promises; bad, no measurement."""
+"""Quality of a result: good, doubtful (outside the data sheet's specification), or bad (no measurement)."""
 
 ALL_FLAGS = 0xF8FD
 """ERROR_CONFIG that enables every flag in the result and in STATUS."""
 LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)
-"""Code of a quarter of the reference frequency, with no offset; the input must stay below."""
+"""Code of a quarter of the reference frequency, without offset. The input must stay below."""
 
 _WORD = 0xFFFF
 _DATA_READY, _UNREAD = 0x0040, 0x000F
-_LEAST_QUALITY = 2.0  # from here the lossy form has a root at every frequency of the converter
+_LEAST_QUALITY = 2.0  # from this value on the lossy form has a root at every frequency of the converter
 _OFFSET_STEP = 1 << (CODE_BITS - 16)
 
 
 class Reason(StrEnum):
-    """Why a result is doubtful or bad, the most important reason first."""
+    """Reasons why a result is doubtful or bad.
+
+    The most important reason is the first.
+    """
 
     NOT_ACKNOWLEDGED = "the converter did not answer"
     BUS_TIMEOUT = "the bus hung"
@@ -60,7 +64,7 @@ class Reason(StrEnum):
 
 _DOUBTFUL = frozenset({Reason.AMPLITUDE, Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW, Reason.ABOVE_QUARTER})
 _FAULTS = {fault: Reason[fault.name] for fault in SampleFault if fault is not SampleFault.NONE}
-# flags of the upper word, and fields of STATUS
+# Flags of the upper word, and fields of STATUS.
 _FLAGS = {Reason.UNDER_RANGE: 1 << 15, Reason.OVER_RANGE: 1 << 14, Reason.WATCHDOG: 1 << 13, Reason.AMPLITUDE: 1 << 12}
 _STATUS = {
     Reason.UNDER_RANGE: ("ERR_UR",),
@@ -75,11 +79,11 @@ _STATUS = {
 def judge(
     sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS, channel: int = 0
 ) -> tuple[Verdict, tuple[Reason, ...]]:
-    """Judge whether a sample of a channel is a measurement; the reasons are empty if it is good.
+    """Judge whether a sample of a channel is a measurement.
 
-    It is doubtful for an amplitude outside its range or an input above a quarter of the reference, bad for all else.
-    `offset` and `error_config` are the registers OFFSET and ERROR_CONFIG: the converter cannot have set a flag that
-    the latter does not enable. HardwareError for a word beyond 16 bits.
+    The reasons are empty if it is good. It is doubtful for an amplitude outside its range or an input above a quarter
+    of the reference, and bad for all else. `offset` and `error_config` are the registers OFFSET and ERROR_CONFIG. The
+    converter cannot have set a flag that ERROR_CONFIG does not enable. A word beyond 16 bits raises a HardwareError.
 
     >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
     ('good', ())
@@ -92,7 +96,7 @@ def judge(
     if sample.msb & ~_shown(error_config) & 0xF000:
         reasons.add(Reason.IMPOSSIBLE)
     if reasons & {Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW}:
-        reasons.discard(Reason.AMPLITUDE)  # STATUS says it more closely
+        reasons.discard(Reason.AMPLITUDE)  # STATUS is more precise
     ordered = tuple(reason for reason in Reason if reason in reasons)
     if not ordered:
         return "good", ()
@@ -104,6 +108,7 @@ def _code(sample: RawSample) -> int:
 
 
 def _of_result(sample: RawSample, offset: int) -> set[Reason]:
+    """Reasons that the two words of the result show."""
     for name, word in (("msb", sample.msb), ("lsb", sample.lsb)):
         if not 0 <= word <= _WORD:
             raise HardwareError(f"{name} must be 0 to 0xFFFF; got {word:#x}.")
@@ -118,7 +123,9 @@ def _of_result(sample: RawSample, offset: int) -> set[Reason]:
 
 
 def ready_status(channel: int) -> int:
-    """Return STATUS of a result of a channel without an error: DRDY, and UNREADCONV of the channel.
+    """Return STATUS of a good result of a channel.
+
+    It has DRDY, and UNREADCONV of the channel.
 
     >>> hex(ready_status(1))
     '0x44'
@@ -127,6 +134,7 @@ def ready_status(channel: int) -> int:
 
 
 def _of_status(status: int, channel: int) -> set[Reason]:
+    """Reasons that STATUS shows."""
     ready = ready_status(channel)
     if status == ready:  # nearly always
         return set()
@@ -143,15 +151,19 @@ def _of_status(status: int, channel: int) -> set[Reason]:
 
 
 def _shown(error_config: int) -> int:
-    """Return the flags of the upper word that ERROR_CONFIG enables: AH_ERR2OUT and AL_ERR2OUT ask for the same one."""
+    """Return the flags of the upper word that ERROR_CONFIG enables.
+
+    AH_ERR2OUT and AL_ERR2OUT enable the same flag.
+    """
     return error_config & 0xE000 | (_FLAGS[Reason.AMPLITUDE] if error_config & 0x1800 else 0)
 
 
 @dataclass(frozen=True)
 class StateReading:
-    """One state of a scan, with frequency in Hz and inductance in H, which are None if the verdict is bad.
+    """One state of a scan in physical units.
 
-    A doubtful verdict says that they are outside what the data sheet promises; the reasons are empty if it is good.
+    Frequency in Hz and inductance in H are None if the verdict is bad. With a doubtful verdict they are outside the
+    specification of the data sheet. The reasons are empty if the verdict is good.
     """
 
     name: str
@@ -163,10 +175,10 @@ class StateReading:
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan, with the readings of its `states` in the order of the settings.
+    """One scan with the readings of its `states`.
 
-    `sequence`, `time`, `received` and `boot` are those of its `RawScan`; `temperature` is that of the board in °C,
-    where it is known.
+    They are in the order of the settings. `sequence`, `time`, `received` and `boot` are copied from its `RawScan`.
+    `temperature` is the board's temperature in °C, if known.
     """
 
     sequence: int
@@ -184,7 +196,10 @@ class ScanReading:
 
     @property
     def inductances(self) -> dict[str, float]:
-        """Inductances in H by the states' names; bad states are left out."""
+        """Inductances in H by the states' names.
+
+        Bad states are left out.
+        """
         return {state.name: state.inductance for state in self.states if state.inductance is not None}
 
 
@@ -208,16 +223,16 @@ def read_scan(
     capacitances : mapping of str to float, or float
         Total capacitance across the coil in F, by the name of the state or for all states.
     qualities : mapping of str to float, or float
-        Quality factor of the tank likewise, at least 2; by default no losses, as in the simulated responses.
+        Quality factor of the tank likewise, at least 2. By default no losses, as in the simulated responses.
     clock : float, optional
         Clock of the converter in Hz, if it is known better than when the settings were made.
     temperature : float, optional
-        Temperature of the board in °C, which stands in the result and changes nothing else.
+        Temperature of the board in °C. It is copied to the result and changes nothing else.
 
     Returns
     -------
     ScanReading
-        Frequency in Hz and inductance in H of every state, and what the converter reported.
+        Frequency in Hz and inductance in H of every state, and the errors that the converter reported.
 
     Raises
     ------
@@ -267,6 +282,7 @@ def _read(
     capacitance: float,
     quality: float,
 ) -> StateReading:
+    """Convert the sample of one state."""
     name, divider = state.name, settings.input_divider(state)
     verdict, reasons = judge(
         sample, offset=settings.offset, error_config=error_config(settings.family), channel=state.channel

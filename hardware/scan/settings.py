@@ -1,4 +1,7 @@
-"""Settings that a board needs before it can scan, and the hash that ties a reading to them."""
+"""Settings of a board for a scan, and their hash.
+
+The hash ties a reading to the settings.
+"""
 
 from __future__ import annotations
 
@@ -53,11 +56,12 @@ _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
 
 @dataclass(frozen=True)
 class StateSettings:
-    """One state of the scan, by default with the name of the coil that is measured, and its IDRIVE code, 0 to 31.
+    """One state of the scan.
 
-    `words` has the byte of each device while it is measured; the first one goes to the far end of the chain. Without
-    switches it is empty, and the coil is at a `channel` of the converter, 0 to 3, which may have its own settling time
-    and input divider; None if they are those of the scan.
+    By default it has the name of the measured coil. Its IDRIVE code is 0 to 31. `words` has the byte of each device
+    while the state is measured. The first byte goes to the far end of the chain. Without switches `words` is empty, and
+    the coil is at a `channel` of the converter, 0 to 3. Such a channel may have its own settling time and input
+    divider, which are None if the values of the scan apply.
     """
 
     name: str
@@ -70,14 +74,16 @@ class StateSettings:
 
 @dataclass(frozen=True)
 class ScanSettings:
-    """Settings of a whole scan. `coilarray.hardware.scan.settings.scan_settings` makes them, checked.
+    """Settings of a whole scan.
+
+    `coilarray.hardware.scan.settings.scan_settings` makes and checks them.
 
     Parameters
     ----------
     states : tuple of StateSettings
         States in the order in which they are measured.
     safe_words : bytes
-        Words that ground every end of every coil; empty for a board without switches.
+        Words that ground every end of every coil. Empty for a board without switches.
     wiring : bytes
         Encoded wiring of the switches, as `coilarray.hardware.scan.closure.switch_table` reads it.
     clock : float
@@ -87,12 +93,12 @@ class ScanSettings:
     rcount, settle_count, fin_divider, fref_divider, offset, deglitch : int
         Fields of the registers RCOUNT, SETTLECOUNT, CLOCK_DIVIDERS, OFFSET of the channels in use, and of MUX_CONFIG.
     slowest_clock : float
-        Slowest frequency in Hz that the converter's internal oscillator may have: every wait is long enough for it.
+        Slowest frequency in Hz that the converter's internal oscillator may have. Every wait is long enough for it.
     discard : int
         Number of conversions of each state that are discarded after waking.
     scanned : int
-        Number of channels that the converter scans by itself, from channel 0 on; 1 for a single one, all the time. A
-        scanned channel that no state measures is converted as shortly as the converter allows.
+        Number of channels that the converter scans by itself, from channel 0 on. 1 for a single channel, converted all
+        the time. A scanned channel that no state measures is converted as shortly as the converter allows.
     family : {"LDC", "FDC"}
         Family of the converter.
     """
@@ -114,6 +120,7 @@ class ScanSettings:
     family: Family = "LDC"
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for inconsistent settings."""
         devices = len(self.safe_words)
         lengths = {len(state.words) for state in self.states} - {devices}
         if lengths:
@@ -134,7 +141,10 @@ class ScanSettings:
 
     @property
     def wired(self) -> bool:
-        """Whether coils are wired straight to the channels of the converter, without switches."""
+        """Whether coils are wired straight to the converter's channels.
+
+        The board then has no switches.
+        """
         return not self.safe_words
 
     @property
@@ -149,14 +159,15 @@ class ScanSettings:
 
     @property
     def slowest_reference(self) -> float:
-        """Slowest that the reference frequency may be, in Hz."""
+        """Slowest possible reference frequency in Hz."""
         return (self.clock if self.external_clock else min(self.clock, self.slowest_clock)) / self.fref_divider
 
     @property
     def registers(self) -> tuple[tuple[int, int], ...]:
-        """Addresses and values to write while the converter sleeps, ascending; CONFIG is the active value.
+        """Addresses and values to write while the converter sleeps.
 
-        HardwareError for a field that its register does not take.
+        The addresses are ascending. CONFIG has the active value. A field that its register does not take raises a
+        HardwareError.
         """
         active = _ACTIVE | {"REF_CLK_SRC": int(self.external_clock)}
         mux = {"DEGLITCH": self.deglitch}
@@ -195,19 +206,25 @@ class ScanSettings:
 
     @property
     def state_time(self) -> StateTime:
-        """Times of the steps of one state with the slowest clock that is possible, on an I²C bus of 400 kHz.
+        """Times of the steps of one state.
 
-        Without switches they are those of all states together.
+        They hold for the slowest possible clock and an I²C bus of 400 kHz. Without switches they are the times of all
+        states together.
         """
         return self._state_time(BUS_RATE)
 
     @property
     def period(self) -> float:
-        """Shortest time from scan to scan in s, all work of the buses included, on an I²C bus of 400 kHz."""
+        """Shortest time from scan to scan in s.
+
+        It includes all work of the buses, on an I²C bus of 400 kHz.
+        """
         return self.period_on(BUS_RATE)
 
     def period_on(self, bus_rate: float) -> float:
-        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite.
+        """Shortest time between scans on an I²C bus in s.
+
+        It runs from scan to scan. The clock of the bus is `bus_rate` in Hz, positive and finite.
 
         Returns
         -------
@@ -217,28 +234,35 @@ class ScanSettings:
         time = self._state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
-        # once a scan a register is read back, which tells whether the converter was reset
+        # Once per scan a register is read back, which shows whether the converter was reset.
         return len(self.states) * time.total + bus_time(reads=1, rate=bus_rate)
 
     @property
     def wait_us(self) -> int:
-        """Time from waking to the first look at STATUS in µs, which must come after the pin INTB was asserted."""
+        """Time from waking to looking at STATUS in µs.
+
+        This first look must come after the pin INTB was asserted.
+        """
         return math.ceil(self.state_time.until_ready * 1e6)
 
     @property
     def again_us(self) -> int:
-        """Time from reading a discarded result to the next look at STATUS in µs."""
+        """Time from a discarded result to STATUS in µs.
+
+        It runs from reading the result to the next look at STATUS.
+        """
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         again = sum(next_conversion_time(rcount, reference) for rcount, _ in counts)
-        if self.scanned > 1:  # every channel starts its sensor anew
+        if self.scanned > 1:  # every channel starts its sensor again
             again += sum(settle_time(settle, reference) for _, settle in counts)
         return math.ceil(again * 1e6)
 
     @property
     def timeout_us(self) -> int:
-        """Time from waking, or from a discarded result, to giving up in µs.
+        """Time from waking to giving up in µs.
 
-        It allows for the slowest clock of all converters and one restart of the sensor.
+        The time after a discarded result is the same. It allows for the slowest clock of all converters and one restart
+        of the sensor.
         """
         slowest = self.state_time.until_ready
         if not self.external_clock:
@@ -246,19 +270,22 @@ class ScanSettings:
         return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
 
     def check_switching(self) -> None:
-        """Refuse words that could join what must not be joined."""
+        """Refuse words that make a forbidden connection."""
         if self.wired:
             return
         check_switching(self.wiring, self.safe_words, [(state.name, state.words) for state in self.states])
 
-    @cached_property  # it is compared with that of every scan
+    @cached_property  # it is compared with the hash of every scan
     def hash(self) -> int:
-        """CRC-16/CCITT-FALSE of all that is sent to the board, as `hardware/firmware/PROTOCOL.md` defines it."""
+        """CRC-16/CCITT-FALSE of all data sent to the board.
+
+        `hardware/firmware/PROTOCOL.md` defines it.
+        """
         return binascii.crc_hqx(self.canonical, 0xFFFF)
 
     @property
     def canonical(self) -> bytes:
-        """Bytes of which the hash is taken."""
+        """Bytes from which the hash is computed."""
         parts = [_PREFIX, bytes([len(self.safe_words)]), self.wiring, self.safe_words]
         if self.wired or self.scanned > 1:  # no microcontroller has such settings
             parts = [_SCANNING_PREFIX, *parts[1:], bytes([self.scanned, *(state.channel for state in self.states)])]
@@ -271,6 +298,10 @@ class ScanSettings:
         return b"".join(parts)
 
     def _state_time(self, bus_rate: float) -> StateTime:
+        """Compute the times of a state's steps.
+
+        Without switches the times of all states together are returned.
+        """
         time = state_time(
             self.rcount, self.settle_count, self.slowest_reference,
             internal_clock=self.slowest_clock, bus_rate=bus_rate, discard=self.discard,
@@ -290,11 +321,14 @@ class ScanSettings:
         return replace(
             time,
             result=bus_time(reads=2 * len(self.states), rate=bus_rate),
-            control=bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that tells of a reset
+            control=bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that shows a reset
         )
 
     def _measured(self, channel: int) -> StateSettings | None:
-        """Return the state that a channel measures, the first of those that switches join to it; None for no state."""
+        """Return the state that a channel measures.
+
+        It is the first of the states that switches connect to the channel, or None for no state.
+        """
         return next((state for state in self.states if state.channel == channel), None)
 
     def _counts(self, channel: int) -> tuple[int, int]:
@@ -305,7 +339,10 @@ class ScanSettings:
         return self.rcount, self.settle_count if state.settle_count is None else state.settle_count
 
     def _channel_registers(self, channel: int) -> list[tuple[int, int]]:
-        """Return addresses and values of a channel; its drive current only where it is the same all the time."""
+        """Return addresses and values of a channel.
+
+        Its drive current is included only if it is always the same.
+        """
         rcount, settle_count = self._counts(channel)
         state = self._measured(channel)
         dividers = {
@@ -326,7 +363,9 @@ class ScanSettings:
         return values
 
     def to_json(self) -> str:
-        """Return the settings as JSON in one line, with their hash; `from_json` reads it.
+        """Return the settings with their hash as one JSON line.
+
+        `from_json` reads it.
 
         Returns
         -------
@@ -338,7 +377,7 @@ class ScanSettings:
 
     @classmethod
     def from_json(cls, text: str) -> ScanSettings:
-        """Read what `to_json` wrote.
+        """Read settings from the JSON of `to_json`.
 
         Returns
         -------
@@ -348,7 +387,7 @@ class ScanSettings:
         Raises
         ------
         HardwareError
-            Invalid text, a value outside its range, or settings with another hash than the one given with them.
+            Invalid text, a value outside its range, or settings that do not match the given hash.
 
         Examples
         --------
@@ -365,9 +404,11 @@ class ScanSettings:
         return settings
 
 
-@cache  # every result is judged by it
+@cache  # every result is judged with it
 def error_config(family: Family) -> int:
-    """Return register ERROR_CONFIG of a family of converters: every error is reported.
+    """Return register ERROR_CONFIG of a family of converters.
+
+    Every error is reported.
 
     >>> hex(error_config("LDC")), hex(error_config("FDC"))
     ('0xf8fd', '0x3821')
@@ -400,52 +441,55 @@ def scan_settings(
     deglitch: int | None = None,
     discard: int = 0,
 ) -> ScanSettings:
-    """Make the settings of a scan, checked by the rules of the data sheet.
+    """Make the settings of a scan.
+
+    They are checked against the rules of the data sheet.
 
     Parameters
     ----------
     wiring : Wiring
         Wiring of the board's switches, or of its coils to the channels of the converter.
     plan : sequence of ScanState, optional
-        States in which one coil is measured; each coil in turn with all others grounded by default.
+        States in which one coil is measured. Each coil in turn with all others grounded by default.
     rate : float, optional
         Scans per second to reach, all transfers on the buses included, with the largest RCOUNT that allows it. The work
         of the computer or the microcontroller between two transfers is not included.
     rcount : int, optional
-        Register RCOUNT, 5 to 65535; full resolution by default. Not together with `rate`.
+        Register RCOUNT, 5 to 65535. Full resolution by default. Not together with `rate`.
     bus_rate : float
-        Clock of the I²C bus in Hz, on which `rate` depends; the fastest that the converter allows by default.
-        `coilarray.hardware.wire.ports.bus_rate` returns that of a port.
+        Clock of the I²C bus in Hz, on which `rate` depends. The fastest clock that the converter allows by default.
+        `coilarray.hardware.wire.ports.bus_rate` returns the clock of a port.
     clock : float, optional
-        Clock of the converter in Hz: measured (calibrated), or that at the pin CLKIN. By default the typical internal
-        43.4 MHz; as any converter may have 35 to 55 MHz, every wait is then for 35 MHz, a quarter longer.
+        Clock of the converter in Hz, measured (calibrated) or at the pin CLKIN. By default the typical internal 43.4
+        MHz. Any converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter longer.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     undivided : bool
-        Whether the reference is the clock itself where one channel alone would need a divider: the converter then scans
-        a second channel too, briefly, with which the data sheet allows a reference of 55 MHz, or 40 MHz from CLKIN,
-        instead of 35 MHz. A conversion of the same resolution takes half as long. Not verified on a device.
+        Whether the reference is the clock itself in cases in which a single channel would need a divider. The converter
+        then scans a second channel too, briefly, with which the data sheet allows a reference of 55 MHz, or 40 MHz from
+        CLKIN, instead of 35 MHz. A conversion of the same resolution takes half as long. Not verified on a device.
     family : {"LDC", "FDC"}
         Family of the converter.
     frequency : mapping of str to float, or float
         Frequency of the sensors in Hz, by state or of all.
     quality : mapping of str to float, or float
-        Largest quality factor of the sensors likewise, for the settling rule; a quarter above the reference board's by
-        default.
+        Largest quality factor of the sensors likewise, for the settling rule. By default a quarter above the reference
+        board's quality factor.
     drives : mapping of str to int, or int
         IDRIVE of each measured coil, or of all.
     settle_count, fin_divider, fref_divider, deglitch : int, optional
-        Register fields; by default the least that the rules allow.
+        Register fields. By default the least values that the rules allow.
     offset : int
         Register OFFSET0.
     discard : int
         Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the same core, report
-        first conversions that are far off; not verified. The self-test of a board measures how many it takes.
+        first conversions that are far off. This is not verified. The self-test of a board measures the number that it
+        needs.
 
     Returns
     -------
     ScanSettings
-        The settings, checked by the rules of the data sheet.
+        The settings, checked against the rules of the data sheet.
 
     Raises
     ------
@@ -510,7 +554,7 @@ def scan_settings(
                 wiring.words(state),
                 _drive(drives, state.measured[0][0]),
                 channel,
-                # of a channel of its own only: with switches all states share the registers of channel 0
+                # Only for a channel of its own: with switches all states share the registers of channel 0.
                 settle if wiring.channels and settle != max(settle_counts) else None,
                 divider if wiring.channels and divider != max(dividers) else None,
             )
@@ -548,7 +592,10 @@ def _of_each(name: str, values: Mapping[str, float] | float, states: Sequence[st
 
 
 def _scanned(channels: Sequence[int], *, undivided: bool) -> int:
-    """Return how many channels the converter scans, for states at these channels."""
+    """Count the channels that the converter scans.
+
+    The states are at the given channels.
+    """
     return max(*channels, 1) + 1 if undivided or len(set(channels)) > 1 else 1
 
 
@@ -561,6 +608,7 @@ def _at_least(name: str, value: int | None, least: int) -> int:
 
 
 def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
+    """Return the checked IDRIVE of a coil."""
     drive = drives if isinstance(drives, int) else drives.get(coil)
     if drive is None:
         raise HardwareError(f"drives must name every measured coil; got none for {coil}.")
@@ -570,6 +618,7 @@ def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
 
 
 def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:
+    """Return the largest RCOUNT that reaches a rate."""
     require_positive("rate", rate, " scans/s", HardwareError)
     count = len(settings.states)
     least = smallest_rcount(settings.scanned, settings.family)
@@ -579,14 +628,15 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
             f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
             f"got {rate:g}."
         )
-    # at full resolution no transfers between two scans take longer than the conversions; a stream without switches
-    # throws conversions away at its start only
+    # At full resolution no transfers between two scans take longer than the conversions. A stream without switches
+    # discards conversions only at its start.
     conversions, reference = 1 if settings.wired else 1 + settings.discard, settings.slowest_reference
     overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
     return max(rcount_for((1 / (rate * count) - overhead) / conversions, reference), least)
 
 
 def _check_limits(settings: ScanSettings) -> None:
+    """Refuse settings that break a rule of the data sheet."""
     limits = check_clock(
         settings.clock, settings.fref_divider, external=settings.external_clock, rcount=settings.rcount,
         settle_count=settings.settle_count, channels=settings.scanned, family=settings.family,

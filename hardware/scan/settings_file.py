@@ -1,4 +1,7 @@
-"""Settings of a scan in JSON, as recordings keep them: what every value must be."""
+"""Settings of a scan in JSON, as in recordings.
+
+The tables define the allowed values.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +23,21 @@ from coilarray.hardware.chips.ldc1614 import (
 )
 
 SCHEMA = 2
-"""Version of the settings in JSON; 1 waited for the nominal clock."""
+"""Version of the settings in JSON. Version 1 waited for the nominal clock."""
 MOST_STATES = 255
 """Largest number of states of a scan."""
 
 
 def settings_values(text: str) -> tuple[dict[str, Any], str]:
-    """Return the values of `coilarray.hardware.scan.settings.ScanSettings` and the hash that is given with them.
+    """Return the values of `ScanSettings` and their given hash.
 
-    HardwareError for text that is not JSON, or a value outside its range.
+    See `coilarray.hardware.scan.settings.ScanSettings`. Text that is not JSON, or a value outside its range, raises a
+    HardwareError.
     """
     try:
         document = json.loads(text)
         file = _File.model_validate(document)
-    except ValidationError as error:  # which is a ValueError too
+    except ValidationError as error:  # it is a ValueError too
         raise HardwareError(f"scan settings: {first_error(error, document)}") from None
     except (ValueError, RecursionError) as error:
         raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
@@ -77,7 +81,10 @@ class _File(Table):
     family: Family = "LDC"
 
     def values(self) -> dict[str, Any]:
-        """Return the values of `ScanSettings`, states as those of `StateSettings`."""
+        """Return the values of `ScanSettings`.
+
+        Its states have the values of `StateSettings`.
+        """
         own = self.model_dump(exclude={"schema_", "hash"})
         if self.slowest_clock is None:
             own["slowest_clock"] = INTERNAL_CLOCK if self.external_clock else self.clock

@@ -1,4 +1,7 @@
-"""Wiring of a board: which switch joins which end of which coil to what, and the words that make a state."""
+"""Wiring of a board.
+
+It describes which net each switch connects to which end of which coil, and the words that make a state.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,10 @@ class Terminal(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """One switch: its name in its device, as ``"S1A"``, the end of a coil on its one side, and the net on the other."""
+    """One switch of a device.
+
+    It has a name in its device, such as ``"S1A"``, the end of a coil on one side, and the net on the other side.
+    """
 
     name: str
     terminal: Terminal
@@ -53,10 +59,10 @@ class Switch(NamedTuple):
 
 @dataclass(frozen=True)
 class Device:
-    """One package of eight switches: its name on the board, the part, and the switches that are wired.
+    """One package of eight switches.
 
-    `part` is one of `coilarray.design.switch_parts.PARTS`; `bits` are the names of the eight from bit 0 to bit 7 of its
-    word.
+    It has a name on the board, a part, and the switches that are wired. `part` is an entry of
+    `coilarray.design.switch_parts.PARTS`. `bits` are the names of the eight switches from bit 0 to bit 7 of its word.
     """
 
     name: str
@@ -72,9 +78,10 @@ class Device:
 
 @dataclass(frozen=True)
 class Wiring:
-    """Wiring of a board: of its switches, or without any, of its coils to the channels of the converter.
+    """Wiring of a board with or without switches.
 
-    Words are those of the whole chain of switches, in the order in which they are sent; empty without switches.
+    Without switches, its coils are wired to the channels of the converter. Words belong to the whole chain of switches,
+    in the order in which they are sent. They are empty without switches.
 
     Parameters
     ----------
@@ -85,13 +92,13 @@ class Wiring:
     coils : tuple of str
         Names of the coils.
     devices : tuple of Device
-        Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
-        goes to the last one. None if coils are wired to channels.
+        Devices in the order in which data pass them. The first is next to the computer. The first byte that is sent
+        goes to the last device. Empty if coils are wired to channels.
     assumed : tuple of (str, str)
         Keys of the wiring that are not verified, each with the reason.
     channels : tuple of int
-        Channel of the converter of each coil, 0 to 3, where the coils are wired to them; else empty. A coil whose turn
-        it is not has both ends grounded, inside the converter.
+        Channel of the converter of each coil, 0 to 3, if the coils are wired to channels. Otherwise empty. While
+        another coil is measured, both ends of a coil are grounded inside the converter.
 
     Raises
     ------
@@ -109,6 +116,7 @@ class Wiring:
     channels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise HardwareError for an impossible wiring."""
         if self.channels:
             self._check_channels()
             return
@@ -141,7 +149,7 @@ class Wiring:
 
     @property
     def safe_words(self) -> bytes:
-        """Words that ground every end of every coil and close nothing else."""
+        """Words that ground every coil end and close nothing else."""
         if self.channels:
             return b""
         return self._close({(terminal, "ground") for terminal in self.terminals})
@@ -152,7 +160,9 @@ class Wiring:
         return bytes(len(self.devices))
 
     def channel(self, coil: str) -> int:
-        """Return the channel of the converter that measures a coil; switches join all coils to channel 0.
+        """Return the channel of the converter that measures a coil.
+
+        Switches connect all coils to channel 0.
 
         Returns
         -------
@@ -164,17 +174,17 @@ class Wiring:
         return self.channels[self.coils.index(coil)] if self.channels else 0
 
     def words(self, state: ScanState) -> bytes:
-        """Return the words of a state in which one coil is measured.
+        """Return the words of a state that measures a coil.
 
         Parameters
         ----------
         state : ScanState
-            State to make. A sense of −1 joins the end a of the coil to INB, and b to INA.
+            State to make. A sense of −1 connects the end a of the coil to INB, and b to INA.
 
         Returns
         -------
         bytes
-            One word for each device; the first goes to the far end of the chain.
+            One word for each device. The first goes to the far end of the chain.
 
         Raises
         ------
@@ -205,12 +215,14 @@ class Wiring:
         return self._close(joins)
 
     def encode(self) -> bytes:
-        """Return eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them.
+        """Return eight bytes per device.
+
+        `coilarray.hardware.scan.closure.switch_table` reads them.
 
         Returns
         -------
         bytes
-            Eight bytes a device.
+            Eight bytes per device.
         """
         codes = bytearray()
         for device in reversed(self.devices):
@@ -223,20 +235,23 @@ class Wiring:
 
     @property
     def drains(self) -> tuple[Drains, ...]:
-        """Bits that share a common pin, of every device in the order of the words."""
+        """Bits of every device that share a common pin.
+
+        The devices are in the order of the words.
+        """
         return tuple(device.drains for device in reversed(self.devices))
 
     def capacitances(self, switches: Switches) -> Switches:
-        """Return switches with the capacitances of this wiring's parts in place of their own: typical ones.
+        """Return switches with the capacitances of the wiring's parts.
 
-        Traces are not counted; without switches there are only the pins of the converter. A common pin is the end of a
-        coil where its switches have only one, and a net otherwise.
-        The ends of the coils, and the two sides of the bus, get their mean.
+        The capacitances are typical values. Traces are not counted. Without switches only the pins of the converter
+        remain. A common pin is the end of a coil if its switches have only one coil end, and a net otherwise. The ends
+        of the coils, and the two sides of the bus, get their mean.
 
         Parameters
         ----------
         switches : Switches
-            Resistance, leads and tank, which stay.
+            Resistance, leads and tank, which are kept.
 
         Returns
         -------
@@ -272,6 +287,7 @@ class Wiring:
         )
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
+        """Return the words that close the given connections."""
         words, left = [], set(joins)
         for device in self.devices:
             closed = [switch for switch in device.switches if (switch.terminal, switch.net) in joins]
@@ -283,7 +299,10 @@ class Wiring:
         return chain_bytes(words)
 
     def _check_switchless(self, state: ScanState, measured: str, sense: int) -> None:
-        """Refuse a state that needs switches: a converter grounds both ends of the coils of its other channels."""
+        """Refuse a state that needs switches.
+
+        A converter grounds both ends of the coils of its other channels.
+        """
         why = f"wiring {self.name} has no switches"
         if sense < 0:
             raise HardwareError(f"state {state.name}: {why} that turn {measured} round.")
@@ -293,6 +312,7 @@ class Wiring:
                 raise HardwareError(f"state {state.name}: {why} that make {coil} {passive!r}; it is grounded.")
 
     def _check_channels(self) -> None:
+        """Refuse impossible channels of a board without switches."""
         if self.devices:
             raise HardwareError(f"wiring {self.name} must have channels or devices; got both.")
         if len(self.channels) != len(self.coils):
@@ -308,6 +328,7 @@ class Wiring:
                 raise HardwareError(f"wiring {self.name}: a channel must be 0 to {CHANNELS - 1}; got {channel}.")
 
     def _check_device(self, device: Device) -> None:
+        """Refuse a device with wrong bits or switches."""
         try:
             check_bits(device.bits, switch_part(device.part).bits)
         except HardwareError as error:
@@ -330,7 +351,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     Parameters
     ----------
     name_or_path : str or Path, optional
-        Name of a bundled wiring, or a TOML file; by default ``"six_coils"``, one device a coil.
+        Name of a bundled wiring, or a TOML file. The default ``"six_coils"`` has one device per coil.
 
     Returns
     -------
@@ -340,8 +361,8 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     Raises
     ------
     HardwareError
-        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring: one line that names
-        the file, the key, what was given and what is allowed.
+        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring. The message is one
+        line with the file, the key, the given value and the allowed values.
 
     Examples
     --------
@@ -354,7 +375,9 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
 
 
 def one_device_a_coil(coils: Sequence[str]) -> Wiring:
-    """Return a wiring with one ADG739 for each coil, like the bundled one of six coils.
+    """Return a wiring with one ADG739 for each coil.
+
+    It is like the bundled wiring of six coils.
 
     >>> wiring = one_device_a_coil(["left", "right"])
     >>> wiring.safe_words.hex(), wiring.safe_words == load_wiring().safe_words[:2]
@@ -375,10 +398,11 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
 
 
 def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: str = "") -> Wiring:
-    """Return the wiring of a board without switches: the coils, in order, at these channels of the converter.
+    """Return the wiring of a board without switches.
 
-    Channels beyond the number of coils stay free; HardwareError for more coils than channels. `source` says where the
-    values of the board come from, which are not verified on a device.
+    The coils are, in order, at the given channels of the converter. Channels beyond the number of coils stay free. More
+    coils than channels raise a HardwareError. `source` is the source of the board's values, which are not verified on a
+    device.
 
     >>> wired_to_channels(["left", "right"], [0, 1, 2]).channel("right")
     1
@@ -395,7 +419,10 @@ def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: 
 
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
-    """Read a wiring from the text of a TOML file, as `load_wiring`; `origin` names the file in messages."""
+    """Read a wiring from the text of a TOML file.
+
+    The rules are the same as for `load_wiring`. `origin` names the file in messages.
+    """
     file = wirings.WIRINGS.check(_File, wirings.WIRINGS.parse(text, origin), origin)
     try:
         return file.wiring.build(Path(origin).stem)
@@ -488,5 +515,5 @@ _T = TypeVar("_T", bound=Hashable)
 
 
 def first_repeated(items: Sequence[_T]) -> _T | None:
-    """Return the first item that stands in a sequence more than once, or None."""
+    """Return the first repeated item of a sequence, or None."""
     return next((item for item, count in Counter(items).items() if count > 1), None)

@@ -1,1 +1,1 @@
-"""The way to a board: ports, links and the protocol."""
+"""Connection to a board: ports, links and the protocol."""

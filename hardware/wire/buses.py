@@ -1,4 +1,7 @@
-"""The two buses of a board, how bytes go over them, and the clock: what a driver that runs on this computer needs."""
+"""Buses and clock of a driver on this computer.
+
+The module defines the two buses of a board, the transfer of bytes over them, and the clock.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +16,28 @@ _FASTEST = 30e6  # Hz; of the ADG739, not verified
 
 
 class RegisterBus(Protocol):
-    """I²C to one converter: 16-bit registers, most significant byte first."""
+    """I²C to one converter.
+
+    The registers have 16 bits, most significant byte first.
+    """
 
     def read(self, register: int) -> int:
-        """Return a register; BusFault where the chip does not answer."""
+        """Return a register.
+
+        A chip that does not answer causes a BusFault.
+        """
 
     def write(self, register: int, value: int) -> None:
-        """Write a register; BusFault where the chip does not answer."""
+        """Write a register.
+
+        A chip that does not answer causes a BusFault.
+        """
 
     def clear(self) -> None:
-        """Free a bus that a chip holds low: nine clocks and a stop."""
+        """Free a bus that a chip holds low.
+
+        It sends nine clocks and a stop.
+        """
 
     def close(self) -> None:
         """Close the bus. Never raises."""
@@ -32,9 +47,10 @@ class SwitchChain(Protocol):
     """A daisy chain of switches behind a serial port."""
 
     def shift(self, words: bytes) -> bytes | None:
-        """Send one byte for each device, the first byte to the far end of the chain, and latch them all at once.
+        """Send one byte per device and latch all together.
 
-        The words that the chain held before are returned if its end is wired back, else None.
+        The first byte goes to the far end of the chain. The words that the chain held before are returned if its end is
+        wired back, else None.
         """
 
     def close(self) -> None:
@@ -45,7 +61,10 @@ class Clock(Protocol):
     """Time of the board."""
 
     def now(self) -> float:
-        """Return the time in s since an arbitrary start; never steps back."""
+        """Return the time in s since an arbitrary start.
+
+        It never steps back.
+        """
 
     def sleep(self, seconds: float) -> None:
         """Wait."""
@@ -65,14 +84,16 @@ class ComputerClock:
 
 @dataclass(frozen=True)
 class ShiftSettings:
-    """Settings of the transfers to the switches. The defaults suit the reference board, as far as is known.
+    """Settings of the transfers to the switches.
+
+    The defaults suit the reference board, as far as is known.
 
     Parameters
     ----------
     mode : int
         SPI mode, 0 to 3. The switches read a bit at the falling edge of the clock: 1, or 2 if it idles high.
     speed : float
-        Clock in Hz, at most 30 MHz; without effect on a host that sets the pins one by one.
+        Clock in Hz, at most 30 MHz. It has no effect on a host that sets the pins individually.
     least_significant_first : bool
         Whether the lowest bit of a byte is sent first.
     readback : bool
@@ -97,14 +118,20 @@ class ShiftSettings:
 
     @property
     def second_edge(self) -> bool:
-        """Whether a bit is read at the second edge of its clock: CPHA."""
+        """Whether a bit is read at the second edge: CPHA.
+
+        The edge belongs to the clock of the bit.
+        """
         return bool(self.mode & 1)
 
     def ordered(self, data: bytes) -> bytes:
-        """Return the bytes in the order of bits for a host that sends the highest bit first; its own inverse."""
+        """Return the bytes in the order of bits.
+
+        The host sends the highest bit first. The method is its own inverse.
+        """
         return reversed_bits(data) if self.least_significant_first else data
 
 
 def reversed_bits(data: bytes) -> bytes:
-    """Return the bytes with the bits of each in the reverse order."""
+    """Return the bytes with reversed bits."""
     return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)

@@ -1,4 +1,7 @@
-"""Boards whose coils are wired straight to the channels of a converter: known ones, and those that options describe."""
+"""Boards whose coils are wired straight to converter channels.
+
+They are known boards, and boards that options describe.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ class ChannelBoard:
     channels : tuple of int
         Channels with coils, in the order of the coils.
     clock : float or None
-        Clock at its pin CLKIN in Hz; None for its own oscillator.
+        Clock at its pin CLKIN in Hz. None for its own oscillator.
     title : str
-        Description of a known board; empty for one that options describe.
+        Description of a known board. Empty for a board that options describe.
     address : int
         I²C address.
     source : str
-        Source of its values; none is verified on a device.
+        Source of its values, which are not verified on a device.
     """
 
     converter: Converter
@@ -42,7 +45,7 @@ class ChannelBoard:
 
     @property
     def text(self) -> str:
-        """One line for people."""
+        """Description in one line for people."""
         clock = "its own oscillator" if self.clock is None else f"{self.clock * 1e-6:g} MHz at CLKIN"
         name = f"{self.title}: " if self.title else ""
         plural = "s" if len(self.channels) > 1 else ""
@@ -70,10 +73,11 @@ BOARDS = MappingProxyType({
 
 
 def channel_board(options: dict[str, str]) -> ChannelBoard | None:
-    """Take the options that describe such a board out of the options of a port; None if there are none.
+    """Take a channel board from the options of a port.
 
-    They are ``board=grove-ldc1612``, or ``channels=0,1`` with ``chip=LDC1612`` (LDC1614 by default) and ``clock=40MHz``
-    (at CLKIN; ``internal`` by default); given with a board they change it. HardwareError for a value that is not valid.
+    None is returned if no option describes such a board. The options are ``board=grove-ldc1612``, or ``channels=0,1``
+    with ``chip=LDC1612`` (LDC1614 by default) and ``clock=40MHz`` (at CLKIN; ``internal`` by default). Given with a
+    board they change it. An invalid value raises a HardwareError.
 
     >>> channel_board({"channels": "0,1", "clock": "40MHz"}).text
     'LDC1614, channels 0, 1, 40 MHz at CLKIN'
@@ -95,6 +99,7 @@ def channel_board(options: dict[str, str]) -> ChannelBoard | None:
 
 
 def _channels(text: str, chip: Converter) -> tuple[int, ...]:
+    """Read the channel numbers of an option."""
     parts = text.split(",")
     if not all(part.isdecimal() and part.isascii() and len(part) == 1 for part in parts):
         raise HardwareError(f"channels must be numbers from 0 to {chip.channels - 1}, as 0,1; got {text[:40]!r}")
@@ -105,7 +110,7 @@ def _channels(text: str, chip: Converter) -> tuple[int, ...]:
 
 
 def _clock(text: str) -> float | None:
-    """Read ``internal``, or a frequency at CLKIN with its unit."""
+    """Read ``internal``, or a CLKIN frequency with its unit."""
     if text.lower() == "internal":
         return None
     low, high = EXTERNAL_CLOCK_RANGE

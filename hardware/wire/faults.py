@@ -6,19 +6,28 @@ from coilarray.errors import HardwareError
 
 
 class DeviceLost(HardwareError):  # noqa: N818 - the field's words
-    """The port is gone: unplugged, or taken away by the system."""
+    """The port is gone.
+
+    It was unplugged, or taken away by the system.
+    """
 
 
 class NoAnswer(HardwareError):  # noqa: N818
-    """Nothing valid came in time: no reply to a command, or a stream that stalled."""
+    """No valid message came in time.
+
+    A command had no reply, or a stream stalled.
+    """
 
 
 class NotABoard(HardwareError):  # noqa: N818
-    """Bytes come, but no valid record: another device, or another baud rate."""
+    """The received bytes have no valid record.
+
+    They come from another device, or with another baud rate.
+    """
 
 
 class VersionMismatch(HardwareError):  # noqa: N818
-    """The board speaks another major version of the protocol."""
+    """The board has another major version of the protocol."""
 
 
 class CommandRefused(HardwareError):  # noqa: N818
@@ -26,16 +35,22 @@ class CommandRefused(HardwareError):  # noqa: N818
 
 
 class BoardRestarted(HardwareError):  # noqa: N818
-    """The board or its converter was reset while it was measuring, so its settings are gone."""
+    """The board or its converter was reset while measuring.
+
+    Its settings are gone.
+    """
 
 
 class BusFault(HardwareError):  # noqa: N818
-    """A chip does not answer, or what it reads back is not what was written."""
+    """A chip does not answer or returns wrong values.
+
+    A value that is read back differs from the written value.
+    """
 
 
 class SwitchFault(HardwareError):  # noqa: N818
-    """Switches that do not do what their words say."""
+    """Switches do not follow their words."""
 
 
 class BusTimeout(BusFault):
-    """A chip or the bus itself holds up a transfer for too long."""
+    """A chip or the bus delays a transfer too long."""

@@ -1,7 +1,7 @@
 """Converter and switches on an FT232H (or FT2232H) at USB.
 
-The chip has one engine for serial buses, which I²C uses: the switches get clock and data from pins of the second port,
-C0 to C7, one level after the other. All levels of a transfer go over USB at once.
+The chip has a single engine for serial buses, which I²C uses. Therefore the switches get clock and data from pins of
+the second port, C0 to C7, level by level. All levels of a transfer go over USB at once.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ I2C_SPEED = 100e3
 _PURPOSE = "boards on an FT232H"
 _PINS = 8
 _WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
-_SECOND_PORT = 8  # its pins follow those of the first, which has the I²C
-# commands of the engine, and the lines of I²C in its first port
+_SECOND_PORT = 8  # its pins follow the pins of the first port, which has the I²C
+# Commands of the engine, and the lines of I²C in its first port.
 _SET_LOW, _SET_HIGH, _GET_HIGH, _SEND = 0x80, 0x82, 0x83, 0x87
 _SCL, _SDA = 0x01, 0x02
 _CLOCKS = 9
 _HOLD = 10  # repeats of a level that lasts 5 µs, half a clock of 100 kHz
 _READ_ATTEMPTS = 4
 _USB_TIMEOUT = 500  # ms
-_NO_LIBUSB = "No backend available"  # what pyftdi says without it
+_NO_LIBUSB = "No backend available"  # pyftdi's message without it
 
 
 @dataclass(frozen=True)
 class SwitchPins:
-    """Pins of the second port that are wired to the switches: number n of the pin Cn, 0 to 7, no two the same.
+    """Pins of the second port for the switches.
 
-    They are SCLK, DIN of the first device, SYNC, and DOUT of the last, which is for read-back only.
+    A number n, 0 to 7, is the pin Cn. All numbers are different. The pins are SCLK, DIN of the first device, SYNC, and
+    DOUT of the last device, which is for read-back only.
     """
 
     clock: int = 0
@@ -67,9 +68,10 @@ def open_ft232h(
     settings: ShiftSettings | None = None,
     speed: float = I2C_SPEED,
 ) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain]:
-    """Open the adapter of a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, for the converter at an I²C address.
+    """Open an FT232H adapter with converter and switches.
 
-    The clock of its bus is `speed` in Hz. Without switches, `open_ft232h_bus`.
+    The adapter has a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, and the converter an I²C address. The clock of
+    its bus is `speed` in Hz. Use `open_ft232h_bus` without switches.
 
     Raises
     ------
@@ -89,9 +91,10 @@ def open_ft232h(
 
 
 def open_ft232h_bus(url: str, address: int, *, speed: float = I2C_SPEED) -> Ft232hRegisterBus:
-    """Open the adapter of a pyftdi URL for the converter alone: any adapter with a serial engine, as the FT4232H.
+    """Open the adapter of a pyftdi URL without switches.
 
-    HardwareError and MissingDependencyError as of `open_ft232h`.
+    Any adapter with a serial engine, such as the FT4232H, suits the converter alone. HardwareError and
+    MissingDependencyError are raised as by `open_ft232h`.
     """
     with _opened(url, speed) as controller:
         return _register_bus(controller, url, address)
@@ -99,11 +102,14 @@ def open_ft232h_bus(url: str, address: int, *, speed: float = I2C_SPEED) -> Ft23
 
 @contextlib.contextmanager
 def _opened(url: str, speed: float, **pins: int) -> Iterator[Any]:
-    """Open an adapter; it is closed again where the block fails."""
+    """Open an adapter.
+
+    It is closed again if the block fails.
+    """
     controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
     try:
         controller.configure(url, frequency=speed, **pins)
-        controller.set_retry_count(1)  # a transfer that failed is ours to judge
+        controller.set_retry_count(1)  # this module judges a failed transfer itself
         controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
         yield controller
     except (OSError, ValueError, usb.UsbToolsError) as error:
@@ -124,10 +130,13 @@ def _register_bus(controller: Any, url: str, address: int) -> Ft232hRegisterBus:
 
 
 def ft232h_adapters() -> tuple[str, ...]:
-    """Return the URLs of the adapters at this computer; empty if pyftdi or the library for USB is not installed."""
+    """Return the URLs of the adapters at this computer.
+
+    The result is empty if pyftdi or the library for USB is not installed.
+    """
     try:
         found = _library("pyftdi.ftdi").Ftdi.list_devices()
-    except Exception:  # a list of what is there is no place to complain about what is not
+    except Exception:  # a list of adapters does not report missing libraries
         return ()
     return tuple(
         f"ftdi://ftdi:{_WITH_SECOND_PORT[device.pid]}{f':{device.sn}' if device.sn else ''}/1"
@@ -164,11 +173,15 @@ class Ft232hRegisterBus:
             self._controller.ftdi.write_data(_low_port([_SDA | _SCL, *levels, _SDA, 0, _SCL, _SDA | _SCL]))
 
     def close(self) -> None:
-        """Close the adapter; its pins keep their levels. Never raises."""
+        """Close the adapter, whose pins keep their levels.
+
+        The method never raises.
+        """
         _close(self._controller)
 
     @contextlib.contextmanager
     def _translated_errors(self) -> Iterator[None]:
+        """Translate errors of pyftdi within a block."""
         try:
             yield
         except self._not_acknowledged:
@@ -185,7 +198,10 @@ class Ft232hSwitchChain:
         self._pins, self._settings = pins, settings
 
     def shift(self, words: bytes) -> bytes | None:
-        """Send the words while SYNC is low; its rise latches them."""
+        """Send the words while SYNC is low.
+
+        The rise of SYNC latches them.
+        """
         sent = self._settings.ordered(words)
         bits = [bool(byte >> bit & 1) for byte in sent for bit in reversed(range(8))]
         try:
@@ -206,7 +222,10 @@ class Ft232hSwitchChain:
         _close(self._controller)
 
     def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
-        """Yield the commands of a transfer; a level is read just before the edge at which the switches read the bit."""
+        """Yield the commands of a transfer.
+
+        A level is read just before the edge at which the switches read the bit.
+        """
         idle = self._settings.idle_high
         before, after = (not idle, idle) if self._settings.second_edge else (idle, not idle)
         yield from self._level(idle, data=False, sync=False)

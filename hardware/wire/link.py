@@ -1,4 +1,7 @@
-"""Link to a board: commands and their replies, and all other messages in order, within limits of time and size."""
+"""Link to a board for commands, replies and messages.
+
+All other messages come in order, within limits of time and size.
+"""
 
 from __future__ import annotations
 
@@ -34,15 +37,18 @@ _MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
     8: (BusFault, "the converter is another chip"),
     9: (CommandRefused, "busy with a stream"),
 }
-_MOST_KEPT = 1024  # messages that wait for their reader; what comes beyond is lost and shows as a gap
-_MOST_LATE = 1 << 16  # bytes looked at after a deadline: more than a system keeps of a port
+_MOST_KEPT = 1024  # messages that wait for their reader; further messages are lost and show as a gap
+_MOST_LATE = 1 << 16  # bytes to look at after a deadline: more than a system keeps for a port
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Limits of a link; the times, each the longest wait, in s."""
+    """Limits of a link.
+
+    The times are the longest waits in s.
+    """
 
     reply: float = 0.5  # for the reply to a command, in addition to the time that the command itself takes
     attempts: int = 3  # of sending a command
@@ -51,7 +57,7 @@ class LinkTimes:
     least_gap: float = 0.25  # lower limit of that wait, because computers pause
     heartbeat: float = 3.0  # for any line, in addition to the time of a scan
     ping: float = 2.0  # between two PING commands, well below the board's lease of 10 s
-    foreign: int = 512  # bytes without an intact line that are taken for another device
+    foreign: int = 512  # bytes without an intact line that indicate another device
     most_bytes: float = 1e6  # per second that a board can send
 
 
@@ -68,17 +74,21 @@ class LinkCounts:
 
 @dataclass
 class Wait:
-    """A deadline in s; bytes that came before it are still read after it, up to a limit."""
+    """A deadline in s.
+
+    Bytes that came before it are still read after it, up to a limit.
+    """
 
     until: float
     late: int = 0  # bytes read after it
 
 
 class Link:
-    """Sends commands and sorts what comes; once `boot` is set, it detects the end of that session.
+    """Link that sends commands and sorts the received messages.
 
-    `clock` is that of all deadlines, the computer's by default. `number` is that of the command before the first: the
-    board does not repeat a command of the same number and text.
+    Once `boot` is set, it detects the end of that session. `clock`, the computer's by default, is used for all
+    deadlines. `number` is the number of the command before the first. The board does not repeat a command of the same
+    number and text.
     """
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
@@ -92,7 +102,7 @@ class Link:
         self._second, self._taken = self.clock.now(), 0  # for the rate
         self._pending: int | None = None  # command without its reply
         self.boot: int | None = None
-        """Session of the board; a line of another one raises BoardRestarted."""
+        """Session of the board. A line of another session raises BoardRestarted."""
         self.end: HardwareError | None = None
         """Fault that ended the session."""
 
@@ -107,23 +117,30 @@ class Link:
         return replace(self._counts, lines=self._parser.counts)
 
     def post(self, verb: str, *arguments: str) -> None:
-        """Send a command without waiting; `receive` returns its reply, unless another command follows first."""
+        """Send a command without waiting.
+
+        `receive` returns its reply, unless another command follows first.
+        """
         self._number = (self._number + 1) % IDS
         self._pending = self._number
         self._write(command_line(self._number, verb, *arguments))
 
     def wake(self) -> None:
-        """Send a line feed, which ends any line that the board has begun to read."""
+        """Send a line feed.
+
+        It ends any line that the board has begun to read.
+        """
         self._write(b"\n")
 
     def wait(self, seconds: float) -> Wait:
-        """Return the deadline this many seconds from now."""
+        """Return the deadline a number of seconds from now."""
         return Wait(self.clock.now() + seconds)
 
     def receive(self, wait: Wait) -> Message | None:
-        """Return the next message, or None if none came in time; replies that no command waits for are skipped.
+        """Return the next message, or None if none comes.
 
-        DeviceLost, NotABoard, BoardRestarted: the port is gone; it floods; the board has another session than `boot`.
+        None is returned after the deadline. Replies that no command waits for are skipped. DeviceLost is raised if the
+        port is gone, NotABoard if it floods, and BoardRestarted if the board has another session than `boot`.
         """
         while True:
             while self._kept:
@@ -142,16 +159,17 @@ class Link:
                 wait.late += len(data)
 
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command until its reply comes, and return what `reading` makes of the reply's fields.
+        """Send a command until its reply comes.
 
-        `reading` raises MessageError for fields of another form; the command itself takes `patience` in s.
+        The result is the value that `reading` makes from the reply's fields. `reading` raises MessageError for fields
+        of another form. The command itself takes `patience` in s.
 
         Raises
         ------
         NoAnswer, NotABoard
-            No reply to any attempt: nothing intact came, or bytes that are not lines.
+            No reply to any attempt: no intact line came, or bytes that are not lines.
         CommandRefused, BusFault
-            The board says why not.
+            The board gives the reason.
         """
         self.post(verb, *arguments)
         number = self._number
@@ -179,12 +197,18 @@ class Link:
         raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
 
     def recall_early(self) -> None:
-        """Return the scans that came before the reply to the last command from `receive` once more."""
+        """Return early scans from `receive` once more.
+
+        They came before the reply to the last command.
+        """
         self._kept.extendleft(reversed(self._early))
         self._early.clear()
 
     def drain(self, seconds: float) -> None:
-        """Discard messages until none comes for this time, or for at most ten times as long."""
+        """Discard messages until none comes for this time.
+
+        Draining takes at most ten times as long.
+        """
         end = self.clock.now() + 10 * seconds
         while self.clock.now() < end and self.receive(self.wait(seconds)) is not None:
             pass
@@ -195,6 +219,7 @@ class Link:
         self._port.close()
 
     def _take(self, data: bytes) -> None:
+        """Parse received bytes and store their messages."""
         if not data:
             return
         self._limit_rate(len(data))
@@ -213,6 +238,7 @@ class Link:
                 self._counts = replace(self._counts, overflowed=self._counts.overflowed + 1)
 
     def _limit_rate(self, count: int) -> None:
+        """Raise NotABoard if bytes come too fast."""
         now = self.clock.now()
         if now - self._second >= 1.0:
             self._second, self._taken = now, 0
@@ -221,6 +247,7 @@ class Link:
             raise NotABoard(f"{self.name} sends more than {self.times.most_bytes:.0f} bytes a second.")
 
     def _is_mine(self, message: Message) -> bool:
+        """Check whether a message belongs to the command or session."""
         if isinstance(message, Answer | Refusal):
             if message.command == self._pending:
                 return True
@@ -230,7 +257,7 @@ class Link:
         return True
 
     def check_boot(self, boot: int) -> None:
-        """Raise BoardRestarted if the number of a message is not that of the session."""
+        """Raise BoardRestarted for a message of another session."""
         if self.boot is not None and boot != self.boot:
             with self._recording_end():
                 raise BoardRestarted(
@@ -239,7 +266,10 @@ class Link:
                 )
 
     def silence_fault(self, otherwise: str) -> HardwareError:
-        """Return NotABoard if bytes come but no lines, else NoAnswer with this text."""
+        """Return NotABoard if bytes come but no lines.
+
+        Otherwise NoAnswer with the given text is returned.
+        """
         return NoAnswer(otherwise) if self.foreign < self.times.foreign else self.not_a_board()
 
     def _write(self, data: bytes) -> None:
@@ -258,7 +288,10 @@ class Link:
         self._counts = replace(self._counts, bad_messages=self._counts.bad_messages + 1)
 
     def not_a_board(self) -> NotABoard:
-        """Return the fault of a device that sends bytes but no lines."""
+        """Return the fault of a device that sends no lines.
+
+        The device sends bytes.
+        """
         return NotABoard(
             f"{self.name} sends bytes but no intact line ({self.foreign} since the last one): "
             "another device, or another baud rate."

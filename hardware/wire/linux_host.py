@@ -1,4 +1,7 @@
-"""Converter and switches on the buses of a Linux computer, such as a Raspberry Pi: /dev/i2c-N and /dev/spidevN.M."""
+"""Converter and switches on the buses of a Linux computer.
+
+Such a computer is a Raspberry Pi. The buses are /dev/i2c-N and /dev/spidevN.M.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, Swi
 DEVICES = Path("/dev")
 """Folder of the system's devices."""
 SYSTEM = Path("/sys/class/i2c-adapter")
-"""Folder of what the system says about its I²C buses."""
+"""Folder with the system's data about its I²C buses."""
 _PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
 _HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}
@@ -26,16 +29,20 @@ _START_BYTE = 0x00  # as a read: nine clocks that no chip may acknowledge
 
 
 def linux_buses() -> tuple[str, ...]:
-    """Return the names of the buses of this computer, as ``i2c:1`` and ``spi:0.0``; empty on another system."""
+    """Return the names of the buses of this computer.
+
+    They have the form ``i2c:1`` and ``spi:0.0``. The result is empty on another system.
+    """
     i2c = [f"i2c:{path.name.removeprefix('i2c-')}" for path in DEVICES.glob("i2c-*")]
     spi = [f"spi:{path.name.removeprefix('spidev')}" for path in DEVICES.glob("spidev*")]
     return (*sorted(i2c), *sorted(spi))
 
 
 def i2c_clock(bus: int) -> float | None:
-    """Return the clock in Hz that the device tree sets for an I²C bus of this computer; None if it does not say.
+    """Return the clock of a computer's I²C bus in Hz.
 
-    The property is a 32-bit number, most significant byte first, as every number in a device tree.
+    It is read from the device tree, and None if it is not set there. The property is a 32-bit number, most significant
+    byte first, as every number in a device tree.
     """
     for node in ("of_node", "device/of_node"):
         with contextlib.suppress(OSError):
@@ -46,10 +53,10 @@ def i2c_clock(bus: int) -> float | None:
 
 
 class LinuxRegisterBus:
-    """A `RegisterBus` through the kernel's I²C, /dev/i2c-N; this program alone may use it while it is open.
+    """A `RegisterBus` through the kernel's I²C, /dev/i2c-N.
 
-    HardwareError for a bus that is missing, may not be opened, is used by another program or cannot do what is needed;
-    MissingDependencyError without smbus2.
+    This program alone may use it while it is open. A HardwareError is raised for a bus that is missing, may not be
+    opened, is used by another program or lacks a needed function. A MissingDependencyError is raised without smbus2.
     """
 
     def __init__(self, bus: int, address: int) -> None:
@@ -79,7 +86,10 @@ class LinuxRegisterBus:
         self._transfer(self._library.i2c_msg.write(self._address, [register, *value.to_bytes(2, "big")]))
 
     def clear(self) -> None:
-        """Send nine clocks and a stop; the kernel frees a bus that a chip holds, where its driver can."""
+        """Send nine clocks and a stop.
+
+        The kernel frees a bus that a chip holds, if its driver can.
+        """
         with contextlib.suppress(BusFault):  # no chip answers to this
             self._transfer(self._library.i2c_msg.read(_START_BYTE, 1))
 
@@ -89,6 +99,7 @@ class LinuxRegisterBus:
             self._bus.close()
 
     def _transfer(self, *messages: Any) -> None:
+        """Transfer messages and translate the system's errors."""
         try:
             self._bus.i2c_rdwr(*messages)
         except OSError as error:
@@ -101,10 +112,10 @@ class LinuxRegisterBus:
 
 
 class SpiSwitchChain:
-    """A `SwitchChain` through the kernel's SPI, /dev/spidevN.M, whose chip select is SYNC.
+    """A `SwitchChain` through the kernel's SPI, /dev/spidevN.M.
 
-    HardwareError for a port that is missing, may not be opened or has no such mode or speed; MissingDependencyError
-    without spidev.
+    Its chip select is SYNC. A HardwareError is raised for a port that is missing, may not be opened or has no such mode
+    or speed. A MissingDependencyError is raised without spidev.
     """
 
     def __init__(self, bus: int, device: int, settings: ShiftSettings) -> None:
@@ -122,7 +133,10 @@ class SpiSwitchChain:
             raise
 
     def shift(self, words: bytes) -> bytes | None:
-        """Send the words while SYNC is low; its rise latches them."""
+        """Send the words while SYNC is low.
+
+        The rise of SYNC latches them.
+        """
         try:
             returned = self._port.xfer2(list(self._settings.ordered(words)))
         except OSError as error:
@@ -138,8 +152,11 @@ class SpiSwitchChain:
 
 
 def _lock(descriptor: int) -> None:
-    """Lock out a second program of ours: two that read the converter in turn would corrupt each other's results."""
-    fcntl = importlib.import_module("fcntl")  # not there on Windows, which has no such bus either
+    """Lock out a second program of this package.
+
+    Two programs that read the converter in turn would corrupt each other's results.
+    """
+    fcntl = importlib.import_module("fcntl")  # missing on Windows, which has no such bus either
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 

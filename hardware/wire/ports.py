@@ -1,4 +1,4 @@
-"""Names of the ports where a board can be, and the ports of this computer."""
+"""Names of board ports, and the ports of this computer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EMULATOR = "emulator"
 ADDRESSES = (0x2A, 0x2B)
 """I²C addresses of the converter, with its pin ADDR low and high."""
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
-_LINUX_BUS_RATE = 100e3  # Hz, of a bus for which the system sets none: standard mode, as on a Raspberry Pi
+_LINUX_BUS_RATE = 100e3  # Hz, of a bus without a clock set by the system: standard mode, as on a Raspberry Pi
 _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000
@@ -37,7 +37,10 @@ _FTDI_PATH = re.compile(r"/[1-4]")
 
 @dataclass(frozen=True)
 class EmulatorPort:
-    """The emulator: of coils behind switches, or at the channels of a converter."""
+    """Port of the emulator.
+
+    Its coils are behind switches, or at the channels of a converter.
+    """
 
     board: ChannelBoard | None = None
 
@@ -52,9 +55,9 @@ class SerialPort:
 
 @dataclass(frozen=True)
 class LinuxPort:
-    """Buses of this computer, by their numbers, with the converter's I²C address and the transfers to the switches.
+    """Buses of this computer by their numbers.
 
-    With a `board` there are no switches.
+    The port has the converter's I²C address and the transfers to the switches. With a `board` it has no switches.
     """
 
     bus: int
@@ -62,15 +65,15 @@ class LinuxPort:
     spi_bus: int = 0
     spi_device: int = 0
     shift: ShiftSettings = field(default_factory=ShiftSettings)
-    rate: float | None = None  # clock of the I²C bus in Hz, where the user states it
+    rate: float | None = None  # clock of the I²C bus in Hz, if the user states it
     board: ChannelBoard | None = None
 
 
 @dataclass(frozen=True)
 class FtdiPort:
-    """An FT232H at USB, by its URL for pyftdi, with the converter's I²C address and the way to the switches.
+    """An FT232H at USB, by its URL for pyftdi.
 
-    With a `board` there are no switches.
+    The port has the converter's I²C address and the pins of the switches. With a `board` it has no switches.
     """
 
     url: str
@@ -84,16 +87,17 @@ Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
 
 
 def parse_port(text: str) -> Port:
-    """Read the name of a port; HardwareError, which says what is allowed, for any other text.
+    """Read the name of a port.
 
-    It is ``emulator``; ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``;
-    ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` where the board's rate is not known;
-    115200 is the firmware's. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
-    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back); with
-    ``i2c`` also ``rate=400000`` (clock of the I²C bus in Hz), and with ``ftdi`` ``address=0x2B``, ``clock=0``,
-    ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
+    Any other text raises a HardwareError that describes the allowed names. A name is ``emulator``, a serial port
+    ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``, buses ``i2c:1`` or ``i2c:1:0x2B,spi:0.1``, or an adapter
+    ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` if the board's rate is not known.
+    The firmware has 115200. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
+    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back). ``i2c``
+    also has ``rate=400000`` (clock of the I²C bus in Hz), and ``ftdi`` has ``address=0x2B``, ``clock=0``, ``data=1``,
+    ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
-    Without switches, coils at the channels of the converter, these two and the emulator have instead the options
+    Without switches, with coils at the channels of the converter, these two and the emulator have instead the options
     ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as
     `coilarray.hardware.wire.converter_boards.channel_board` reads them.
 
@@ -119,28 +123,34 @@ def parse_port(text: str) -> Port:
         raise _refused(text, f"it must be {_ALLOWED}")
     if options.keys() & {"chip", "clock"} and not isinstance(port, SerialPort):
         raise _refused(text, "chip and clock need channels= or board=")
-    if options:  # what is left of them
+    if options:  # remaining options
         raise _refused(text, f"there is no option {next(iter(options))!r}")
     return port
 
 
 def board_of(port: Port) -> ChannelBoard | None:
-    """Return the converter whose channels the coils of a port are wired to; None if there are switches."""
+    """Return the converter board of a port without switches.
+
+    The coils of the port are wired to its channels. None is returned if the port has switches.
+    """
     return None if isinstance(port, SerialPort) else port.board
 
 
 class BusRate(NamedTuple):
-    """Clock of an I²C bus in Hz, and whether it is known: of the port, stated by the user or set by the system."""
+    """Clock of an I²C bus in Hz.
+
+    It is known if it belongs to the port, is stated by the user or is set by the system.
+    """
 
     hertz: float
     known: bool = True
 
 
 def bus_rate(port: Port) -> BusRate:
-    """Return the clock of the I²C bus of a board at a port.
+    """Return the clock of a board's I²C bus.
 
-    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, and what
-    the system has set for a bus of this computer; 100 kHz, which is then not known, where the system does not say.
+    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, and 400 kHz with the emulator. A bus
+    of this computer has the clock that the system has set. If the system sets no clock, it is 100 kHz and not known.
 
     >>> bus_rate(parse_port("COM5"))
     BusRate(hertz=150000.0, known=True)
@@ -157,11 +167,15 @@ def bus_rate(port: Port) -> BusRate:
 
 
 def found_ports() -> Mapping[str, tuple[str, ...]]:
-    """Return the ports of this computer by kind: "emulator", "serial", "linux", "ftdi"; none without their library."""
+    """Return the ports of this computer by kind.
+
+    The kinds are "emulator", "serial", "linux", "ftdi". A kind without its library has no ports.
+    """
     return {EMULATOR: (EMULATOR,), "serial": _serial_ports(), "linux": linux_buses(), "ftdi": ft232h_adapters()}
 
 
 def _serial_ports() -> tuple[str, ...]:
+    """Return the serial ports, none without pyserial."""
     from coilarray.hardware.wire.serial_ports import list_serial_ports
 
     try:
@@ -171,6 +185,7 @@ def _serial_ports() -> tuple[str, ...]:
 
 
 def _linux_port(match: re.Match[str], options: dict[str, str], text: str) -> LinuxPort:
+    """Make a port of Linux from its name and options."""
     bus, address, spi_bus, spi_device = match.groups()
     board, rate = _board(options, text), _stated_rate(options, text)
     if board is None:
@@ -182,6 +197,7 @@ def _linux_port(match: re.Match[str], options: dict[str, str], text: str) -> Lin
 
 
 def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
+    """Make a port at USB from its name and options."""
     try:
         parts = urlsplit(name)
     except ValueError as error:  # as of ftdi://[
@@ -197,7 +213,10 @@ def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
 
 
 def _board(options: dict[str, str], text: str) -> ChannelBoard | None:
-    """Take the options of a board without switches; `coilarray.hardware.wire.converter_boards` says which."""
+    """Take the options of a board without switches.
+
+    `coilarray.hardware.wire.converter_boards` describes them.
+    """
     try:
         return channel_board(options)
     except HardwareError as error:
@@ -205,6 +224,7 @@ def _board(options: dict[str, str], text: str) -> ChannelBoard | None:
 
 
 def _options(query: str, text: str) -> dict[str, str]:
+    """Split the options after the question mark."""
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True, max_num_fields=_MOST_OPTIONS)
     except ValueError:
@@ -218,6 +238,7 @@ def _options(query: str, text: str) -> dict[str, str]:
 
 
 def _bauds(options: dict[str, str], text: str) -> tuple[int, ...]:
+    """Take the baud rates to try from the options."""
     given = options.pop("baud", str(BAUD))
     if given == "any":
         return PROBED_BAUDS
@@ -227,6 +248,7 @@ def _bauds(options: dict[str, str], text: str) -> tuple[int, ...]:
 
 
 def _shift(options: dict[str, str], text: str) -> ShiftSettings:
+    """Take the options of the transfers to the switches."""
     given: dict[str, Any] = {}
     if "mode" in options:
         given["mode"] = _number(options, "mode", text)
@@ -240,6 +262,7 @@ def _shift(options: dict[str, str], text: str) -> ShiftSettings:
 
 
 def _stated_rate(options: dict[str, str], text: str) -> float | None:
+    """Take the clock of the I²C bus from the options."""
     if "rate" not in options:
         return None
     low, high = SLOWEST_BUS_RATE, BUS_RATE

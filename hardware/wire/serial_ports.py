@@ -1,4 +1,7 @@
-"""Serial ports of this computer: list them, choose one by name or USB serial number, open it for this program alone."""
+"""Serial ports of this computer.
+
+The module lists them, chooses a port by name or USB serial number, and opens it for this program alone.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +21,19 @@ try:
 except ImportError:  # Windows
     _LOSSES: tuple[type[Exception], ...] = (OSError,)
 else:
-    _LOSSES = (OSError, termios.error)  # pyserial lets the second one through, which is not an OSError
+    _LOSSES = (OSError, termios.error)  # pyserial does not catch the second error, which is not an OSError
 
 BAUD = 115200
 """Baud rate of the protocol."""
 PROBED_BAUDS = (BAUD, 230400, 460800, 921600, 9600)
 """Baud rates that a board may have been built for, the most likely first."""
 BOARD_VENDORS = {0x1366: "SEGGER (J-Link of an XMC board)", 0x058B: "Infineon"}
-"""USB vendors of the known boards; ports of others must be named."""
-_GONE: tuple[type[Exception], ...] = (*_LOSSES, TypeError)  # the last one from a port that was closed meanwhile
+"""USB vendors of the known boards. Ports of other boards must be named."""
+_GONE: tuple[type[Exception], ...] = (*_LOSSES, TypeError)  # TypeError comes from a port that was closed meanwhile
 _SERIAL_PREFIX = "usb:"
 _TICK = 0.02  # s of one wait for bytes
-_WRITE_TIMEOUT = 1.0  # s until a line that nobody takes is given up
-_MOST_BYTES = 4096  # taken at once
+_WRITE_TIMEOUT = 1.0  # s until a line that the device does not accept is given up
+_MOST_BYTES = 4096  # read at once
 
 _CANNOT_OPEN = {
     errno.ENOENT: "does not exist",
@@ -45,10 +48,10 @@ _CANNOT_OPEN = {
 
 @dataclass(frozen=True)
 class PortInfo:
-    """A serial port of this computer, as the system describes it.
+    """Serial port of this computer, described by the system.
 
-    The name, "/dev/ttyACM0" or "COM5", is what opens it. A port that is not at USB has no vendor and product; the
-    serial number is empty if the device has none.
+    The name, "/dev/ttyACM0" or "COM5", opens it. A port that is not at USB has no vendor and product. The serial number
+    is empty if the device has none.
     """
 
     name: str
@@ -59,7 +62,7 @@ class PortInfo:
 
     @property
     def known(self) -> bool:
-        """Whether its USB vendor makes boards that this package knows."""
+        """Whether its USB vendor makes boards known to this package."""
         return self.vendor in BOARD_VENDORS
 
     def __str__(self) -> str:
@@ -76,17 +79,29 @@ class BytePort(Protocol):
         """Name of the port, for messages."""
 
     def read(self, seconds: float) -> bytes:
-        """Return at most 4096 received bytes; if there are none, wait for at most this time in s. DeviceLost."""
+        """Return at most 4096 received bytes.
+
+        Without bytes it waits for at most the given time in s. A lost port raises DeviceLost.
+        """
 
     def write(self, data: bytes) -> None:
-        """Send all bytes. DeviceLost; NoAnswer if the device accepts none."""
+        """Send all bytes.
+
+        A lost port raises DeviceLost. A device that accepts no bytes raises NoAnswer.
+        """
 
     def close(self) -> None:
-        """Close the port. Never raises; may be called again."""
+        """Close the port.
+
+        The method never raises and may be called again.
+        """
 
 
 def list_serial_ports() -> tuple[PortInfo, ...]:
-    """Return the serial ports of this computer, those of known boards first."""
+    """Return the serial ports of this computer.
+
+    Ports of known boards come first.
+    """
     _pyserial()
     tools = import_extra("serial.tools.list_ports", "microcontroller boards", package="pyserial", extra="serial")
     ports = (
@@ -97,10 +112,11 @@ def list_serial_ports() -> tuple[PortInfo, ...]:
 
 
 def choose_serial_port(name: str | None = None) -> PortInfo:
-    """Return the port of a name, of a USB serial number, or by default the only one of a known board.
+    """Return a port by name or serial number.
 
-    A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER", whose leading zeros do not matter. HardwareError if no
-    port fits, or more than one; the message lists them.
+    A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER" with a USB serial number, whose leading zeros do not matter.
+    Without a name, the only port of a known board is returned. A HardwareError is raised if no port or more than one
+    port fits. Its message lists them.
     """
     ports = list_serial_ports()
     if name is None:
@@ -122,10 +138,10 @@ def _only(meant: list[PortInfo], what: str, ports: tuple[PortInfo, ...]) -> Port
 
 
 def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:
-    """Open a port for this program alone, 8N1 without flow control.
+    """Open a port for this program alone.
 
-    HardwareError if that fails: the port is missing, not allowed, or used by another program. MissingDependencyError
-    without pyserial.
+    The format is 8N1 without flow control. A HardwareError is raised if the port is missing, not allowed, or used by
+    another program. A MissingDependencyError is raised without pyserial.
     """
     return _SerialPort(name, baud)
 
@@ -135,7 +151,10 @@ def _pyserial() -> ModuleType:
 
 
 class _SerialPort:
-    """A port of pyserial; every error by which that shows that the device is gone becomes DeviceLost."""
+    """A port of pyserial.
+
+    Every error of pyserial that shows a lost device becomes DeviceLost.
+    """
 
     def __init__(self, name: str, baud: int) -> None:
         self._library = _pyserial()
@@ -148,7 +167,7 @@ class _SerialPort:
             raise HardwareError(f"port {name} cannot be opened: {error}.") from None
         except _LOSSES as error:
             raise HardwareError(f"port {name} {_reason(error)}.") from None
-        with suppress(*_LOSSES):  # what was there before; a port that is gone fails at the next read
+        with suppress(*_LOSSES):  # discard earlier bytes; a port that is gone fails at the next read
             self._port.reset_input_buffer()
 
     @property
@@ -184,6 +203,6 @@ class _SerialPort:
 
 def _reason(error: Exception) -> str:
     number = getattr(error, "errno", None)
-    if number is None and "exclusively lock" in str(error):  # pyserial 3.5 keeps the number of this one to itself
+    if number is None and "exclusively lock" in str(error):  # pyserial 3.5 does not pass on the number of this error
         number = errno.EBUSY
     return _CANNOT_OPEN.get(number or 0, f"cannot be opened: {error}")

@@ -1,4 +1,7 @@
-"""Signals that would end the program: delayed while a board is put to rest, and turned into SystemExit."""
+"""Signals that end the program.
+
+They are delayed while a board is put to rest, and turned into SystemExit.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,16 @@ from types import FrameType
 from typing import Any
 
 _ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_EXIT_CODE = 128  # and the number of the signal, as a shell reports it
+_EXIT_CODE = 128  # plus the number of the signal, as a shell reports it
 Handler = Callable[[int, FrameType | None], Any]
 
 
 @contextlib.contextmanager
 def held_signals() -> Iterator[None]:
-    """Delay signals that end the program until the block, which must be short, is left; only in the main thread."""
+    """Delay signals that end the program within a block.
+
+    The block must be short. The delay works only in the main thread.
+    """
     came: list[int] = []
     try:
         with _handled(lambda number, _: came.append(number), instead_of_any=True):
@@ -28,7 +34,10 @@ def held_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def orderly_termination() -> Iterator[None]:
-    """Raise SystemExit where the system would end the program at once: on SIGTERM, or when the terminal is closed."""
+    """Raise SystemExit instead of ending at once.
+
+    The system would end the program on SIGTERM, or when the terminal is closed.
+    """
 
     def leave(number: int, _: FrameType | None) -> None:
         raise SystemExit(_EXIT_CODE + number)
@@ -39,13 +48,16 @@ def orderly_termination() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
-    """Handle signals within the block: those with any handler of Python, or only those with none."""
+    """Handle signals within the block.
+
+    With `instead_of_any` these are all signals that are not ignored. Otherwise they are only signals without a handler.
+    """
     before: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():
             for number in _ENDING:
                 present = signal.getsignal(number)
-                # None is a handler that Python cannot put back; what is ignored stays ignored, as nohup wants it
+                # None is a handler that Python cannot put back. Ignored signals stay ignored, as nohup requires.
                 if present == signal.SIG_DFL or (instead_of_any and present not in (None, signal.SIG_IGN)):
                     before[number] = present
                     signal.signal(number, handler)

@@ -6,7 +6,7 @@ from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError
 
 STARTER = "gast2020"
-"""The design that commands take when none is named."""
+"""Name of the default design of commands."""
 
 DESIGNS = TomlFiles("design", DesignError, __name__)
 """Design files."""
@@ -15,5 +15,8 @@ names, read = DESIGNS.names, DESIGNS.read
 
 
 def names_with(table: str) -> tuple[str, ...]:
-    """Names of the bundled designs whose file has a table, such as ``target``."""
+    """Names of the bundled designs with a table.
+
+    The table, such as ``target``, is in their file.
+    """
     return tuple(name for name in names() if table in DESIGNS.parse(read(name), name))

@@ -1,4 +1,7 @@
-"""The bundled profiles of board houses: their stated limits, each with its source and the date it was read."""
+"""Bundled profiles of board houses.
+
+Each has the stated limits with their source and the date it was read.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bundled wirings: which switch joins which coil to what."""
+"""The bundled wirings of switches and coils."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import HardwareError
 
 STARTER = "six_coils"
-"""The wiring that is taken when none is named."""
+"""Name of the default wiring."""
 
 WIRINGS = TomlFiles("wiring", HardwareError, __name__)
 """Wiring files."""

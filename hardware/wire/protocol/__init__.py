@@ -1,1 +1,4 @@
-"""The protocol between computer and board (`hardware/firmware/PROTOCOL.md`): bytes in, messages out, no port."""
+"""Protocol between computer and board.
+
+It is defined in `hardware/firmware/PROTOCOL.md`. The package converts bytes to messages and opens no port.
+"""

@@ -1,4 +1,7 @@
-"""Lines of printable characters with a checksum: commands for a board, and a parser that finds lines in any bytes."""
+"""Lines of printable characters with a checksum.
+
+The module makes commands for a board and has a parser that finds lines in any bytes.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,9 @@ _CHECKSUM = 5  # characters: an asterisk and four digits
 
 
 def seal(text: str) -> bytes:
-    r"""Return the line of 1 to 507 characters from 0x20 to 0x7E, with its checksum, CRC-16/CCITT-FALSE, and line feed.
+    r"""Return a line with its checksum and line feed.
+
+    The line has 1 to 507 characters from 0x20 to 0x7E. The checksum is CRC-16/CCITT-FALSE.
 
     >>> seal(">00,STOP")
     b'>00,STOP*3783\n'
@@ -29,13 +34,16 @@ def seal(text: str) -> bytes:
 
 
 def intact(line: bytes) -> bool:
-    """Whether a line ends in the checksum of what stands before it."""
+    """Check whether a line ends in its checksum."""
     return line[-_CHECKSUM:] == b"*%04X" % binascii.crc_hqx(line[:-_CHECKSUM], 0xFFFF)
 
 
 @dataclass(frozen=True)
 class LineCounts:
-    """Counts of a parser: intact lines, and those dropped for one reason, each counted once."""
+    """Counts of a parser.
+
+    They are intact lines, and lines dropped for one reason, each counted once.
+    """
 
     good: int = 0
     wrong_checksum: int = 0
@@ -49,7 +57,9 @@ class LineCounts:
 
 
 class LineParser:
-    r"""Bytes in, texts of intact lines out; keeps never more than one line.
+    r"""Parser from bytes to the texts of intact lines.
+
+    It never keeps more than one line.
 
     >>> parser = LineParser()
     >>> parser.feed(b"noise\n>00,STOP*37")
@@ -60,7 +70,7 @@ class LineParser:
 
     def __init__(self) -> None:
         self._begun = bytearray()  # of the line that has not ended yet
-        self._overrun = False  # this line is already too long: its bytes are no longer kept
+        self._overrun = False  # this line is already too long, and its bytes are no longer kept
         self._counts = LineCounts()
 
     @property
@@ -69,7 +79,10 @@ class LineParser:
         return self._counts
 
     def feed(self, data: bytes) -> list[str]:
-        """Take bytes in pieces of any size and return the texts of the lines that end in them, checksums taken off."""
+        """Take bytes in pieces of any size.
+
+        The texts of the lines that end in them are returned without their checksums.
+        """
         *ended, rest = data.split(b"\n")
         texts = []
         for piece in ended:
@@ -80,11 +93,12 @@ class LineParser:
         return texts
 
     def _keep(self, piece: bytes) -> None:
-        room = MAX_LINE + 1 - len(self._begun)  # one more for a carriage return
+        room = MAX_LINE + 1 - len(self._begun)  # one more byte for a carriage return
         self._overrun = self._overrun or len(piece) > room
         self._begun += piece[:room]
 
     def _end(self) -> str | None:
+        """Return the text of the finished line if intact."""
         line, overrun = bytes(self._begun).removesuffix(b"\r"), self._overrun
         self._begun.clear()
         self._overrun = False
@@ -113,7 +127,10 @@ def command_line(number: int, verb: str, *arguments: str) -> bytes:
 
 
 def draft_commands(settings: ScanSettings) -> tuple[tuple[str, ...], ...]:
-    """Return the commands that send a board its settings, verb and arguments each, from BEGIN to COMMIT."""
+    """Return the commands that send a board its settings.
+
+    Each has a verb and arguments. They run from BEGIN to COMMIT.
+    """
     wiring = settings.wiring
     devices = [wiring[first : first + SWITCHES] for first in range(0, len(wiring), SWITCHES)]
     return (

@@ -1,4 +1,7 @@
-"""Messages of the board. Every field is checked against its exact form, for a port may send anything."""
+"""Messages of the board.
+
+Every field is checked against its exact form, because a port may send anything.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,16 @@ from enum import Enum, IntEnum
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 
 VERSION = (2, 0)
-"""Major and minor version of the protocol that this package speaks."""
+"""Major and minor version of this package's protocol."""
 _GOOD_STATUS = 0x0048
-"""STATUS of a word without a status of its own: DRDY and UNREADCONV0, no error."""
+"""STATUS of a word that has no status: DRDY and UNREADCONV0, no error."""
 _HEX = {digits: re.compile(rf"[0-9A-F]{{{digits}}}") for digits in (1, 2, 4, 8)}
 _DECIMAL = re.compile(r"0|[1-9][0-9]{0,9}")
 _WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?(?::([0-9A-F]{4}))?")
 
 
 class MessageError(ValueError):
-    """An intact line that is not a message of this version."""
+    """Intact line that is no message of this version."""
 
 
 class Mode(Enum):
@@ -31,7 +34,7 @@ class Mode(Enum):
 
 
 class StreamEndReason(IntEnum):
-    """Why a board ended a stream by itself."""
+    """Reasons why a board ended a stream by itself."""
 
     LEASE = 1
     CONVERTER_RESET = 2
@@ -52,7 +55,10 @@ class ScanMessage:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Message of a board that has nothing else to send; its fields are those of `ScanMessage`."""
+    """Message of a board that has nothing else to send.
+
+    Its fields have the same meaning as in `ScanMessage`.
+    """
 
     boot: int
     time: int
@@ -62,7 +68,10 @@ class Heartbeat:
 
 @dataclass(frozen=True)
 class StreamEnd:
-    """The board ended the stream by itself; the coils are grounded, the converter sleeps."""
+    """Message of a board that ended the stream by itself.
+
+    The coils are grounded, and the converter sleeps.
+    """
 
     reason: StreamEndReason
     configuration: int
@@ -72,7 +81,10 @@ class StreamEnd:
 
 @dataclass(frozen=True)
 class Answer:
-    """Reply to a command that was carried out, with its fields."""
+    """Reply to a command that was carried out.
+
+    It has the fields of the reply.
+    """
 
     command: int
     fields: tuple[str, ...]
@@ -80,7 +92,10 @@ class Answer:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Reply to a command that was not carried out, with the number of the error and a text."""
+    """Reply to a command that was not carried out.
+
+    It has the number of the error and a text.
+    """
 
     command: int
     code: int
@@ -91,21 +106,29 @@ Message = ScanMessage | Heartbeat | StreamEnd | Answer | Refusal
 
 
 def hexadecimal(field: str, digits: int) -> int:
-    """Return the number of a field of exactly so many upper-case digits; MessageError otherwise."""
+    """Return the number of a hexadecimal field.
+
+    The field must have exactly `digits` upper-case digits. Otherwise a MessageError is raised.
+    """
     if not _HEX[digits].fullmatch(field):
         raise MessageError(f"a field must be {digits} hexadecimal digits; got {field!r}.")
     return int(field, 16)
 
 
 def decimal(field: str) -> int:
-    """Return the number of a field of 1 to 10 decimal digits; MessageError otherwise."""
+    """Return the number of a decimal field.
+
+    The field must have 1 to 10 digits. Otherwise a MessageError is raised.
+    """
     if not _DECIMAL.fullmatch(field):
         raise MessageError(f"a field must be a decimal number; got {field!r}.")
     return int(field)
 
 
 def parse_message(text: str) -> Message:
-    """Read the text of an intact line; MessageError for another kind of line, or a field of another form.
+    """Read the text of an intact line.
+
+    Another kind of line, or a field of another form, raises a MessageError.
 
     >>> parse_message("H1234ABCD,000F4240,0000,u").mode
     <Mode.UNCONFIGURED: 'u'>
@@ -117,7 +140,10 @@ def parse_message(text: str) -> Message:
 
 
 def read_scan(fields: Sequence[str]) -> ScanMessage:
-    """Read the fields of a scan; MessageError if one has another form."""
+    """Read the fields of a scan.
+
+    A field of another form raises a MessageError.
+    """
     if len(fields) < 5:
         raise MessageError(f"a scan must have at least 5 fields; got {len(fields)}.")
     sequence, time, configuration, boot, *words = fields
@@ -131,6 +157,7 @@ def read_scan(fields: Sequence[str]) -> ScanMessage:
 
 
 def _sample(word: str) -> RawSample:
+    """Read the word of a sample."""
     if word[:1] == "!":
         return RawSample(msb=0, lsb=0, status=0, fault=SampleFault(_from_one(word[1:], max(SampleFault), "a fault")))
     match = _WORDS.fullmatch(word)
@@ -172,6 +199,7 @@ def _stream_end(fields: Sequence[str]) -> StreamEnd:
 
 
 def _reply(fields: Sequence[str]) -> Answer | Refusal:
+    """Read the fields of a reply."""
     if len(fields) < 2:
         raise MessageError(f"a reply must have at least 2 fields; got {len(fields)}.")
     command, verdict, *rest = fields
@@ -211,7 +239,10 @@ class Greeting:
 
 @dataclass(frozen=True)
 class Pong:
-    """Reply to PING: session, time in µs (wraps at 2³²), mode, and the number of lines dropped by the board."""
+    """Reply to PING.
+
+    It has the session, the time in µs (wraps at 2³²), the mode, and the number of lines dropped by the board.
+    """
 
     boot: int
     time: int
@@ -220,7 +251,10 @@ class Pong:
 
 
 def read_version(fields: Sequence[str]) -> tuple[int, int]:
-    """Read major and minor version of a reply to HELLO, whose other fields may differ in another major version."""
+    """Read major and minor version of a reply to HELLO.
+
+    The other fields of the reply may differ in another major version.
+    """
     major, dot, minor = (fields[0] if fields else "").partition(".")
     if not dot:
         raise MessageError(f"a version must be two numbers with a dot; got {major!r}.")
@@ -228,7 +262,10 @@ def read_version(fields: Sequence[str]) -> tuple[int, int]:
 
 
 def read_greeting(fields: Sequence[str]) -> Greeting:
-    """Read the fields of a reply to HELLO; MessageError if one has another form."""
+    """Read the fields of a reply to HELLO.
+
+    A field of another form raises a MessageError.
+    """
     if len(fields) < 8:  # a later minor version may have more
         raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
     _, firmware, boot, manufacturer, device, states, devices, capabilities = fields[:8]
@@ -245,7 +282,10 @@ def read_greeting(fields: Sequence[str]) -> Greeting:
 
 
 def read_pong(fields: Sequence[str]) -> Pong:
-    """Read the fields of a reply to PING; MessageError if one has another form."""
+    """Read the fields of a reply to PING.
+
+    A field of another form raises a MessageError.
+    """
     if len(fields) < 4:
         raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
     boot, time, mode, dropped = fields[:4]

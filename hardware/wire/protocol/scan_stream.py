@@ -1,4 +1,7 @@
-"""Scans of a stream: the board's time without wraps, and which scans to accept, each once and in order."""
+"""Scans of a stream, each once and in order.
+
+The module unwraps the board's time and decides which scans to accept.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ _WRAP = 1 << 32  # µs of the board's clock, 71.6 minutes
 
 
 class BoardTime:
-    """Unwraps the 32-bit time of a board with the computer's clock as the guide.
+    """Unwrapped time of a board with a 32-bit clock.
 
-    The two clocks may differ by half a wrap (35 minutes) between two readings, so pauses of any length are bridged: a
-    board whose clock is off by 1 % may be silent for 59 hours.
+    The computer's clock is the guide. The two clocks may differ by half a wrap (35 minutes) between two readings, so
+    pauses of any length are bridged. A board whose clock is off by 1 % may be silent for 59 hours.
 
     Examples
     --------
@@ -28,10 +31,10 @@ class BoardTime:
         self._then = 0.0
 
     def unwrap(self, microseconds: int, now: float) -> int:
-        """Return the time in µs since the wrap before the first reading.
+        """Return the board's time without wraps in µs.
 
-        `microseconds` is what the board sent, 0 to 2³² − 1, perhaps older than one before; `now` is the computer's time
-        in s, which never steps back.
+        It counts since the wrap before the first reading. `microseconds` is the time from the board, 0 to 2³² − 1,
+        perhaps older than a previous time. `now` is the computer's time in s, which never steps back.
         """
         if self._newest is None:
             self._newest, self._then = microseconds, now
@@ -50,7 +53,7 @@ class GateCounts:
     passed: int = 0
     lost: int = 0  # missing numbers of the sequence before accepted scans
     repeated: int = 0  # rejected because their number, or a later one, had been accepted
-    stale: int = 0  # rejected because they are older than the stream or than a scan before them
+    stale: int = 0  # rejected because they are older than the stream or than an earlier scan
     misfit: int = 0  # rejected because they have another number of states than the settings
 
     def __add__(self, other: GateCounts) -> GateCounts:
@@ -58,14 +61,18 @@ class GateCounts:
 
 
 def same_settings(scan: ScanMessage, configuration: int) -> bool:
-    """Whether a scan was measured with the settings of this hash."""
+    """Check whether a scan was measured with these settings.
+
+    The settings are given by their hash.
+    """
     return scan.configuration == configuration
 
 
 class ScanGate:
-    """Filter of the scans of one stream, by the hash of its settings and the number of their states.
+    """Filter of the scans of one stream.
 
-    The stream began after `start`, an unwrapped time of the board in µs.
+    It uses the hash of the settings and the number of their states. The stream began after `start`, an unwrapped time
+    of the board in µs.
     """
 
     def __init__(self, *, configuration: int, states: int, start: int) -> None:
@@ -80,9 +87,9 @@ class ScanGate:
         return self._counts
 
     def passes(self, scan: ScanMessage, time: int) -> bool:
-        """Whether to accept a scan with this unwrapped time in µs; counts it.
+        """Decide whether to accept a scan, and count it.
 
-        BoardRestarted where the board measures with other settings.
+        `time` is its unwrapped time in µs. A board that measures with other settings raises BoardRestarted.
         """
         counts = self._counts
         if time < self._newest:
