@@ -342,7 +342,8 @@ def test_depths_keep_their_order_and_accuracy():
         ({"indenter": CylinderEdge(1e-3), "depths": 2e-3}, "a cylinder edge can be pressed in by at most its radius"),
         ({"depths": [[1e-4]]}, "one row of numbers"),
         ({"base": "glued"}, "'bonded', 'frictionless' or a Seat; got 'glued'"),
-        ({"base": Seat(1e-4)}, "does not converge: the seat or the lowest sheets are too soft"),
+        # a millionth of a usual one: which step fails is a matter of rounding
+        ({"base": Seat(1e-6)}, "does not converge: the seat or|converges up to a depth of 0"),
         ({"strain": "small"}, "strain must be 'finite' or 'linear'; got 'small'"),
         ({"radius": 0.0}, "radius of a sample must be positive and finite; got 0 mm"),
         ({"radius": math.inf}, "got inf m"),
