@@ -34,7 +34,7 @@ class _Tip:
     def largest_radius(self) -> float:
         """Largest radius in m at which the body can touch.
 
-        For a plane body it is the largest |x|. It is inf for an infinite body.
+        For a plane body it is the largest distance along x. It is inf for an infinite body.
         """
         return self.radius
 

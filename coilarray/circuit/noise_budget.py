@@ -232,11 +232,6 @@ class NoiseBudget:
         -------
         NoiseBudget
             The budget of the other states.
-
-        Returns
-        -------
-        NoiseBudget
-            The budget of the other states.
         """
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
