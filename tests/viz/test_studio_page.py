@@ -256,7 +256,7 @@ def test_rules_that_break_are_red(page):
     page.click("#tab-build")
     page.wait_for_selector("#broken >> text=The board house's limit of spacing within net is broken at coil")
     browser.enter(page, "array.pitch_mm", "7")
-    page.wait_for_selector("#broken >> text=The copper of coil1 and coil3 overlaps on L1, by up to ")
+    page.wait_for_selector(r"#broken >> text=/The copper of coil\d and coil\d overlaps on L\d, by up to /")
     place = page.locator("[data-coil=coil3] input").first
     place.fill(page.locator("[data-coil=coil1] input").first.input_value())  # where both have no inductances
     page.evaluate("trame.trigger('add_sheet')")  # as a change whose answer comes while the next one is typed
