@@ -87,8 +87,7 @@ def impedance(
         lines = [f"LDC1614: {so_far}all limits are kept{without}"]
     if close:
         lines.append(circuit_tables.close_line(close))
-    if scan.attrs["left_out"]:
-        lines.append(f"not in these numbers: {scan.attrs['left_out']}")
+    lines += shared.left_out_lines(scan.attrs["left_out"])
     tables = [states, windings, *([drives] if drives.rows else [])]
     shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=(out, plot))
 

@@ -224,9 +224,9 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         f"board: {x_max - x_min:.4g} × {y_max - y_min:.4g} mm, {len(design.array.stackup.names)} copper layers; "
         f"every limit of {values['fab.profile']} is kept"
     )
-    if left_out := scan.attrs["left_out"]:
-        lines.append(f"not in these numbers: {left_out}")
-    return [*lines, _read_by_converter(broken_limits(scan), len(scan.state), whole=not left_out)]
+    left_out = scan.attrs["left_out"]
+    converter = _read_by_converter(broken_limits(scan), len(scan.state), whole=not left_out)
+    return [*lines, *shared.left_out_lines(left_out), converter]
 
 
 def _why_not_met(design: Design) -> str:

@@ -6,12 +6,14 @@ import csv
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from coilarray.compute.files import read_text
 from coilarray.errors import DamagedError, LocalizeError, shown
 
 Reading = dict[str, float] | list[float]
 """δ by the names of the coils, or in the order of the model."""
+_Value = TypeVar("_Value")
 _FILES = (".csv", ".json", ".jsonl")
 
 
@@ -99,14 +101,9 @@ def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]
 
 
 def _pairs(text: str) -> Reading:
-    reading: dict[str, float] = {}
-    for part in text.split(","):
-        name, _, value = part.partition("=")
-        name = name.strip()
-        if name in reading:
-            raise LocalizeError(f"a reading must name a coil once; got {name!r} again.")
-        reading[name] = _from_text(name, value)
-    return reading
+    parts = (part.partition("=") for part in text.split(","))
+    named = _named_once([(name.strip(), value) for name, _, value in parts])
+    return {name: _from_text(name, value) for name, value in named.items()}
 
 
 def _parsed(text: str) -> object:
@@ -120,7 +117,7 @@ def _parsed(text: str) -> object:
         raise LocalizeError(f"a reading must be JSON; got {shown(text.strip())}.") from None
 
 
-def _named_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+def _named_once(pairs: list[tuple[str, _Value]]) -> dict[str, _Value]:
     found = dict(pairs)
     if len(found) < len(pairs):
         again = next(name for k, (name, _) in enumerate(pairs) if name in dict(pairs[:k]))

@@ -345,8 +345,12 @@ def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> l
     from coilarray.studies.quantities import request
 
     needed = any(request(name).quantity.is_read for name in quantities)
-    missing = design_capacitance(design)[1] if needed else ""
-    return [f"not in these numbers: {missing}"] if missing else []
+    return left_out_lines(design_capacitance(design)[1] if needed else "")
+
+
+def left_out_lines(left_out: str) -> list[str]:
+    """Return the line on effects that the numbers leave out, if there are any."""
+    return [f"not in these numbers: {left_out}"] if left_out else []
 
 
 def noise_source(given: float | None, response: xr.Dataset) -> str:

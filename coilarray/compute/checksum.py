@@ -56,12 +56,7 @@ def checksum(*parts: Any) -> str:
     >>> checksum("coil1", 5.27e-05)
     '644f82e2f56f9764'
     """
-    return checksum_of_bytes(canonical(*parts))
-
-
-def checksum_of_bytes(data: bytes) -> str:
-    """Return the checksum of bytes: 64 bits of BLAKE2b, hexadecimal."""
-    return hashlib.blake2b(data, digest_size=_VALUE_BYTES).hexdigest()
+    return hashlib.blake2b(canonical(*parts), digest_size=_VALUE_BYTES).hexdigest()
 
 
 class TableSeal:

@@ -178,27 +178,17 @@ class Recording:
         finished : bool
             Whether to read only scans of positions that were measured to their end.
         """
-        with closing(self._scans(after, math.inf)) as found:
+        with closing(self._scans(after)) as found:
             for scan, _, ended in found:
                 if ended or not finished:
                     yield scan
 
-    def scan(self, number: int) -> RecordedScan:
-        """Read one scan.
-
-        Other parts of the file may be damaged. A damaged scan raises a HardwareError.
-        """
-        with closing(self._scans(number - 1, number)) as found:
-            for scan, _, _ in found:
-                return scan
-        raise HardwareError(f"{self.path} is damaged: scan {number} is missing.")
-
     def scan_checksums(self) -> list[tuple[str, int]]:
         """Return the expected checksum and number of every scan."""
-        return [(expected, scan.number) for scan, expected, _ in self._scans(0, math.inf)]
+        return [(expected, scan.number) for scan, expected, _ in self._scans(0)]
 
-    def _scans(self, after: int, last: float) -> Generator[tuple[RecordedScan, str, bool]]:
-        """Read scans up to a last number.
+    def _scans(self, after: int) -> Generator[tuple[RecordedScan, str, bool]]:
+        """Read the scans after a number.
 
         Each scan comes with its checksum, and whether its position was finished.
         """
@@ -210,10 +200,10 @@ class Recording:
             SELECT scan.id, scan.session, scan.position, scan.stage, scan.depth, scan.sequence, scan.time,
                    scan.received, {celsius}, {kept}, sample.state, sample.msb, sample.lsb, sample.status, sample.fault
             FROM scan JOIN sample ON sample.scan = scan.id {beside}
-            WHERE scan.id > ? AND scan.id <= ? ORDER BY scan.id, sample.state
+            WHERE scan.id > ? ORDER BY scan.id, sample.state
         """
         before, positions = after, _Positions(self)
-        with reading(self.path), closing(self._connection.execute(query, (after, last))) as rows:
+        with reading(self.path), closing(self._connection.execute(query, (after,))) as rows:
             for number, group in groupby(rows, key=lambda row: row[0]):
                 if self.has_checksums and number != before + 1:
                     raise HardwareError(f"{self.path} is damaged: scan {before + 1} is missing.")
