@@ -26,8 +26,8 @@ from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.geometry import FlatPunch, Paraboloid, Sheet
+from coilarray.paper.two_dimensional import line_response
 from coilarray.response.setup import indentation_of
-from coilarray.response.two_dimensional import line_response
 
 FEM = Path(__file__).with_name("dented_layer_3d.json")
 

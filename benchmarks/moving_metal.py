@@ -23,8 +23,8 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, load_design
 from coilarray.geometry.material import MATERIALS
 from coilarray.geometry.plate import FinitePlate, Rectangle
-from coilarray.localize.published import published_model
 from coilarray.metal.finite_plates import moving_plate
+from coilarray.paper.published import published_model
 from coilarray.response.map import respond, response_map
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.data import measurement, model_values

@@ -80,17 +80,17 @@ from .geometry.spiral import Spiral as Spiral
 from .geometry.spiral import apothem_from_size as apothem_from_size
 from .geometry.stackup import Stackup as Stackup
 from .geometry.target import Target as Target
-from .localize.comparison import compare_responses as compare_responses
-from .localize.ellipse import fit_ellipses as fit_ellipses
 from .localize.forward import forward_model as forward_model
 from .localize.inverse import locate as locate
+from .paper.ellipse import fit_ellipses as fit_ellipses
+from .paper.two_dimensional import line_response as line_response
 from .report.write import write_report as write_report
 from .response.map import response_map as response_map
 from .response.setup import Imperfections as Imperfections
 from .response.target import target_map as target_map
-from .response.two_dimensional import line_response as line_response
 from .studies.calibrate.calibration import calibrate as calibrate
 from .studies.calibrate.plan import load_plan as load_plan
+from .studies.comparison import compare_responses as compare_responses
 from .studies.create.new_design import new_design as new_design
 from .studies.sweep import sweep as sweep
 

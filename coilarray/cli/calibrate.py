@@ -16,7 +16,7 @@ from coilarray.errors import GoalError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.localize.ellipse_model import EllipseModel
+    from coilarray.paper.ellipse_model import EllipseModel
     from coilarray.studies.calibrate import Calibration, Plan
 
 _PAPER = "published"

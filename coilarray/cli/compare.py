@@ -81,9 +81,9 @@ def compare(
     if calibration is not None and not is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
     from coilarray.compute.files import make_folder
-    from coilarray.localize.comparison import compare_responses
     from coilarray.report.comparison import comparison_notes, comparison_tables
     from coilarray.response.coordinates import in_ellipse_window
+    from coilarray.studies.comparison import compare_responses
 
     if out is not None and _is_page(out):
         shared.check_file("--out", out, (_PAGE,))
@@ -139,7 +139,7 @@ def _response(
     if is_map(name):
         return read_response(Path(name)), ()
     if name == "published":
-        from coilarray.localize.published import published_map
+        from coilarray.paper.published import published_map
 
         x, y = (None, None) if beside is None else _around(beside, largest_shift)
         return published_map(x, y), ()

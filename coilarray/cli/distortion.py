@@ -42,7 +42,7 @@ def distortion(
 
     Example: coilarray distortion gast2020 --out distortion.nc --plot distortion.png
     """
-    from coilarray.localize.distortion import distortion as split
+    from coilarray.paper.distortion import distortion as split
     from coilarray.report import localize_tables
 
     file = shared.open_design_file(design, allow_violations=allow_violations)

@@ -41,13 +41,13 @@ def fit(
     """
     depth = depth_in_metres(depth_mm)
     from coilarray.compute.files import write_text
-    from coilarray.localize.ellipse import fit_ellipses
-    from coilarray.localize.ellipse_model import ellipse_model, model_to_json
-    from coilarray.localize.published import published_model
+    from coilarray.paper.ellipse import fit_ellipses
+    from coilarray.paper.ellipse_model import ellipse_model, model_to_json
+    from coilarray.paper.published import published_model
     from coilarray.report.localize_tables import fit_table, polynomial_table
 
-    response, at = one_map(source, depth, allow_violations=allow_violations, coils=coil or ())
-    fits = fit_ellipses(response, at, states=coil)
+    response = one_map(source, depth, allow_violations=allow_violations, coils=coil or ())
+    fits = fit_ellipses(response, depth, states=coil)
     model = ellipse_model(fits)
     polynomials, steps = polynomial_table(model), fit_table(fits, model)
     if out is not None:

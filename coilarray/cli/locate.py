@@ -21,7 +21,7 @@ from coilarray.errors import LocalizeError, shown
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.localize.ellipse_model import EllipseModel
+    from coilarray.paper.ellipse_model import EllipseModel
 
 Record = dict[str, Any]
 Solver = Callable[[Sequence[Reading]], list[Record]]
@@ -176,17 +176,17 @@ def _ellipse_model(
     source: str | None, depth: float | None, coils: Sequence[str], allow_violations: bool
 ) -> tuple[EllipseModel, tuple[float, float]]:
     """Return an ellipse model, and its origin on the board in m; zero for the paper's model and a file."""
-    from coilarray.localize.ellipse import fit_ellipses
-    from coilarray.localize.ellipse_model import ellipse_model
-    from coilarray.localize.published import published_model
+    from coilarray.paper.ellipse import fit_ellipses
+    from coilarray.paper.ellipse_model import ellipse_model
+    from coilarray.paper.published import published_model
     from coilarray.response.coordinates import origin_of
 
     if source == _PUBLISHED:
         return published_model(), (0.0, 0.0)
     if source is not None and source.lower().endswith(".json"):
         return read_ellipses(Path(source)), (0.0, 0.0)
-    response, at = one_map(source, depth, allow_violations=allow_violations, coils=coils)
-    return ellipse_model(fit_ellipses(response, at)), origin_of(response)
+    response = one_map(source, depth, allow_violations=allow_violations, coils=coils)
+    return ellipse_model(fit_ellipses(response, depth)), origin_of(response)
 
 
 def _none_in(readings: Sequence[str]) -> str:
@@ -288,7 +288,7 @@ def _with_ellipses(
     model: EllipseModel, origin: tuple[float, float], coils: Sequence[str] | None, addition: float
 ) -> Solver:
     """Intersect two ellipses."""
-    from coilarray.localize.ellipse_model import EllipseModel as Model
+    from coilarray.paper.ellipse_model import EllipseModel as Model
 
     wanted = {model[name].name for name in coils or model.names}
     used = Model(tuple(one for one in model.coils if one.name in wanted))
@@ -299,7 +299,7 @@ def _with_ellipses(
 
 
 def _crossed(model: EllipseModel, origin: tuple[float, float], reading: Reading, names: Sequence[str]) -> Record:
-    from coilarray.localize.ellipse_model import locate_x
+    from coilarray.paper.ellipse_model import locate_x
 
     if not isinstance(reading, dict):
         if len(reading) != len(names):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.hardware.record.recording import Recording
-    from coilarray.localize.ellipse_model import EllipseModel
+    from coilarray.paper.ellipse_model import EllipseModel
 
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
 _RECORDING = ".sqlite"
@@ -98,22 +98,22 @@ def campaign_response(recording: Recording, calibration: Path | None, *, partial
 def read_ellipses(path: Path) -> EllipseModel:
     """Read an ellipse model of `coilarray fit`; LocalizeError for another file."""
     from coilarray.compute.files import read_text
-    from coilarray.localize.ellipse_model import model_from_json
+    from coilarray.paper.ellipse_model import model_from_json
 
     return model_from_json(read_text(path, LocalizeError))
 
 
 def one_map(
     source: str | None, depth: float | None, *, allow_violations: bool, coils: Sequence[str] = ()
-) -> tuple[xr.Dataset, int | float]:
-    """Return a response, read from a file or computed on the grid of a design, and the index of a depth.
+) -> xr.Dataset:
+    """Return a response, read from a file or computed on the grid of a design at one depth.
 
     `source` is a netCDF file, a design file or the name of a bundled design, gast2020 by default; `depth` is in m, the
     first one by default. `coils` are states that a design must have: LocalizeError. Other errors are those of
     `read_map`, `open_design` and `coilarray.response.map.response_map`.
     """
     if is_map(source):
-        return read_map(Path(str(source))), 0 if depth is None else depth
+        return read_map(Path(str(source)))
     from coilarray.response.map import response_map
     from coilarray.response.setup import indentation_of
 
@@ -124,7 +124,7 @@ def one_map(
             raise LocalizeError(f"--coil must be one of {', '.join(states)}; got {name}.")
     depths = indentation_of(design).depths[:1] if depth is None else [depth]
     with shared.progress_bar("response") as progress:
-        return response_map(design, depths=depths, reach="auto", progress=progress), 0
+        return response_map(design, depths=depths, reach="auto", progress=progress)
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:

@@ -67,7 +67,7 @@ def report(
 
 def _causes(distortion: Path) -> xr.Dataset:
     from coilarray.compute.netcdf import read_checked
-    from coilarray.localize.distortion import DISTORTION
+    from coilarray.paper.distortion import DISTORTION
 
     return read_checked(distortion, DISTORTION)
 

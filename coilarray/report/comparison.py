@@ -1,6 +1,6 @@
 """Tables and page of a comparison of a measured with a simulated response.
 
-The tables are made from the dataset that `coilarray.localize.comparison.compare_responses` returns. Cells are empty if
+The tables are made from the dataset that `coilarray.studies.comparison.compare_responses` returns. Cells are empty if
 a map does not determine the number.
 """
 
@@ -17,7 +17,7 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.localize.ellipse import PARAMETERS
+from coilarray.paper.ellipse import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.page import now, render_page
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square

@@ -20,7 +20,7 @@ from coilarray.compute.html import png_url
 from coilarray.design.model import Design
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Indenter
-from coilarray.localize.ellipse_model import EllipseModel
+from coilarray.paper.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
 from coilarray.response.answering import middle_state
 

@@ -1,6 +1,6 @@
 """Tables of the localization: ellipse models, causes of the distortion of x0, positions.
 
-The tables of causes are made from the dataset that `coilarray.localize.distortion.distortion` returns.
+The tables of causes are made from the dataset that `coilarray.paper.distortion.distortion` returns.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.display_units import PERCENT, DisplayUnit
-from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.localize.inverse import Location
-from coilarray.localize.published import published_model, undetermined_levels
+from coilarray.paper.ellipse_model import EllipseModel
+from coilarray.paper.published import published_model, undetermined_levels
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
 from coilarray.response.interpolation import PARAMETERS
 
@@ -93,7 +93,7 @@ def cause_table(distortion: xr.Dataset) -> Table:
     """Return a table of the causes' effects on x0.
 
     A row for each cause has the root mean square over δ of the loss in x0 without it, for every coil. The standard
-    deviation of the posterior is added if `coilarray.localize.distortion.distortion` was given draws.
+    deviation of the posterior is added if `coilarray.paper.distortion.distortion` was given draws.
     """
     columns = {}
     for state in distortion.state.values.tolist():

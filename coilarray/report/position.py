@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import Ellipse, fit_ellipses
-from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
+from coilarray.paper.ellipse import Ellipse, fit_ellipses
+from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.report.tables import Column, Table, Value
 from coilarray.response.coordinates import axis_label, in_ellipse_window, origin_of
 
@@ -83,7 +83,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     response = in_ellipse_window(response)
     if response.sizes["state"] < 2:
         raise LocalizeError(f"a position needs two coils; the map has only {response.state.values[0]}.")
-    fits = fit_ellipses(response, -1)
+    fits = fit_ellipses(response, float(response.depth[-1]))
     model = ellipse_model(fits)
     if len(model.coils) < 2:
         raise LocalizeError(f"a position needs closed curves of two coils; the map has only those of {model.names[0]}.")

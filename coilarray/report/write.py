@@ -29,8 +29,8 @@ from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import check_rules
 from coilarray.geometry.words import array_words
-from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
-from coilarray.localize.published import published_model
+from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
+from coilarray.paper.published import difference_from_published, published_model
 from coilarray.report import (
     circuit_tables,
     figures,
@@ -59,7 +59,6 @@ _PLANE_POINTS = (100, 400)
 _SWEEP_POINTS = 60
 # depths of the force curve, none closer to a depth of the design than this part of the greatest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
-_PUBLISHED = "gast2020"  # design whose coils are the coils of Table A1
 _ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
 
 
@@ -120,7 +119,7 @@ def write_report(
         Folder for ``report.html`` and the folder ``report``, made if it does not exist. Files of an earlier report
         there are replaced.
     distortion : xarray.Dataset, optional
-        Result of `coilarray.localize.distortion.distortion` for the design. It adds the causes that move x0 to the
+        Result of `coilarray.paper.distortion.distortion` for the design. It adds the causes that move x0 to the
         page.
     progress : callable, optional
         Function that is called with (done, total) as the work goes on.
@@ -204,7 +203,7 @@ def write_report(
         step()
         response, response_problem = responding.result()
         positions, position_problem = None, "there is no response map."
-        compare = design.name == _PUBLISHED
+        compare = not difference_from_published(design)
         shown = None if response is None else on_board(response)
         if response is not None and shown is not None:
             draw(figures.response_pictures, design, shown)

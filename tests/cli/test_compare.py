@@ -15,9 +15,9 @@ from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware.record.recorded_response import recorded_response
 from coilarray.hardware.record.recording import open_recording
-from coilarray.localize.comparison import compare_responses
-from coilarray.localize.published import published_map
+from coilarray.paper.published import published_map
 from coilarray.report.comparison import scale_table
+from coilarray.studies.comparison import compare_responses
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures")]
 

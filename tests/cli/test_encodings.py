@@ -16,7 +16,7 @@ import pytest
 from support.every_command import PICTURES, SLOW, WRITES, write_inputs
 from support.made_up import made_up_distortion, made_up_ellipses
 
-import coilarray.localize.distortion
+import coilarray.paper.distortion
 import coilarray.studies.calibrate.calibration
 from coilarray.cli.main import COMMANDS, main
 from coilarray.cli.output import prepare_output, readable
@@ -52,7 +52,7 @@ def inputs(tmp_path_factory):
 @pytest.fixture
 def at_work(own_folder, inputs, monkeypatch):
     """A folder with all inputs, and stand-ins for what takes half a minute."""
-    monkeypatch.setattr(coilarray.localize.distortion, "distortion", made_up_distortion)
+    monkeypatch.setattr(coilarray.paper.distortion, "distortion", made_up_distortion)
     monkeypatch.setattr(coilarray.studies.calibrate.calibration, "evaluate_model", made_up_ellipses)
     shutil.copytree(inputs, own_folder, dirs_exist_ok=True)
 

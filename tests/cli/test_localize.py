@@ -15,18 +15,18 @@ from support.localize_boards import FIELD, ROW, bells, board
 from support.made_up import made_up_distortion
 from support.plot_results import calibration
 
-import coilarray.localize.distortion
 import coilarray.localize.forward
+import coilarray.paper.distortion
 import coilarray.response.map
 from coilarray import load_design
 from coilarray.cli.main import COMMANDS, main
 from coilarray.compute.netcdf import save_dataset
 from coilarray.elastomer.contact_mesh import ContactMesh
-from coilarray.localize.ellipse import fit_ellipses
-from coilarray.localize.ellipse_model import ellipse_model, locate_x, model_from_json
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import Location, Mode, locate
-from coilarray.localize.published import published_map, published_model, table_a1
+from coilarray.paper.ellipse import fit_ellipses
+from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_from_json
+from coilarray.paper.published import published_map, published_model, table_a1
 from coilarray.report.localize_tables import location_record
 from coilarray.response.map import Imperfections, response_map
 
@@ -171,7 +171,7 @@ def quick(monkeypatch):
             found = found.assign({f"{name}_std": 0.1 * np.abs(found[name]) for name in ("x0", "effect", "rms")})
         return found
 
-    monkeypatch.setattr(coilarray.localize.distortion, "distortion", split)
+    monkeypatch.setattr(coilarray.paper.distortion, "distortion", split)
     return asked
 
 

@@ -16,7 +16,7 @@ from support.every_command import BOARD, PICTURES, READ, SLOW, WRITES, WRITES_NO
 from support.made_up import made_up_distortion, made_up_ellipses
 from support.no_room import file_limit, small_disk
 
-import coilarray.localize.distortion
+import coilarray.paper.distortion
 import coilarray.studies.calibrate.calibration
 from coilarray.cli.main import COMMANDS
 from coilarray.hardware.record.live_log import read_log
@@ -44,7 +44,7 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
     large, *command = case
     monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process, which has the limit
     # half a minute each; what they write is theirs all the same
-    monkeypatch.setattr(coilarray.localize.distortion, "distortion", made_up_distortion)
+    monkeypatch.setattr(coilarray.paper.distortion, "distortion", made_up_distortion)
     monkeypatch.setattr(coilarray.studies.calibrate.calibration, "evaluate_model", made_up_ellipses)
     shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     before = content()

@@ -36,7 +36,7 @@ from coilarray.compute.recent import Recent
 from coilarray.compute.threads import run_blocks
 from coilarray.design.bundled import read
 from coilarray.design.vary import vary_document
-from coilarray.localize.published import published_map
+from coilarray.paper.published import published_map
 from coilarray.response.setup import _kept_contact
 
 pytestmark = pytest.mark.slow

@@ -66,17 +66,17 @@ from coilarray.hardware.record.recording_summary import summarize_recording
 from coilarray.hardware.record.thermometer import file_temperature
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring
-from coilarray.localize.comparison import compare_responses
-from coilarray.localize.distortion import DISTORTION
-from coilarray.localize.ellipse import fit_ellipses
-from coilarray.localize.ellipse_model import ellipse_model, locate_x, model_to_json
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate_all
-from coilarray.localize.published import published_map, published_model
+from coilarray.paper.distortion import DISTORTION
+from coilarray.paper.ellipse import fit_ellipses
+from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_to_json
+from coilarray.paper.published import published_map, published_model
 from coilarray.report.localize_tables import cause_table, distortion_table, indenter_table, residual_table
 from coilarray.response.coordinates import on_board
 from coilarray.studies.calibrate.draws import CALIBRATION, calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.plan import PLANS, load_plan
+from coilarray.studies.comparison import compare_responses
 from coilarray.studies.optimize import optimize_with, study_file
 from coilarray.studies.optimize.goal import GOALS, parse_goal
 from coilarray.studies.optimize.space import axes_of
@@ -436,7 +436,7 @@ def _positions(path: Path) -> Any:
 
 
 def _ellipses(path: Path) -> Any:
-    found = fit_ellipses(read_response(path), 0)
+    found = fit_ellipses(read_response(path))
     return found, ellipse_model(found)
 
 

@@ -22,8 +22,8 @@ from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.recording_summary import summarize_recording
-from coilarray.localize.ellipse_model import model_to_json
-from coilarray.localize.published import published_map, published_model
+from coilarray.paper.ellipse_model import model_to_json
+from coilarray.paper.published import published_map, published_model
 from coilarray.studies.optimize import optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study
 from coilarray.viz.studio.runs import read_runs

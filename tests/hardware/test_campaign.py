@@ -39,8 +39,8 @@ from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.design_settings import design_settings
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
-from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.forward import forward_model
+from coilarray.paper.ellipse import fit_ellipses
 from coilarray.response.map import response_map
 
 DESIGN = two_coils()
@@ -187,7 +187,7 @@ def test_what_takes_a_simulation_takes_it(path):
     expected = [dent(coil, x, y, 1e-3) for coil in ("coil1", "coil2")]
     # a cubic through 2 mm steps of a bell of 8 mm: (2/8)⁴/100 of it
     np.testing.assert_allclose(model.delta([x, y, 1e-3]), expected, rtol=1e-3, atol=3e-6)
-    assert "coil1" in fit_ellipses(response, 0).state.values.tolist()
+    assert "coil1" in fit_ellipses(response).state.values.tolist()
 
 
 def test_the_response_in_a_file(whole, tmp_path):

@@ -33,8 +33,8 @@ from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.stages import EmulatedStage
 from coilarray.hardware.scan.reader import RawSample, SampleFault
-from coilarray.localize.comparison import compare_responses
 from coilarray.response.map import response_map
+from coilarray.studies.comparison import compare_responses
 
 TRUE = 52e-6  # H, of the quick board's coils
 NOISE = 2e-7  # of a frequency

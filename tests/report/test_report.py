@@ -30,9 +30,9 @@ from coilarray.design.bundled import read
 from coilarray.design.model import parse_design_file
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
-from coilarray.localize.ellipse import fit_ellipses
-from coilarray.localize.ellipse_model import ellipse_model, locate_x
-from coilarray.localize.published import published_map
+from coilarray.paper.ellipse import fit_ellipses
+from coilarray.paper.ellipse_model import ellipse_model, locate_x
+from coilarray.paper.published import published_map
 from coilarray.report import figures
 from coilarray.report.position import map_positions
 from coilarray.report.summary import summary_table
@@ -325,7 +325,7 @@ def test_positions_of_the_ellipse_model_agree_with_the_library(made, page):
     assert len(rows) == 7 * 27
     with xr.open_dataset(made.folder / "response.nc", engine="h5netcdf") as saved:
         response = saved.load()
-    model = ellipse_model(fit_ellipses(response, -1)).with_semiaxis_addition(0.2e-3)
+    model = ellipse_model(fit_ellipses(response, float(response.depth[-1]))).with_semiaxis_addition(0.2e-3)
     errors = []
     origin = BOARD.design.indentation.origin_point  # of the paper, the centre of coil2; rows: the board
     for row in rows:

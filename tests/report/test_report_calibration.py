@@ -9,7 +9,7 @@ import xarray as xr
 from support.plot_results import calibration
 
 from coilarray.errors import OutputError
-from coilarray.localize.published import published_model, undetermined_levels
+from coilarray.paper.published import published_model, undetermined_levels
 from coilarray.report.calibration import (
     calibration_notes,
     calibration_tables,

@@ -10,7 +10,6 @@ import pytest
 from support.localize_boards import ROW, bells, response
 
 from coilarray.errors import OutputError
-from coilarray.localize.comparison import compare_responses
 from coilarray.report.comparison import (
     comparison_notes,
     comparison_tables,
@@ -21,6 +20,7 @@ from coilarray.report.comparison import (
     scale_table,
     write_comparison_page,
 )
+from coilarray.studies.comparison import compare_responses
 
 pytestmark = pytest.mark.slow
 

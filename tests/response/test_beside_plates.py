@@ -24,9 +24,9 @@ from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Ring
 from coilarray.metal import finite_plates, plate_mesh
+from coilarray.paper.two_dimensional import line_response
 from coilarray.response.map import inductance_changes, respond, response_map
 from coilarray.response.setup import experiment, map_axes, wedge_inductance
-from coilarray.response.two_dimensional import line_response
 
 PAIR = first_coils_design(2)
 X = [-13.28e-3, 2e-3]

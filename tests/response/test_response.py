@@ -26,8 +26,8 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Cone, FlatPunch, Sheet
+from coilarray.paper.two_dimensional import line_response
 from coilarray.response.map import Imperfections, response_map
-from coilarray.response.two_dimensional import line_response
 
 pytestmark = pytest.mark.slow
 

@@ -18,9 +18,9 @@ from coilarray.design.vary import vary
 from coilarray.elastomer.dent import dent_of
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Seat
+from coilarray.paper.two_dimensional import line_response
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
-from coilarray.response.two_dimensional import line_response
 from coilarray.studies.quantities import evaluate
 
 pytestmark = pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse_model import locate_x
+from coilarray.paper.ellipse_model import locate_x
 
 _PARTS = 2000  # of the range in which a reading is looked for; the polynomials have few turns
 

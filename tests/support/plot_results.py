@@ -11,11 +11,11 @@ from coilarray import calibrate, load_design
 from coilarray.circuit.coupling import couple
 from coilarray.design.model import load_design_file
 from coilarray.hardware.record.stability import stability
-from coilarray.localize.ellipse import fit_ellipses
-from coilarray.localize.ellipse_model import ellipse_model
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
-from coilarray.localize.published import published_model
+from coilarray.paper.ellipse import fit_ellipses
+from coilarray.paper.ellipse_model import ellipse_model
+from coilarray.paper.published import published_model
 from coilarray.studies.calibrate.plan import check_plan
 from coilarray.studies.optimize import Optimization, Trial, front_of, parse_goal
 from support.localize_boards import ROW

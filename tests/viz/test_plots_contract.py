@@ -16,7 +16,7 @@ from support import plot_results as results
 
 import coilarray.viz.plots
 from coilarray.geometry import Hemisphere
-from coilarray.localize.ellipse import Ellipse
+from coilarray.paper.ellipse import Ellipse
 
 LINE, PLANE = np.linspace(-20e-3, 20e-3, 9), np.linspace(-10e-3, 10e-3, 5)
 

@@ -46,7 +46,7 @@ def plot_residual(
     Parameters
     ----------
     comparison : xarray.Dataset
-        Result of `coilarray.localize.comparison.compare_responses`, with at least two x and two y.
+        Result of `coilarray.studies.comparison.compare_responses`, with at least two x and two y.
     state, depth : str and int
         Name of the state, and index of the depth in the dataset.
     stage : {"before", "after"}

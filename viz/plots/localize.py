@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
 
 from coilarray.compute.display_units import MILLI_DELTA, MM, PER_MILLION, true_minus
-from coilarray.localize.ellipse import Ellipse
-from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
+from coilarray.paper.ellipse import Ellipse
+from coilarray.paper.ellipse_model import EllipseModel, EllipsePosition
 from coilarray.viz.datasets.overlays import of_state
 from coilarray.viz.palette import BLUE, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
 from coilarray.viz.plots import style
@@ -47,7 +47,7 @@ def plot_ellipse_parameters(
     Parameters
     ----------
     fits : xarray.Dataset
-        Result of `coilarray.localize.ellipse.fit_ellipses`.
+        Result of `coilarray.paper.ellipse.fit_ellipses`.
     model : EllipseModel
         Polynomials through these fits.
     state : str
@@ -69,9 +69,9 @@ def plot_ellipse_parameters(
 
     Examples
     --------
-    >>> from coilarray.localize.ellipse import fit_ellipses
-    >>> from coilarray.localize.ellipse_model import ellipse_model
-    >>> from coilarray.localize.published import published_map
+    >>> from coilarray.paper.ellipse import fit_ellipses
+    >>> from coilarray.paper.ellipse_model import ellipse_model
+    >>> from coilarray.paper.published import published_map
     >>> fits = fit_ellipses(published_map(), states=["coil1", "coil2"])
     >>> plot_ellipse_parameters(fits, ellipse_model(fits), "coil1").get_ylabel()
     'A, B, $x_0$ (mm)'
@@ -166,8 +166,8 @@ def plot_ellipses(
 
     Examples
     --------
-    >>> from coilarray.localize.ellipse_model import intersect
-    >>> from coilarray.localize.published import published_model
+    >>> from coilarray.paper.ellipse_model import intersect
+    >>> from coilarray.paper.published import published_model
     >>> model, deltas = published_model(), {"coil1": 8.09e-4, "coil2": 6.47e-4}
     >>> place = intersect(model, deltas, "coil1", "coil2")
     >>> ax = plot_ellipses({name: model[name].ellipse(delta) for name, delta in deltas.items()}, place)
@@ -253,7 +253,7 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     Parameters
     ----------
     distortion : xarray.Dataset
-        Result of `coilarray.localize.distortion.distortion`.
+        Result of `coilarray.paper.distortion.distortion`.
     state : str
         Name of the coil.
     ax : Axes, optional

@@ -189,7 +189,7 @@ def plot_bell_curve(
     Parameters
     ----------
     response : xarray.Dataset
-        Result of `coilarray.response_map` or `coilarray.response.two_dimensional` with at least two positions along the
+        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional` with at least two positions along the
         line.
     state : str, optional
         Name of the state of a map. The default is the state that responds nearest to the middle of the map.

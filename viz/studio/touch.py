@@ -15,10 +15,10 @@ import xarray as xr
 from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import Ellipse, fit_ellipses
-from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.localize.inverse import Location, locate
+from coilarray.paper.ellipse import Ellipse, fit_ellipses
+from coilarray.paper.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.response.coordinates import on_board
 from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.touch import off_middle

@@ -19,8 +19,8 @@ from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.vary import no_longer_assumed, plain, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
-from coilarray.localize.ellipse_model import EllipseModel
-from coilarray.localize.published import published_model, require_published_board
+from coilarray.paper.ellipse_model import EllipseModel
+from coilarray.paper.published import difference_from_published, published_model
 from coilarray.response.setup import Imperfections
 from coilarray.studies.calibrate.data import Measurement, measurement
 from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
@@ -176,7 +176,11 @@ def calibrate(
     file = as_file(design)
     plan = unknowns if isinstance(unknowns, Plan) else simple_plan(unknowns or {})
     if data is None:
-        require_published_board(file.design)
+        if difference := difference_from_published(file.design):
+            raise GoalError(
+                f"the design {file.design.name} is not the board of `published` (Table A1 of the paper): {difference}; "
+                "give DATA of its own, and --plan or --unknown."
+            )
         data = published_model()
     measured = measurement(data, plan.data, file.design)
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]

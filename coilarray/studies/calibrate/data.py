@@ -14,15 +14,15 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.errors import GoalError
 from coilarray.geometry.values import place_in_mm
-from coilarray.localize.comparison import own_noise
-from coilarray.localize.distortion import ellipse_curves
-from coilarray.localize.ellipse import PARAMETERS
-from coilarray.localize.ellipse_model import DEGREE, EllipseModel
-from coilarray.localize.published import undetermined_levels
+from coilarray.paper.distortion import ellipse_curves
+from coilarray.paper.ellipse import PARAMETERS
+from coilarray.paper.ellipse_model import DEGREE, EllipseModel
+from coilarray.paper.published import undetermined_levels
 from coilarray.response.coordinates import map_origin
 from coilarray.response.schema import RESPONSE
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.plan import DataTable
+from coilarray.studies.comparison import own_noise
 
 _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %

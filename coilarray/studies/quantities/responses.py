@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from coilarray.errors import GoalError
-from coilarray.localize.distortion import DELTAS, ellipse_curves
+from coilarray.paper.distortion import DELTAS, ellipse_curves
 from coilarray.studies.quantities.couplings import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_name, read_positive

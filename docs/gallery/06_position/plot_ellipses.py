@@ -8,7 +8,7 @@ Curves of equal δ of three coils are nearly ellipses; their fits give the posit
 import numpy as np
 
 import coilarray as ca
-from coilarray.localize.ellipse_model import ellipse_model
+from coilarray.paper.ellipse_model import ellipse_model
 from coilarray.viz import ellipse_parameter_figure
 
 design = ca.load_design("gast2020")

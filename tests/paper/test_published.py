@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from support.ellipses import readings_at, x_errors
 
-from coilarray.localize.ellipse import fit_ellipses
-from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, ellipse_model, locate_x
-from coilarray.localize.published import (
+from coilarray.paper.ellipse import fit_ellipses
+from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, ellipse_model, locate_x
+from coilarray.paper.published import (
     published_map,
     published_model,
     published_rows,

@@ -199,7 +199,7 @@ def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArr
 
 def fit_ellipses(
     response: xr.Dataset,
-    depth: int | float = 0,
+    depth: float | None = None,
     *,
     states: Sequence[str] | None = None,
     refinement: int = REFINEMENT,
@@ -215,8 +215,8 @@ def fit_ellipses(
     response : xarray.Dataset
         Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils'
         axis. If the map has a window for ellipses (`coilarray.Indentation`), only the window is used.
-    depth : int or float
-        An integer is the index of a depth, any other number a depth in m that the response has.
+    depth : float, optional
+        Depth in m that the response has. By default its first depth.
     states : sequence of str, optional
         States to fit. By default every state whose largest δ lies within the map and above five levels. The curves
         around a maximum at the map's edge do not close.
@@ -370,14 +370,12 @@ def _hill(values: FloatArray, foot: float) -> npt.NDArray[np.bool_]:
     return np.asarray(regions == regions.flat[np.argmax(values)])
 
 
-def _delta(response: xr.Dataset, depth: int | float) -> xr.DataArray:
-    """δ(y, x, state) of one depth."""
+def _delta(response: xr.Dataset, depth: float | None) -> xr.DataArray:
+    """δ(y, x, state) of a depth in m, of the first one for None."""
     delta = RESPONSE.checked(response, "a response")["delta"]
+    if depth is None:
+        return delta.isel(depth=0)
     depths = delta.depth.values.tolist()
-    if isinstance(depth, int | np.integer):
-        if not -len(depths) <= depth < len(depths):
-            raise LocalizeError(f"depth must be an index of {len(depths)} depths or a depth in m; got {depth}.")
-        return delta.isel(depth=depth)
     nearest = int(np.argmin(np.abs(np.subtract(depths, depth))))
     if not np.isclose(depths[nearest], depth, rtol=1e-6, atol=0):
         listed = ", ".join(f"{value * 1e3:.4g}" for value in depths)

@@ -10,9 +10,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.design.model import Design
-from coilarray.errors import GoalError, listed
-from coilarray.localize.ellipse import PARAMETERS, closes
-from coilarray.localize.ellipse_model import CoilEllipses, EllipseModel
+from coilarray.errors import listed
+from coilarray.paper.ellipse import PARAMETERS, closes
+from coilarray.paper.ellipse_model import CoilEllipses, EllipseModel
 
 CENTRE_DELTA = 1e-3
 """δ from which an indentation is near a coil's centre (Sect. 5)."""
@@ -40,7 +40,7 @@ def published_rows(name: str) -> list[dict[str, str]]:
     >>> published_rows("table_2")[0]
     {'real_x_mm': '-8.75', 'real_y_mm': '-3.6', 'determined_x_mm': '-8.83', 'error_mm': '-0.08'}
     """
-    text = resources.files("coilarray.localize").joinpath("published", f"{name}.csv").read_text(encoding="utf-8")
+    text = resources.files("coilarray.paper").joinpath("published", f"{name}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
 
 
@@ -77,33 +77,32 @@ def published_model() -> EllipseModel:
     return EllipseModel(tuple(coils))
 
 
-def require_published_board(design: Design) -> None:
-    """Refuse a design with coils other than Table A1's.
+def difference_from_published(design: Design) -> str:
+    """Say why the coils of a design are not those of Table A1, empty if they are.
 
-    The coils are compared by their names and by their places in the map. Raises GoalError for a coil that is missing,
-    or more than 1 mm from the published centre of its ellipses near its peak.
+    The coils are compared by their names and by their places in the map, which must be within 1 mm of the published
+    centre of their ellipses near the peak.
 
     Examples
     --------
     >>> from coilarray import load_design
-    >>> require_published_board(load_design("gast2020"))
+    >>> difference_from_published(load_design("gast2020")), difference_from_published(load_design("gast_fem"))
+    ('', 'it has no coil2, coil3')
     """
-    said = f"the design {design.name} is not the board of `published` (Table A1 of the paper): "
-    advice = "; give DATA of its own, and --plan or --unknown."
     names, setup = design.array.names, design.indentation
-    missing = [name for name in _COILS if name not in names]
-    if missing:
-        raise GoalError(f"{said}it has no {listed(missing)}{advice}")
+    if missing := [name for name in _COILS if name not in names]:
+        return f"it has no {listed(missing)}"
     if setup is None:
-        raise GoalError(f"{said}it has no [indentation]{advice}")
+        return "it has no [indentation]"
     for coil in published_model().coils:
         x = float(coil.curves(CENTRE_DELTA)[0])
         at = design.array.centres[names.index(coil.name)][:2] - setup.origin_point
         if np.hypot(at[0] - x, at[1]) > _SAME:
-            raise GoalError(
-                f"{said}{coil.name} must be within {_SAME * 1e3:g} mm of x = {x * 1e3:.1f} mm, y = 0 from the origin "
-                f"of the map; it is at {at[0] * 1e3:.4g} and {at[1] * 1e3:.4g} mm{advice}"
+            return (
+                f"{coil.name} must be within {_SAME * 1e3:g} mm of x = {x * 1e3:.1f} mm, y = 0 from the origin of the "
+                f"map; it is at {at[0] * 1e3:.4g} and {at[1] * 1e3:.4g} mm"
             )
+    return ""
 
 
 def undetermined_levels(
@@ -116,7 +115,7 @@ def undetermined_levels(
 
     A level is undetermined if too little of its ellipse at δ (n,) is in the window of the map. The window reaches over
     `x` and `y` in m, by default the paper's window, x ±26 and y ±6 mm. The points of each ellipse within it are judged
-    like the points of a computed level, by `coilarray.localize.ellipse.closes`.
+    like the points of a computed level, by `coilarray.paper.ellipse.closes`.
 
     Examples
     --------

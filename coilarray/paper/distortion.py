@@ -22,8 +22,8 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import LocalizeError
 from coilarray.geometry import MATERIALS, Conductor, Hemisphere
-from coilarray.localize.ellipse import PARAMETERS, fit_ellipses, refined_map
-from coilarray.localize.published import published_model, undetermined_levels
+from coilarray.paper.ellipse import PARAMETERS, fit_ellipses, refined_map
+from coilarray.paper.published import published_model, undetermined_levels
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
 from coilarray.response.setup import indentation_of, map_axes
 
@@ -43,7 +43,7 @@ class EllipseCurves:
     """Ellipse parameters over δ of every state, in m.
 
     They are x0, A and B of shape (states, deltas), NaN if the map has no such level. `undetermined` of the same shape
-    marks levels whose points do not determine the ellipse, see `coilarray.localize.ellipse`.
+    marks levels whose points do not determine the ellipse, see `coilarray.paper.ellipse`.
     """
 
     x0: FloatArray
@@ -336,7 +336,7 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
 
     The map is the map of the first depth. Between the steps of the sweep the interpolation in δ is linear.
     """
-    fits = fit_ellipses(response, 0, states=states)
+    fits = fit_ellipses(response, states=states)
     curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
     undetermined = np.zeros((len(states), len(levels)), dtype=bool)
     for j, state in enumerate(states):

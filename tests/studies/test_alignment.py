@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from support.localize_boards import ROW, bells, board, response
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.alignment import align, inside, values_at
 from coilarray.localize.forward import forward_model
+from coilarray.studies.alignment import align, inside, values_at
 
 SHIFT = (2e-3, 2e-3)
 AXES = (np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from support.localize_boards import ROW, board
 
-from coilarray.localize.ellipse import PARAMETERS, STEP, fit_ellipses
-from coilarray.localize.level_curves import level_axis, level_curves
-from coilarray.localize.published import published_map
+from coilarray.paper.ellipse import PARAMETERS, STEP, fit_ellipses
+from coilarray.paper.level_curves import level_axis, level_curves
+from coilarray.paper.published import published_map
 
 pytestmark = pytest.mark.slow
 

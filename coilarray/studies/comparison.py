@@ -2,7 +2,7 @@
 
 Nothing is extrapolated. The simulated map is interpolated at the measured positions. Positions outside of it are left
 out and counted. The ellipses of both come from the same positions with the same settings, since window and spacing of a
-map affect them (`coilarray.localize.ellipse`).
+map affect them (`coilarray.paper.ellipse`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
-from coilarray.localize.alignment import align, inside, values_at
-from coilarray.localize.ellipse import PARAMETERS
 from coilarray.localize.forward import ForwardModel, forward_model
-from coilarray.localize.level_curves import LevelCurves, level_axis, level_curves
+from coilarray.paper.ellipse import PARAMETERS
+from coilarray.paper.level_curves import LevelCurves, level_axis, level_curves
 from coilarray.response.schema import RESPONSE
+from coilarray.studies.alignment import align, inside, values_at
 
 SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""
@@ -114,7 +114,7 @@ def compare_responses(
 
     Examples
     --------
-    >>> from coilarray.localize.published import published_map
+    >>> from coilarray.paper.published import published_map
     >>> simulated = published_map()
     >>> found = compare_responses(simulated.assign(delta=1.1 * simulated.delta), simulated)
     >>> found.scale.round(6).values.tolist(), float(abs(found["shift"]).max().round(9))

@@ -16,7 +16,7 @@ Details that the paper leaves open, and their interpretation here:
 - *One solution for x*: two ellipses can intersect at two values of x. The value between their centres is taken, after a
   check that there is only one.
 - *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`. Nothing is added by default.
-- *The steps*: a step whose points do not determine its ellipse (`coilarray.localize.ellipse`) is left out if the
+- *The steps*: a step whose points do not determine its ellipse (`coilarray.paper.ellipse`) is left out if the
   ellipse lies beyond the coil, twice its own semi-axis away from the centre of the highest determined step. An arc
   across the window's end may give such an ellipse, which would distort the polynomials at all δ.
 - *The range of δ* is not given. A fitted model reaches from the threshold below its first step to the threshold above
@@ -37,7 +37,7 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.checksum import checksum
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import PARAMETERS, Ellipse
+from coilarray.paper.ellipse import PARAMETERS, Ellipse
 
 Coefficients = tuple[float, ...]
 """p4, p3, p2, p1, p0 of a polynomial of δ, in m."""
@@ -157,7 +157,7 @@ class EllipseModel:
 
     Examples
     --------
-    >>> from coilarray.localize.published import published_model
+    >>> from coilarray.paper.published import published_model
     >>> model = published_model()
     >>> model.names
     ('coil1', 'coil2', 'coil3')
@@ -217,7 +217,7 @@ class EllipsePosition:
 def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     """Fit the polynomials of an ellipse model.
 
-    The fits come from `coilarray.localize.ellipse.fit_ellipses`. The coils are in the order of their centres. Every
+    The fits come from `coilarray.paper.ellipse.fit_ellipses`. The coils are in the order of their centres. Every
     step has the same weight, as in the paper. Raises LocalizeError for fewer steps with an ellipse than a polynomial
     has coefficients.
 
@@ -239,7 +239,7 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 
     Examples
     --------
-    >>> from coilarray.localize.published import published_model
+    >>> from coilarray.paper.published import published_model
     >>> model_from_json(model_to_json(published_model())) == published_model()
     True
     """
@@ -332,7 +332,7 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
 
     Examples
     --------
-    >>> from coilarray.localize.published import published_model
+    >>> from coilarray.paper.published import published_model
     >>> place = locate_x(published_model(), {"coil1": 2.1125e-4, "coil2": 1.7582e-3, "coil3": 1.6317e-4})
     >>> round(place.x * 1e3, 2), place.case, place.coils
     (-0.25, 'adjacent coils', ('coil1', 'coil3'))

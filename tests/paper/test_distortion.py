@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from support.contacts import MESH, coarse_maps, first_coils_design
 
-import coilarray.localize.distortion as distortion_module
+import coilarray.paper.distortion as distortion_module
 from coilarray import load_design
 from coilarray.errors import LocalizeError
-from coilarray.localize.distortion import EllipseCurves, distortion, ellipse_curves
-from coilarray.localize.published import published_map, published_model
+from coilarray.paper.distortion import EllipseCurves, distortion, ellipse_curves
+from coilarray.paper.published import published_map, published_model
 from coilarray.report.localize_tables import indenter_table
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
 from coilarray.response.setup import map_axes

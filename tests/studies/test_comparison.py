@@ -5,13 +5,13 @@ import pytest
 import xarray as xr
 from support.localize_boards import ROW, bells, response
 
-import coilarray.localize.comparison
+import coilarray.studies.comparison
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import LocalizeError
-from coilarray.localize.comparison import compare_responses
-from coilarray.localize.ellipse import fit_ellipses
-from coilarray.localize.level_curves import LevelCurves
-from coilarray.localize.published import published_map
+from coilarray.paper.ellipse import fit_ellipses
+from coilarray.paper.level_curves import LevelCurves
+from coilarray.paper.published import published_map
+from coilarray.studies.comparison import compare_responses
 
 pytestmark = pytest.mark.slow
 
@@ -78,7 +78,7 @@ def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
 def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
     """Every figure's standard deviation against the scatter over 60 seeds, which is known to 9 %."""
     none = LevelCurves(*np.empty((2, 3, 0)), np.empty(0, dtype=bool))
-    monkeypatch.setattr(coilarray.localize.comparison, "level_curves", lambda *_, **__: none)
+    monkeypatch.setattr(coilarray.studies.comparison, "level_curves", lambda *_, **__: none)
     measured = world(1.1, (0.3e-3, 0.0))
     runs = [compared(noisy(measured, seed)) for seed in range(60)]
     for name in (*FIGURES, "shift"):

@@ -10,7 +10,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import PARAMETERS, STEP, fit_ellipses
+from coilarray.paper.ellipse import PARAMETERS, STEP, fit_ellipses
 
 _LEAST_SHARE = 0.5  # of the noisy maps: if fewer have a level, its scatter is NaN
 
@@ -22,7 +22,7 @@ class LevelCurves:
     They are for one state at one depth. `values` and `deviations`, shape (3, levels), are x0, A and B in m and their
     standard deviations. They are NaN if a level has no ellipse, and the deviations are also NaN if no noise is known.
     `undetermined`, shape (levels,), marks the levels whose points do not determine the ellipse, see
-    `coilarray.localize.ellipse`. `problem` is the reason why there is no ellipse at all, empty if there are some.
+    `coilarray.paper.ellipse`. `problem` is the reason why there is no ellipse at all, empty if there are some.
     """
 
     values: FloatArray

@@ -15,11 +15,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.ellipses import readings_at, x_errors
 
-import coilarray.localize.ellipse as ellipse_module
+import coilarray.paper.ellipse as ellipse_module
 from coilarray import load_design, response_map
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import Ellipse, closes, fit_ellipse, fit_ellipses, refined_map, standard_errors
-from coilarray.localize.ellipse_model import (
+from coilarray.paper.ellipse import Ellipse, closes, fit_ellipse, fit_ellipses, refined_map, standard_errors
+from coilarray.paper.ellipse_model import (
     CENTRE_SHARE,
     CoilEllipses,
     EllipseModel,
@@ -28,7 +28,7 @@ from coilarray.localize.ellipse_model import (
     intersect,
     locate_x,
 )
-from coilarray.localize.published import published_model
+from coilarray.paper.published import published_model
 from coilarray.response.coordinates import in_ellipse_window
 
 pytestmark = pytest.mark.slow
@@ -247,11 +247,9 @@ def test_points_of_one_arc_do_not_determine_an_ellipse():
     assert not closes(np.array([]), 0.0, 3.0)
 
 
-def test_depth_by_index_and_by_value():
+def test_a_depth_is_chosen_in_metres():
     deep = xr.concat([MAP, (2 * MAP).assign_coords(depth=[1.5e-3])], "depth")
-    by_index, by_value = fit_ellipses(deep, -1), fit_ellipses(deep, 1.5e-3)
-    xr.testing.assert_identical(by_index, by_value)
-    assert float(by_index.peak[0]) == pytest.approx(2 * PEAK, rel=1e-3)
+    assert float(fit_ellipses(deep, 1.5e-3).peak[0]) == pytest.approx(2 * PEAK, rel=1e-3)
     xr.testing.assert_identical(fit_ellipses(deep), fit_ellipses(MAP))
 
 
@@ -322,7 +320,7 @@ SPIKE = MAP.assign(delta=MAP.delta.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WIND
 @pytest.mark.parametrize(("dataset", "settings", "text"), [
     (MAP.drop_vars("delta"), {}, "must have delta over .*; delta is missing"),
     (MAP.isel(depth=0), {}, "must have delta over .*; delta is over"),
-    (MAP, {"depth": 1}, "index of 1 depths"),
+    (MAP, {"depth": 1}, "has the depths 1 mm; got 1000 mm"),
     (MAP, {"depth": 2e-3}, "has the depths 1 mm; got 2 mm"),
     (MAP, {"states": ["coil9"]}, "no state 'coil9'"),
     (MAP, {"states": []}, "one state or more"),
