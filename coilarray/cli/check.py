@@ -142,15 +142,20 @@ def _print_profiles(profiles: Sequence[FabProfile]) -> None:
         for profile in profiles
     ]
     headers = ("profile", "board house", "trace", "gap", "drill", "layers", "read")
-    shared.print_table(headers, rows, title="lengths in mm")
+    typer.echo(shared.table_text(headers, rows, "lengths in mm"))
 
 
 def _margins_text(margins: Sequence[Margin], whose: str) -> str:
+    from coilarray.compute.table import Column
     from coilarray.report.tables import rules_table
 
     limits = [replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins]
     table = rules_table(limits)
-    cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
-    broken = [k for k, one in enumerate(margins) if not one.kept]
     title = f"margins to the limits of {whose}: the worst first, what is kept of the bare board last"
-    return shared.table_text(("no.", *table.headers[:-1]), [row[:-1] for row in cells], title, broken)
+    numbered = replace(
+        table,
+        title=title,
+        columns=(Column("no."), *table.columns),
+        rows=tuple((str(k + 1), *row) for k, row in enumerate(table.rows)),
+    )
+    return numbered.text(shared.terminal_width())

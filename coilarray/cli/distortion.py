@@ -11,7 +11,7 @@ from coilarray import viz
 from coilarray.cli import shared
 
 if TYPE_CHECKING:
-    from coilarray.report.tables import Table
+    from coilarray.compute.table import Table
 
 
 def distortion(

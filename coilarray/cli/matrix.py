@@ -84,14 +84,14 @@ def _print_matrices(names: Sequence[str], inductance: FloatArray, coupling: Floa
 
     henry, plain = display_unit("H"), DisplayUnit(digits=5)
     if len(names) == 1:
-        shared.print_table(("coil", henry.label("L")), [[names[0], *henry.texts(inductance[0])]])
+        typer.echo(shared.table_text(("coil", henry.label("L")), [[names[0], *henry.texts(inductance[0])]]))
         return
     if len(names) > _MOST_COILS:
         _print_strongest(names, inductance, coupling)
         return
     for title, values, unit in (("L and M", inductance, henry), ("\nk", coupling, plain)):
         rows = [[name, *unit.texts(row)] for name, row in zip(names, values.tolist(), strict=True)]
-        shared.print_table(("", *names), rows, unit.label(title))
+        typer.echo(shared.table_text(("", *names), rows, unit.label(title)))
 
 
 def _print_strongest(names: Sequence[str], inductance: FloatArray, coupling: FloatArray) -> None:
@@ -108,5 +108,5 @@ def _print_strongest(names: Sequence[str], inductance: FloatArray, coupling: Flo
     pairs = [f"{names[a]} – {names[b]}" for a, b in zip(first.tolist(), second.tolist(), strict=True)]
     rows = list(zip(pairs, M, k, strict=True))
     typer.echo(f"L of {len(names)} coils: {least} to {most} {henry.symbol}\n")
-    shared.print_table(("pair", henry.label("M"), "k"), rows, "the strongest couplings")
+    typer.echo(shared.table_text(("pair", henry.label("M"), "k"), rows, "the strongest couplings"))
     typer.echo(f"… and {count - len(rows)} more (--json, --out)")

@@ -175,7 +175,7 @@ def _print_quantities(*, as_json: bool) -> None:
     if as_json:
         shared.print_json([dict(zip(headers, row, strict=True)) for row in rows])
     else:
-        shared.print_table(headers, rows)
+        typer.echo(shared.table_text(headers, rows))
 
 
 def _print_result(result: Optimization) -> None:
@@ -203,10 +203,10 @@ def _print_result(result: Optimization) -> None:
     chosen = chosen_designs(result)
     typer.echo(f"{tried}\n")
     found = quantity_table(result, chosen, result.goal.quantities)
-    shared.print_table(found.headers[:-1], [row[:-1] for row in found.cells()])  # without what a quantity is
+    shared.print_table(found.without("says"), title=False)
     typer.echo()
     varied = variable_table(result, chosen)
-    shared.print_table(varied.headers, varied.cells())
+    shared.print_table(varied, title=False)
     for line in ("", *at_ends(result, chosen)):
         typer.echo(line)
     broken = [

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
+    from coilarray.compute.table import Table
+
 
 def report(
     design: shared.DesignArgument = None,
@@ -58,11 +60,11 @@ def report(
     for line in made.verdicts:
         typer.echo(line)
     if made.summary is not None:
-        shared.print_table(made.summary.headers, made.summary.cells())
+        shared.print_table(made.summary, title=False)
         if opened.assumed:
             typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
-    shared.print_table(*_summary(opened.design.array.centres, made.coupling))
+    shared.print_table(_summary(opened.design.array.centres, made.coupling))
 
 
 def _causes(distortion: Path) -> xr.Dataset:
@@ -72,11 +74,12 @@ def _causes(distortion: Path) -> xr.Dataset:
     return read_checked(distortion, DISTORTION)
 
 
-def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[list[str], list[list[str]]]:
-    """Headers and rows of the short table on the terminal."""
+def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:
+    """Short table of the coils."""
     import numpy as np
 
     from coilarray.compute.display_units import number_text
+    from coilarray.compute.table import text_table
 
     names = coupling.coil.values.tolist()
     distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
@@ -92,4 +95,4 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[li
         numbers = [f"{float(values[a]) * factor:.{digits}f}" for values, factor, digits in columns]
         neighbours = ", ".join(f"{names[b]} {number_text(float(coupling.coupling[a, b]), 4, '+')}" for b in near)
         rows.append([name, *numbers, neighbours or "none"])
-    return ["coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"], rows
+    return text_table(("coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"), rows)

@@ -10,9 +10,8 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import re
+import shutil
 import sys
-import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,11 +27,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
     from coilarray.design.model import Design, DesignFile, Indentation
     from coilarray.geometry import Target
-    from coilarray.report.tables import Table
 
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -179,9 +178,6 @@ TableFile = Annotated[
 
 SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0
 _MOST_LENGTHS = 1000
-_PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
-_APART = 2  # blanks between columns
-_NARROWEST = 10  # characters of a heading before it goes on in the next line
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
@@ -332,11 +328,11 @@ def print_result(
         print_json(data)
         return
     for table in tables:
-        print_table(table.headers, table.cells(), table.title if titles else "")
+        print_table(table, title=titles)
         if len(tables) > 1:
             typer.echo()
     for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
-        typer.echo(line)
+        say(line)
 
 
 def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> list[str]:
@@ -383,59 +379,30 @@ def print_json(data: Any) -> None:
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
-def print_table(
-    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
-) -> None:
-    """Print a table of text, numbers to the right; rows whose index is in `marked` are red."""
-    typer.echo(table_text(headers, rows, title, marked))
+def print_table(table: Table, *, title: bool = True) -> None:
+    """Print a table as wide as the terminal."""
+    typer.echo(table.text(terminal_width(), title=title))
 
 
-def table_text(
-    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
-) -> str:
-    """Return what `print_table` prints.
+def table_text(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> str:
+    """Return a table of texts, as wide as the terminal."""
+    from coilarray.compute.table import text_table
 
-    On a narrow terminal the headings take several lines; columns that still do not fit follow below, each time with the
-    first one beside them.
-    """
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = _PIPE_WIDTH
-    cells = [max((len(row[k]) for row in rows), default=0) for k in range(len(headers))]
-    if sum(max(len(header), cell) + _APART for header, cell in zip(headers, cells, strict=True)) > console.width:
-        least = [max(c, _NARROWEST, *map(len, h.split())) for h, c in zip(headers, cells, strict=True)]
-        headers = ["\n".join(textwrap.wrap(h, width)) for h, width in zip(headers, least, strict=True)]
-    widths = [max(c, *map(len, h.split("\n"))) + _APART for h, c in zip(headers, cells, strict=True)]
-    blocks, room = [[0]], console.width + _APART - widths[0]  # nothing stands beside the last column
-    for k in range(1, len(headers)):
-        if sum(widths[j] for j in blocks[-1][1:]) + widths[k] > room and len(blocks[-1]) > 1:
-            blocks.append([0])
-        blocks[-1].append(k)
-    tables: list[Table | str] = []
-    for number, block in enumerate(blocks):
-        above = title or None if number == 0 else None
-        table = Table(title=above, title_justify="left", box=None, pad_edge=False, padding=(0, _APART, 0, 0))
-        for k in block:
-            numeric = all(_is_number(row[k]) for row in rows)
-            table.add_column(headers[k], justify="right" if numeric else "left", no_wrap=True, vertical="bottom")
-        for k, row in enumerate(rows):
-            table.add_row(*(Text(row[j]) for j in block), style="bold red" if k in marked else None)
-        tables += ["", table] if number else [table]
-    with console.capture() as captured:
-        console.print(*tables, sep="\n")
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+    return text_table(headers, rows, title).text(terminal_width())
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(re.sub("·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+$", "", text).replace("−", "-"))
-    except ValueError:
-        return False
-    return True
+def terminal_width() -> int | None:
+    """Characters of a line of the terminal, None if the output is no terminal."""
+    return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print lines of words, wrapped at the width of the terminal."""
+    from coilarray.compute.table import fill
+
+    stream = sys.stderr if err else sys.stdout
+    width = shutil.get_terminal_size().columns if stream is not None and stream.isatty() else None
+    typer.echo(fill(text, width), err=err)
 
 
 def drop_output() -> None:

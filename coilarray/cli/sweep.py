@@ -121,7 +121,7 @@ def sweep(
             for one in plan.requests
             if one.key not in (RULES, UNREAD) or one.key in asked
         ]
-        shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
+        typer.echo(shared.table_text(("quantity", "unit", "smallest", "where", "largest", "where"), rows))
         broken = int((result[RULES] > 0).sum())
         if broken:
             where = "still in the table" if shown is result else "left out of the table"

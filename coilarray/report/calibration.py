@@ -11,9 +11,9 @@ import xarray as xr
 from coilarray import viz
 from coilarray.compute.display_units import DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.report.figures import Picture, draw
+from coilarray.compute.table import Picture, Table, dataset_table
+from coilarray.report.figures import draw
 from coilarray.report.page import now, render_page
-from coilarray.report.tables import Table, dataset_table
 
 _PLAIN = DisplayUnit(significant=True)
 _FOUR = DisplayUnit(digits=4)

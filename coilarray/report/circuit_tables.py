@@ -10,8 +10,8 @@ from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_
 from coilarray.circuit.impedance import CLOSE_CHANNELS
 from coilarray.circuit.readability import with_reasons
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.hardware import settle_count
-from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _ALIKE = 1e-6  # relative distance of frequencies that is only rounding
 
@@ -87,7 +87,7 @@ def limit_table(scan: xr.Dataset) -> Table:
         for state, *resonator in _resonators(scan)
         for limit in check_channel(*resonator)
     )
-    return Table("ldc1614", "LDC1614", columns, rows)
+    return Table("ldc1614", "LDC1614", columns, rows, mark="no")
 
 
 def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:

@@ -17,10 +17,10 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table, root_mean_square
 from coilarray.paper.ellipse import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.page import now, render_page
-from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
 
 
 def scale_table(comparison: xr.Dataset) -> Table:

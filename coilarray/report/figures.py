@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -17,6 +16,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import writing
 from coilarray.compute.html import png_url
+from coilarray.compute.table import Picture
 from coilarray.design.model import Design
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Indenter
@@ -30,18 +30,6 @@ if TYPE_CHECKING:
 
 
 _SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
-
-
-@dataclass(frozen=True)
-class Picture:
-    """Picture on the page.
-
-    It has a unique name, a caption with units, and ``data:image/png;base64,…``.
-    """
-
-    name: str
-    caption: str
-    uri: str
 
 
 def board_picture(design: Design) -> list[Picture]:

@@ -12,10 +12,10 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.display_units import PERCENT, DisplayUnit
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table, root_mean_square
 from coilarray.localize.inverse import Location
 from coilarray.paper.ellipse_model import EllipseModel
 from coilarray.paper.published import published_model, undetermined_levels
-from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
 from coilarray.response.interpolation import PARAMETERS
 
 _PARAMETERS = ("A", "B", "x0")

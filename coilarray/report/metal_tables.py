@@ -9,10 +9,10 @@ import xarray as xr
 
 from coilarray.circuit.plates import plate_errors_by_name
 from coilarray.compute.display_units import MM, PERCENT, DisplayUnit
+from coilarray.compute.table import Column, Table, Value, dataset_table
 from coilarray.design.model import Design
 from coilarray.geometry import FinitePlate
 from coilarray.metal.finite_plates import PlateError
-from coilarray.report.tables import Column, Table, Value, dataset_table
 
 _CONDUCTIVITY = DisplayUnit("MS/m", 1e-6, 4, significant=True)
 _SHORT = DisplayUnit("mm", 1e3, 3, significant=True)

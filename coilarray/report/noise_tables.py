@@ -11,7 +11,7 @@ import numpy as np
 from coilarray.circuit.noise_budget import NoiseBudget
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import DisplayUnit
-from coilarray.report.tables import Column, Table, Value
+from coilarray.compute.table import Column, Table, Value
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,12 +17,12 @@ import numpy as np
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.display_units import true_minus, value_text
 from coilarray.compute.files import make_folder, write_text
+from coilarray.compute.table import Column, Picture, Table
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
-from coilarray.report.figures import Picture, draw
+from coilarray.report.figures import draw
 from coilarray.report.page import now, render_page
-from coilarray.report.tables import Column, Table
 from coilarray.studies.optimize.importance import importance
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.space import Axis

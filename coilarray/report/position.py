@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.table import Column, Table, Value
 from coilarray.errors import LocalizeError
 from coilarray.paper.ellipse import Ellipse, fit_ellipses
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
-from coilarray.report.tables import Column, Table, Value
 from coilarray.response.coordinates import axis_label, in_ellipse_window, origin_of
 
 Place = tuple[float, float]

@@ -13,13 +13,13 @@ from coilarray.circuit.impedance import resonators
 from coilarray.circuit.readability import readable_of, reading_lines
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, display_unit, true_minus
+from coilarray.compute.table import Column, Table, Value, cell
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
-from coilarray.report.tables import Column, Table, Value, cell
 from coilarray.studies.create.tank import broken_limits
 
 if TYPE_CHECKING:

@@ -1,214 +1,20 @@
-"""Tables of a report, in SI units in the files and customary units on the page.
-
-Names and units come from the datasets. To add a column to the table of a dataset, add the name of the variable to the
-list of that table. Its attribute ``long_name`` is the heading, ``units`` the unit.
-"""
+"""Tables of coils, pairs, the design, its rules and the field along a line."""
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from coilarray.compute.display_units import PERCENT, DisplayUnit, display_unit
+from coilarray.compute.display_units import PERCENT, DisplayUnit
+from coilarray.compute.table import Column, Table, dataset_table
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Value = str | float | bool
-
-
-@dataclass(frozen=True)
-class Column:
-    """Column of a table.
-
-    `label` is the heading on the page without the unit, by default the name in words. `unit` is the SI unit of the
-    values in the rows and files, empty for text, "1" for a dimensionless number. `shown` is the unit on the page, by
-    default the customary unit.
-    """
-
-    name: str
-    label: str = ""
-    unit: str = ""
-    shown: DisplayUnit | None = None
-
-    @property
-    def key(self) -> str:
-        """Name in the files: the quantity and its SI unit.
-
-        An example is "force_N_per_m". The unit of a ratio is left out.
-        """
-        unit = "" if self.unit in ("", "1", "A/A") else "_" + self.unit.replace("/", "_per_")
-        return self.name + unit
-
-    @property
-    def header(self) -> str:
-        """Name on the page, with the unit shown there."""
-        return self._shown.label(self.label or self.name.replace("_", " "))
-
-    @property
-    def _shown(self) -> DisplayUnit:
-        return self.shown or display_unit(self.unit)
-
-    def texts(self, values: Sequence[Value]) -> list[str]:
-        """Return the values as the page shows them."""
-        numbers = iter(self._shown.texts([value for value in values if not isinstance(value, (str, bool))]))
-        return [_TRUTH[value] if isinstance(value, bool) else value if isinstance(value, str) else next(numbers)
-                for value in values]  # fmt: skip
-
-
-_POSITION = ("x", "y")  # names of columns
-_TRUTH = {True: "yes", False: "no"}
-
-
-@dataclass(frozen=True)
-class Table:
-    """Table with a name and a title.
-
-    The name is for files and JSON, the title for people. Its rows have numbers in SI, "" for none. If rows have units
-    of their own, `row_units` are shown in the column "unit", and apply to the columns of dimensionless numbers before
-    it.
-    """
-
-    name: str
-    title: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[Value, ...], ...]
-    row_units: tuple[DisplayUnit, ...] = ()
-
-    @property
-    def headers(self) -> list[str]:
-        """Headings of the columns on the page."""
-        return [column.header for column in self.columns]
-
-    def csv(self) -> str:
-        """Return the table as CSV with SI values.
-
-        Values have full precision. Texts have the minus sign of ASCII.
-        """
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(column.key for column in self.columns)
-        writer.writerows(self.rows)
-        return buffer.getvalue().replace("−", "-")
-
-    def records(self) -> list[dict[str, Value]]:
-        """Return the rows as mappings for JSON.
-
-        They have SI values in full precision.
-        """
-        keys = [column.key for column in self.columns]
-        return [dict(zip(keys, row, strict=True)) for row in self.rows]
-
-    def cells(self) -> list[list[str]]:
-        """Return the rows as the page shows them."""
-        if not self.rows:
-            return []
-        columns = [c.texts(values) for c, values in zip(self.columns, zip(*self.rows, strict=True), strict=True)]
-        for k, unit in enumerate(self.row_units):
-            end = [column.name for column in self.columns].index("unit")
-            columns[end][k] = unit.symbol
-            for texts, column, value in zip(columns[:end], self.columns, self.rows[k], strict=False):
-                if column.unit == "1":
-                    texts[k] = Column("", shown=unit).texts([value])[0]
-        return [list(row) for row in zip(*columns, strict=True)]
-
-    def without_empty_columns(self) -> Table:
-        """Return the table without columns that are empty everywhere."""
-        used = [k for k in range(len(self.columns)) if any(row[k] != "" for row in self.rows)]
-        rows = tuple(tuple(row[k] for k in used) for row in self.rows)
-        return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
-
-    def brief(self) -> Table:
-        """Return the table for the page, without redundant columns.
-
-        Left out are columns that are empty or zero in every row, or repeat the numbers of an earlier column of the same
-        unit. The files have all. A position keeps x and y unless they are zero.
-        """
-        columns = list(zip(*self.rows, strict=True))
-        kept = [
-            k
-            for k, values in enumerate(columns)
-            if not all(value == "" or (value == 0 and not isinstance(value, bool)) for value in values)
-            and (
-                self.columns[k].name in _POSITION
-                or not any(self.columns[j].unit == self.columns[k].unit and _same(values, columns[j]) for j in range(k))
-            )
-        ]
-        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
-        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
-
-
-def _same(values: Sequence[Value], others: Sequence[Value]) -> bool:
-    """Test whether two columns of numbers agree to rounding."""
-    return all(
-        isinstance(a, float) and isinstance(b, float) and math.isclose(a, b, rel_tol=1e-12)
-        for a, b in zip(values, others, strict=True)
-    )
-
-
-def dataset_table(
-    name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
-) -> Table:
-    """Make a table of variables of a dataset in SI.
-
-    Also shows their coordinates, with their ``long_name`` and ``units``. There is a row for each combination of their
-    coordinates. The dimension that is named first changes slowest. Numbers that are not finite are left empty. `shown`
-    has units for the page if the customary units do not fit, such as %.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
-    >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
-    >>> table = dataset_table("coils", "Coils", coils, ["coil", "resistance"])
-    >>> table.headers, table.cells(), table.csv().splitlines()[0]
-    (['coil', 'DC resistance (Ω)'], [['a', '14.200'], ['b', '14.100']], 'coil,resistance_ohm')
-    """
-    import xarray as xr
-
-    arrays = [dataset[variable] for variable in variables]
-    columns = tuple(
-        Column(variable, str(one.attrs.get("long_name", "")), _unit(one), (shown or {}).get(variable))
-        for variable, one in zip(variables, arrays, strict=True)
-    )
-    values = (one.values.ravel().tolist() for one in xr.broadcast(*arrays))
-    return Table(name, title, columns, tuple(tuple(map(cell, row)) for row in zip(*values, strict=True)))
-
-
-def _unit(variable: xr.DataArray) -> str:
-    """SI unit of a variable.
-
-    It is empty for text and truth values.
-    """
-    return str(variable.attrs.get("units", "1")) if variable.dtype.kind in "fiu" else ""
-
-
-def cell(value: object) -> Value:
-    """Return a value of a table.
-
-    A number that is not finite is left empty.
-    """
-    if isinstance(value, (str, bool, int)):
-        return value
-    number = float(np.asarray(value))
-    return number if math.isfinite(number) else ""
-
-
-def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
-    """Return the root mean square of finite numbers.
-
-    It is a value of a table, empty without numbers.
-    """
-    return cell(np.hypot.reduce(values / np.sqrt(len(values)))) if len(values) else ""  # avoids squares that overflow
 
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
@@ -260,7 +66,9 @@ def design_table(file: DesignFile) -> Table:
             continue
         origin = "assumed" if key in file.assumed else "given" if key in file.given else "default"
         rows.append((key, _plain(value), origin, file.assumed.get(key, "")))
-    return Table("design", "Design", tuple(map(Column, ("key", "value", "origin", "reason"))), tuple(rows))
+    return Table(
+        "design", "Design", tuple(map(Column, ("key", "value", "origin", "reason"))), tuple(rows), mark="assumed"
+    )
 
 
 def rules_table(margins: Sequence[Margin]) -> Table:
@@ -285,7 +93,7 @@ def rules_table(margins: Sequence[Margin]) -> Table:
         for m in margins
     )
     units = tuple(_LENGTH if m.unit else _NUMBER for m in margins)
-    return Table("rules", "Fabrication rules", columns, rows, units)
+    return Table("rules", "Fabrication rules", columns, rows, units, mark="no")
 
 
 _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)

@@ -8,8 +8,8 @@ import xarray as xr
 from coilarray.circuit.converter_limits import DRIVE_CURRENTS
 from coilarray.circuit.readability import path_drives, with_reasons
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.electromagnetics.inductance import coupling_matrix
-from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
 _CHANGE = "frequency_change"

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.display_units import PERCENT, DisplayUnit
-from coilarray.report.tables import Column, Table, Value, cell, dataset_table
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 
 MOST_SHOWN = 3
 """Number of contributors of an output in the table of spreads."""

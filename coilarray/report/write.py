@@ -21,6 +21,7 @@ from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import netcdf_of, save_netcdf
+from coilarray.compute.table import Picture, Table, Value
 from coilarray.compute.threads import Progress, threads
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
@@ -89,7 +90,7 @@ class Report:
     coupling: xr.Dataset
     data: dict[str, object]
     rendering_problem: str | None
-    summary: tables.Table | None = None
+    summary: Table | None = None
     verdicts: Sequence[str] = ()
 
     def __repr__(self) -> str:
@@ -161,11 +162,11 @@ def write_report(
         if progress is not None:
             progress(next(done), 8)
 
-    pictures: list[Future[list[figures.Picture]]] = []
+    pictures: list[Future[list[Picture]]] = []
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
 
-        def draw(function: Callable[..., list[figures.Picture]], *arguments: object) -> None:
+        def draw(function: Callable[..., list[Picture]], *arguments: object) -> None:
             pictures.append(drawing.submit(function, *arguments))
 
         pressing = beside.submit(_or_reason, lambda: _press(design))
@@ -306,7 +307,7 @@ def _without_plates(design: Design) -> xr.Dataset | None:
 
 def _metal_tables(
     design: Design, coupling: xr.Dataset, scan: xr.Dataset, without: xr.Dataset | None, target: xr.Dataset | None
-) -> list[tables.Table]:
+) -> list[Table]:
     """Tables of plates and target."""
     found = []
     if design.plates:
@@ -353,7 +354,7 @@ def _or_reason(compute: Callable[[], T]) -> tuple[T | None, str]:
         return None, str(error)
 
 
-def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Table]:
+def _position_tables(positions: MapPositions, compare: bool) -> list[Table]:
     return [
         replace(localize_tables.fit_table(positions.fits, positions.model, compare=compare), name="ellipses"),
         localize_tables.polynomial_table(positions.model, compare=compare),
@@ -361,7 +362,7 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
     ]
 
 
-def _distortion_tables(distortion: xr.Dataset) -> list[tables.Table]:
+def _distortion_tables(distortion: xr.Dataset) -> list[Table]:
     makers = (localize_tables.residual_table, localize_tables.cause_table, localize_tables.indenter_table)
     return [table for table in (make(distortion) for make in makers) if table.rows]
 
@@ -389,7 +390,7 @@ def _curve(depths: Sequence[float]) -> list[float]:
     return sorted([*depths, *between[apart].tolist()])
 
 
-def _circuit_tables(scan: xr.Dataset, sweep: xr.Dataset) -> list[tables.Table]:
+def _circuit_tables(scan: xr.Dataset, sweep: xr.Dataset) -> list[Table]:
     of_scan = (
         circuit_tables.winding_table, circuit_tables.state_table, circuit_tables.state_current_table,
         circuit_tables.limit_table, circuit_tables.drive_table,
@@ -434,8 +435,8 @@ def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
 def _page(
     file: DesignFile,
     data: Mapping[str, object],
-    all_tables: Sequence[tables.Table],
-    pictures: Sequence[figures.Picture],
+    all_tables: Sequence[Table],
+    pictures: Sequence[Picture],
     scene: str | None,
 ) -> str:
     """Compose the page."""
@@ -443,7 +444,7 @@ def _page(
     profile = file.values.get("fab.profile")
     listed = by_name["design"]
 
-    def values_where(chosen: Callable[[tuple[tables.Value, ...]], bool]) -> tables.Table:
+    def values_where(chosen: Callable[[tuple[Value, ...]], bool]) -> Table:
         return replace(listed, rows=tuple(row for row in listed.rows if chosen(row))).without_empty_columns()
 
     page = render_page(

@@ -10,11 +10,11 @@ import pytest
 from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
+from coilarray.compute.table import Column
 from coilarray.design import fabs
 from coilarray.design.bundled import read
 from coilarray.design.fab_limits import load_profile
 from coilarray.geometry import check_rules
-from coilarray.report.tables import Column
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner("check")
@@ -113,7 +113,7 @@ def test_the_exit_code_is_2_where_a_rule_is_broken(capsys, name):
 
 def test_limits_of_the_board_are_in_the_table(capsys):
     _, out, _ = run(capsys, "starter", "--fab", "jlcpcb-2-layer")
-    assert ["layer count, at most", "board", "4", "2", "−2"] in rows_of(out).values()
+    assert ["layer count, at most", "board", "4", "2", "−2", "no"] in rows_of(out).values()
     out = good(capsys, "starter", "--fab", "multi-cb-35um")
     (ratio,) = (row for row in rows_of(out).values() if row[0] == "aspect ratio, at most")
     # 4 · 35 µm + 0.2 + 0.71 + 0.2 mm over 0.25 mm

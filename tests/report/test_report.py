@@ -26,6 +26,7 @@ from coilarray import (
     write_report,
 )
 from coilarray.circuit.active_coil import active_coil
+from coilarray.compute.table import Column
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design_file
 from coilarray.errors import LocalizeError
@@ -36,7 +37,6 @@ from coilarray.paper.published import published_map
 from coilarray.report import figures
 from coilarray.report.position import map_positions
 from coilarray.report.summary import summary_table
-from coilarray.report.tables import Column
 from coilarray.report.write import _curve
 from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import in_ellipse_window, on_board

@@ -11,11 +11,11 @@ import coilarray as ca
 from coilarray.circuit.plates import plate_errors_by_name
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.compute.table import Column, Table, dataset_table, text_table
 from coilarray.metal.finite_plates import worst_attributes
 from coilarray.report import summary
 from coilarray.report.indentation_tables import response_table
 from coilarray.report.metal_tables import plate_table
-from coilarray.report.tables import Column, Table, dataset_table
 
 
 @pytest.mark.parametrize(("unit", "numbers", "texts"), [
@@ -82,11 +82,10 @@ def test_a_summary_has_the_least_and_most_of_what_is_finite():
     assert rows == [("least", 2e6, 3e6, "Hz", "c; a"), ("one", 1e6, "", "Hz", "b"), ("none", "", "", "Hz", "")]
 
 
-def test_headings_take_several_lines_on_a_narrow_terminal(monkeypatch):
-    monkeypatch.setattr(shared, "_PIPE_WIDTH", 30)
-    lines = shared.table_text(("coil", "resonance frequency (MHz)"), [("a", "1.9072"), ("b", "2")]).splitlines()
-    last = [f"coil{'(MHz)':>11}", f"a{'1.9072':>14}", f"b{'2':>14}"]
-    assert lines == [f"{'resonance':>15}", f"{'frequency':>15}", *last]
+def test_headings_take_several_lines_on_a_narrow_terminal():
+    lines = text_table(("coil", "resonance frequency (MHz)"), [("a", "1.9072"), ("b", "2")]).text(16).splitlines()
+    last = [f"coil{'(MHz)':>12}", f"a{'1.9072':>15}", f"b{'2':>15}"]
+    assert lines == [f"{'resonance':>16}", f"{'frequency':>16}", *last]
 
 
 def test_a_largest_response_at_the_edge_or_of_nothing_is_said_to_be_that():

@@ -1,0 +1,456 @@
+"""Tables and sections that print themselves on a terminal, as HTML, CSV and JSON.
+
+Numbers are in SI in rows and files, and in customary units where people read them.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from html import escape
+from typing import TYPE_CHECKING, Union
+
+from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.compute.html import html_table
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import xarray as xr
+
+Value = str | float | bool
+"""Cell of a table: text, number in SI, or truth. "" for none."""
+
+_POSITION = ("x", "y")  # columns that are kept even if they have equal numbers
+_TRUTH = {True: "yes", False: "no"}
+_GAP = 2  # blanks between columns
+_NARROWEST = 10  # characters of a column before its heading or text is wrapped
+_KEYS = 0.4  # part of the width for columns that are repeated in every block
+_RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
+
+
+@dataclass(frozen=True)
+class Column:
+    """Column of a table.
+
+    `label` is the heading without its unit, by default the name in words. `unit` is the SI unit of the values, empty
+    for text, "1" for a pure number. `shown` is the unit for people, by default the customary one. `meaning` explains
+    the quantity in a sentence.
+    """
+
+    name: str
+    label: str = ""
+    unit: str = ""
+    shown: DisplayUnit | None = None
+    meaning: str = ""
+
+    @property
+    def key(self) -> str:
+        """Name in files: the quantity and its SI unit, such as "force_N_per_m"."""
+        unit = "" if self.unit in ("", "1", "A/A") else "_" + self.unit.replace("/", "_per_")
+        return self.name + unit
+
+    @property
+    def header(self) -> str:
+        """Heading with the unit that people see."""
+        return self._shown.label(self.label or self.name.replace("_", " "))
+
+    @property
+    def _shown(self) -> DisplayUnit:
+        return self.shown or display_unit(self.unit)
+
+    def texts(self, values: Sequence[Value]) -> list[str]:
+        """Return values as people see them."""
+        numbers = iter(self._shown.texts([value for value in values if not isinstance(value, (str, bool))]))
+        return [
+            _TRUTH[value] if isinstance(value, bool) else value if isinstance(value, str) else next(numbers)
+            for value in values
+        ]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table with a name for files and a title for people.
+
+    If rows have units of their own, `row_units` are shown in the column "unit", and apply to the pure numbers before
+    it. Rows with a cell of the text `mark` stand out. `notes` are sentences below the table.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Value, ...], ...]
+    row_units: tuple[DisplayUnit, ...] = ()
+    mark: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def headers(self) -> list[str]:
+        """Headings of the columns."""
+        return [column.header for column in self.columns]
+
+    def csv(self) -> str:
+        """Return the table as CSV with SI values in full precision and ASCII's minus sign."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(column.key for column in self.columns)
+        writer.writerows(self.rows)
+        return buffer.getvalue().replace("−", "-")
+
+    def records(self) -> list[dict[str, Value]]:
+        """Return the rows as mappings for JSON, with SI values in full precision."""
+        keys = [column.key for column in self.columns]
+        return [dict(zip(keys, row, strict=True)) for row in self.rows]
+
+    def cells(self) -> list[list[str]]:
+        """Return the rows as people see them."""
+        if not self.rows:
+            return []
+        columns = [c.texts(values) for c, values in zip(self.columns, zip(*self.rows, strict=True), strict=True)]
+        for k, unit in enumerate(self.row_units):
+            end = [column.name for column in self.columns].index("unit")
+            columns[end][k] = unit.symbol
+            for texts, column, value in zip(columns[:end], self.columns, self.rows[k], strict=False):
+                if column.unit == "1":
+                    texts[k] = Column("", shown=unit).texts([value])[0]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def html(self) -> str:
+        """Return the table and its notes as HTML."""
+        notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
+        return f'<div class="wide">{html_table(self.headers, self.cells(), self.mark or None)}</div>{notes}'
+
+    def text(self, width: int | None = None, *, title: bool = True) -> str:
+        """Return the table for a terminal of `width` characters, or of any width.
+
+        Numbers are never cut. In a narrow terminal headings and texts are wrapped. Columns that still do not fit follow
+        below, with the first columns repeated.
+        """
+        cells = self.cells()
+        marked = [bool(self.mark) and self.mark in row for row in cells]
+        blocks = _blocks(self.headers, cells, width or 10**6)
+        lines = [self.title] if title and self.title else []
+        for number, columns in enumerate(blocks):
+            lines += [""] * bool(number) + _lines(columns, marked)
+        return "\n".join([*lines, *(fill(note, width) for note in self.notes)])
+
+    def without_empty_columns(self) -> Table:
+        """Return the table without columns that are empty everywhere."""
+        return self._with_columns([k for k in range(len(self.columns)) if any(row[k] != "" for row in self.rows)])
+
+    def without(self, *names: str) -> Table:
+        """Return the table without some columns."""
+        return self._with_columns([k for k, column in enumerate(self.columns) if column.name not in names])
+
+    def brief(self) -> Table:
+        """Return the table without redundant columns.
+
+        Left out are columns that are empty or zero in every row, or repeat the numbers of an earlier column of the same
+        unit. A position keeps x and y unless they are zero.
+        """
+        values = list(zip(*self.rows, strict=True))
+        units = [column.unit for column in self.columns]
+
+        def says_something(k: int) -> bool:
+            if all(value == "" or (value == 0 and not isinstance(value, bool)) for value in values[k]):
+                return False
+            repeats = any(units[j] == units[k] and _equal(values[k], values[j]) for j in range(k))
+            return self.columns[k].name in _POSITION or not repeats
+
+        return self._with_columns(list(filter(says_something, range(len(values)))))
+
+    def _with_columns(self, kept: Sequence[int]) -> Table:
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+
+
+def text_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", mark: str = "") -> Table:
+    """Return a table of texts."""
+    return Table("", title, tuple(Column(header, header) for header in headers), tuple(map(tuple, rows)), mark=mark)
+
+
+def dataset_table(
+    name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
+) -> Table:
+    """Make a table of variables of a dataset in SI, with their ``long_name`` and ``units``.
+
+    There is a row for each combination of their coordinates. The dimension that is named first changes slowest. Numbers
+    that are not finite are left empty. `shown` has units for people if the customary units do not fit, such as %.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
+    >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
+    >>> table = dataset_table("coils", "Coils", coils, ["coil", "resistance"])
+    >>> table.headers, table.cells(), table.csv().splitlines()[0]
+    (['coil', 'DC resistance (Ω)'], [['a', '14.200'], ['b', '14.100']], 'coil,resistance_ohm')
+    >>> print(table.text(80))
+    Coils
+    coil  DC resistance (Ω)
+    a                14.200
+    b                14.100
+    """
+    import xarray as xr
+
+    arrays = [dataset[variable] for variable in variables]
+    columns = tuple(
+        Column(variable, str(array.attrs.get("long_name", "")), _unit(array), (shown or {}).get(variable))
+        for variable, array in zip(variables, arrays, strict=True)
+    )
+    values = (array.values.ravel().tolist() for array in xr.broadcast(*arrays))
+    return Table(name, title, columns, tuple(tuple(map(cell, row)) for row in zip(*values, strict=True)))
+
+
+def cell(value: object) -> Value:
+    """Return a value of a table, empty for a number that is not finite."""
+    if isinstance(value, (str, bool, int)):
+        return value
+    number = float(value)  # type: ignore[arg-type]
+    return number if math.isfinite(number) else ""
+
+
+def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
+    """Return the root mean square of finite numbers, empty without numbers."""
+    import numpy as np
+
+    return cell(np.hypot.reduce(values / np.sqrt(len(values)))) if len(values) else ""  # avoids squares that overflow
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Picture with a unique name, a caption with units, and its data as URI."""
+
+    name: str
+    caption: str
+    uri: str
+
+    def html(self) -> str:
+        """Return the picture with its caption."""
+        caption = escape(self.caption)
+        image = f'<img src="{self.uri}" alt="{caption}">'
+        return f'<figure id="{self.name}">{image}<figcaption>{caption}</figcaption></figure>'
+
+
+@dataclass(frozen=True)
+class Group:
+    """Blocks in an element of a class of the style sheet, such as pictures side by side."""
+
+    kind: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Warn:
+    """Sentence that stands out."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Details:
+    """Blocks that open with a click on their summary."""
+
+    summary: str
+    blocks: tuple[Block, ...]
+    open: bool = False
+    id: str = ""
+
+
+Block = Union[str, Warn, Table, Picture, "Future[list[Picture]]", Group, Details]
+"""Part of a section. A string is a paragraph with `code`, **bold** and [links](address)."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Part of a report: a title, and paragraphs, tables and pictures in their order.
+
+    `files` are tables for the files that are not among the blocks, or are shown there in a shorter form.
+    """
+
+    title: str
+    blocks: tuple[Block, ...]
+    files: tuple[Table, ...] = ()
+
+    def tables(self) -> dict[str, Table]:
+        """Return all tables by their names."""
+        return {table.name: table for table in (*_tables(self.blocks), *self.files)}
+
+    def html(self) -> str:
+        """Return the section as HTML."""
+        return f"<h2>{escape(self.title)}</h2>\n{html_blocks(self.blocks)}"
+
+    def text(self, width: int | None = None) -> str:
+        """Return the section for a terminal, without pictures."""
+        return "\n".join([self.title, "", *_texts(self.blocks, width)])
+
+
+def html_blocks(blocks: Sequence[Block]) -> str:
+    """Return blocks as HTML."""
+    return "\n".join(map(_html_of, blocks))
+
+
+def html_text(text: str) -> str:
+    """Return a paragraph's text as HTML.
+
+    Examples
+    --------
+    >>> html_text("**3** limits, see `check` & [docs](https://a.b)")
+    '<strong>3</strong> limits, see <code>check</code> &amp; <a href="https://a.b">docs</a>'
+    """
+    text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", escape(text))
+    text = re.sub(r"`(.+?)`", r"<code>\1</code>", text)
+    return re.sub(r"\[([^\]]+)\]\((https?://[^)\s]+)\)", r'<a href="\2">\1</a>', text)
+
+
+def fill(text: str, width: int | None) -> str:
+    """Wrap lines of words at a width, with further lines indented."""
+    if width is None:
+        return text
+    wrap = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
+    return "\n".join(textwrap.fill(line, max(width, 20), **wrap) for line in text.split("\n"))  # type: ignore[arg-type]
+
+
+def _html_of(block: Block) -> str:
+    if isinstance(block, str):
+        return f"<p>{html_text(block)}</p>"
+    if isinstance(block, Warn):
+        return f'<p class="warn">{html_text(block.text)}</p>'
+    if isinstance(block, Future):
+        return html_blocks(block.result())
+    if isinstance(block, Group):
+        return f'<div class="{block.kind}">{html_blocks(block.blocks)}</div>'
+    if isinstance(block, Details):
+        opened = f"<details{f' id={block.id!r}' if block.id else ''}{' open' if block.open else ''}>"
+        return f"{opened}<summary>{html_text(block.summary)}</summary>\n{html_blocks(block.blocks)}\n</details>"
+    return block.html()
+
+
+def _tables(blocks: Sequence[Block]) -> Iterator[Table]:
+    for block in blocks:
+        if isinstance(block, Table):
+            yield block
+        elif isinstance(block, (Group, Details)):
+            yield from _tables(block.blocks)
+
+
+def _texts(blocks: Sequence[Block], width: int | None) -> Iterator[str]:
+    for block in blocks:
+        if isinstance(block, Table):
+            yield f"{block.text(width)}\n"
+        elif isinstance(block, (str, Warn)):
+            text = block if isinstance(block, str) else f"⚠ {block.text}"
+            yield fill(text.replace("**", ""), width) + "\n"
+        elif isinstance(block, (Group, Details)):
+            yield from _texts(block.blocks, width)
+
+
+def _unit(variable: xr.DataArray) -> str:
+    """SI unit of a variable, empty for text and truth values."""
+    return str(variable.attrs.get("units", "1")) if variable.dtype.kind in "fiu" else ""
+
+
+def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
+    """Test whether two columns of numbers agree to rounding."""
+    return all(
+        isinstance(a, float) and isinstance(b, float) and math.isclose(a, b, rel_tol=1e-12)
+        for a, b in zip(values, others, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """Column on a terminal: its heading and cells as lines of text, and its width."""
+
+    header: list[str]
+    cells: list[list[str]]
+    width: int
+    numeric: bool
+
+
+def _blocks(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[_Shown]]:
+    """Lay columns out in blocks of at most a width, each with the columns that name the rows."""
+    columns = [[row[k] for row in rows] for k in range(len(headers))]
+    numeric = [any(texts) and all(_is_number(text) for text in texts if text) for texts in columns]
+    full = [max(map(len, (header, *texts))) for header, texts in zip(headers, columns, strict=True)]
+    least = []
+    for header, texts, number in zip(headers, columns, numeric, strict=True):
+        words = header.split() + ([] if number else " ".join(texts).split())
+        unbroken = max(map(len, texts), default=0) if number else min(_NARROWEST, max(map(len, texts), default=0))
+        least.append(max([unbroken, min(len(header), _NARROWEST), *map(len, words)]))
+    keys = _key_columns(columns, numeric, least, width)
+    blocks = [list(range(keys))]
+    for k in range(keys, len(headers)):
+        block = [*blocks[-1], k]
+        if sum(least[j] + _GAP for j in block) - _GAP > width and len(blocks[-1]) > keys:
+            block = [*range(keys), k]
+            blocks.append(block)
+        blocks[-1] = block
+    shown = []
+    for block in blocks:
+        widths = _widths([least[k] for k in block], [full[k] for k in block], width - _GAP * (len(block) - 1))
+        shown.append([
+            _Shown(_wrapped(headers[k], w), [_wrapped(text, w) for text in columns[k]], w, numeric[k])
+            for k, w in zip(block, widths, strict=True)
+        ])  # fmt: skip
+    return shown
+
+
+def _key_columns(columns: Sequence[list[str]], numeric: Sequence[bool], least: Sequence[int], width: int) -> int:
+    """Count the first columns that name the rows, at least one."""
+    for count in range(1, len(columns)):
+        if len(set(zip(*columns[:count], strict=True))) == len(columns[0]):
+            return count if sum(w + _GAP for w in least[:count]) <= _KEYS * width else 1
+        if numeric[count]:
+            break
+    return 1 if columns else 0
+
+
+def _widths(least: list[int], full: list[int], width: int) -> list[int]:
+    """Share the characters that are left among the columns that want more, the smallest wish first."""
+    widths = list(least)
+    spare = max(width - sum(least), 0)
+    wishes = sorted(range(len(least)), key=lambda k: full[k] - least[k])
+    for place, k in enumerate(wishes):
+        more = min(max(full[k] - least[k], 0), spare // (len(wishes) - place))
+        widths[k] += more
+        spare -= more
+    return widths
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
+
+
+def _lines(columns: Sequence[_Shown], marked: Sequence[bool]) -> list[str]:
+    """Return the lines of a block."""
+    height = max((len(column.header) for column in columns), default=0)
+    heads = [[""] * (height - len(column.header)) + column.header for column in columns]
+    lines = _row_lines(heads, columns)
+    for k, red in enumerate(marked):
+        row = _row_lines([column.cells[k] for column in columns], columns)
+        lines += [f"{_RED}{line}{_PLAIN}" for line in row] if red else row
+    return lines
+
+
+def _row_lines(cells: Sequence[list[str]], columns: Sequence[_Shown]) -> list[str]:
+    lines = []
+    for n in range(max(map(len, cells), default=0)):
+        texts = [texts[n] if n < len(texts) else "" for texts in cells]
+        placed = [t.rjust(c.width) if c.numeric else t.ljust(c.width) for t, c in zip(texts, columns, strict=True)]
+        lines.append((" " * _GAP).join(placed).rstrip())
+    return lines
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(re.sub("·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+$", "", text).replace("−", "-"))
+    except ValueError:
+        return False
+    return True
