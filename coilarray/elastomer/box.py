@@ -36,26 +36,19 @@ _COPIES = 3  # of a slab's matrix at a time, beside the matrices of all widths
 _MIRRORED = np.array([1.0, -1.0, 1.0])[:, None, None, None]  # sign of u_x, u_y and u_z of a mirror image in y
 _EVEN_HELD = np.array([False, True, False])  # u_y is zero in the middle of a box that is its own mirror image
 
-SOFTEST = 1e-5
-"""Least 1/K in units of the stack. An incompressible sheet is treated as a sheet of ν = 0.499998."""
+SOFTEST = 1e-5  # least 1/K in units of the stack; an incompressible sheet is treated as a sheet of ν = 0.499998
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Elements along an axis and the degree of their polynomials.
-
-    The `edges` rise.
-    """
+    """Elements along an axis by their rising edges, and their degree."""
 
     edges: FloatArray
     degree: int
 
     @cached_property
     def reference(self) -> FloatArray:
-        """Gauss–Lobatto points of the element from −1 to 1.
-
-        Shape (degree + 1,).
-        """
+        """Gauss–Lobatto points of the element from −1 to 1, (degree + 1,)."""
         inner = legendre.legroots(legendre.legder(np.eye(self.degree + 1)[self.degree]))
         return np.concatenate(([-1.0], np.sort(inner.real), [1.0]))
 
@@ -80,19 +73,13 @@ class Axis:
         return slice(element * self.degree, (element + 1) * self.degree + 1)
 
     def shapes(self, at: FloatArray, derivative: int = 0) -> FloatArray:
-        """Shape functions of the reference element, or a derivative.
-
-        Points are from −1 to 1. Shape (points, degree + 1).
-        """
+        """Shape functions on −1 to 1 or a derivative, (points, degree + 1)."""
         coefficients = np.linalg.inv(legendre.legvander(self.reference, self.degree))
         slopes = legendre.legder(coefficients, derivative)
         return np.asarray(legendre.legvander(at, len(slopes) - 1) @ slopes)
 
     def basis(self, points: FloatArray, derivative: int = 0) -> FloatArray:
-        """Shape functions of all nodes, or a derivative.
-
-        Points are within the edges. Shape (points, n).
-        """
+        """Shape functions of all nodes or a derivative, (points, n)."""
         element = np.clip(np.searchsorted(self.edges, points, side="right") - 1, 0, len(self.edges) - 2)
         width = np.diff(self.edges)[element]
         local = self.shapes(2 * (points - self.edges[element]) / width - 1, derivative)
@@ -102,10 +89,7 @@ class Axis:
         return values
 
     def rule(self, widest: float) -> tuple[FloatArray, FloatArray]:
-        """Gauss–Legendre points and weights in every element.
-
-        The points are about `widest` or less apart.
-        """
+        """Gauss–Legendre points and weights in elements, about `widest` apart."""
         points, weights = [], []
         for left, width in zip(self.edges[:-1], np.diff(self.edges), strict=True):
             x, w = legendre.leggauss(self.degree + 1 + int(width / widest))
@@ -116,11 +100,10 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class ElementMatrices:
-    """Integrals over one element of an axis.
+    """Integrals over an element of shape functions φ and Legendre polynomials L.
 
-    The element is `width` wide. The integrals are of products of shape functions φ and Legendre polynomials L. `mass`
-    ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n). `mean` ∫L_a φ and `slope` ∫L_a φ', (degree, n), have
-    their rows divided by the norm of L_a.
+    `mass` ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n). `mean` ∫L_a φ and `slope` ∫L_a φ', (degree, n),
+    have their rows divided by the norm of L_a.
     """
 
     mass: FloatArray
@@ -130,10 +113,7 @@ class ElementMatrices:
     slope: FloatArray
 
     def product(self, test: bool, trial: bool) -> FloatArray:
-        """∫ of test function times trial function.
-
-        Each of them may be its derivative.
-        """
+        """∫ of test function times trial function, or of their derivatives."""
         if test and trial:
             return self.stiffness
         if test or trial:
@@ -157,10 +137,7 @@ def element_matrices(axis: Axis, width: float) -> ElementMatrices:
 
 
 def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: float) -> FloatArray:
-    """Stiffness of a box-shaped element, a square matrix.
-
-    The order is (component, x node, y node, z node).
-    """
+    """Stiffness of a box-shaped element by (component, x node, y node, z node)."""
 
     def product(test: int, trial: int) -> FloatArray:
         x, y, z = (part.product(test == axis, trial == axis) for axis, part in enumerate(parts))
@@ -183,10 +160,9 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
 
 
 def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatArray:
-    """∫ L div φ over an element.
+    """∫ L div φ over an element, L of the degrees `modes` (n, 3).
 
-    L are products of Legendre polynomials of degrees `modes` (n, 3). There is a row for each, in the order (component,
-    x node, y node, z node).
+    There is a row for each product L of Legendre polynomials, in the order (component, x node, y node, z node).
     """
     columns = []
     for component in range(3):
@@ -200,10 +176,7 @@ def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatA
 
 @dataclass(frozen=True, eq=False)
 class _Slab:
-    """Factors of a slab of elements and of its links.
-
-    The Cholesky factor is of the displacements within the slab. The links lead to its faces.
-    """
+    """Cholesky factor of a slab of elements, and its links to both faces."""
 
     lower: FloatArray
     before: FloatArray
@@ -212,11 +185,11 @@ class _Slab:
 
 @dataclass(frozen=True, eq=False)
 class _Factors:
-    """Cholesky factors of a box or of half of it.
+    """Cholesky factors of a box, or of its half below the middle of y.
 
-    The half is below the middle of y. The factors are within its slabs, then of faces between them. `kept` are the
-    indices of the displacements in a plane across x, of shape (3, ny, nz), that are not held. Equal slabs are stored
-    once. `faces` holds the factor of every face but the last with its link to the next.
+    The factors are within its slabs, equal ones stored once, then of faces between them. `kept` are the indices of the
+    displacements in a plane across x, of shape (3, ny, nz), that are not held. `faces` holds the factor of every face
+    but the last with its link to the next.
     """
 
     kept: IndexArray
@@ -225,10 +198,7 @@ class _Factors:
     last: FloatArray
 
     def solve(self, loads: FloatArray, degree: int) -> FloatArray:
-        """Displacements under loads.
-
-        Both have the shape (nx, 3, ny, nz, cases).
-        """
+        """Displacements under loads, both (nx, 3, ny, nz, cases)."""
         nx, cases, p = len(loads), loads.shape[-1], degree
         right = loads.reshape(nx, -1, cases)[:, self.kept]
         alike: dict[int, list[int]] = {}
@@ -272,9 +242,8 @@ class _Factors:
 class Box:
     """Layered box, factorised.
 
-    A box that is its own mirror image in y is stored as two halves, of even and of odd displacements. `axes` are the
-    axes x, y and z. The elements of z are ordered from the board up, with the shear moduli and compressibilities of
-    their sheets. Displacements and loads have the shape (nx, 3, ny, nz, cases).
+    A box that is its own mirror image in y is stored as two halves, of even and of odd displacements. The elements of z
+    are ordered from the board up.
     """
 
     axes: tuple[Axis, Axis, Axis]
@@ -282,10 +251,7 @@ class Box:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Shape of a displacement.
-
-        It has x nodes, components, y nodes, z nodes.
-        """
+        """Numbers of x nodes, components, y nodes, z nodes."""
         x, y, z = (len(axis.nodes) for axis in self.axes)
         return x, 3, y, z
 
@@ -295,10 +261,7 @@ class Box:
         return len(self._parts) == 2
 
     def displacements(self, loads: FloatArray) -> FloatArray:
-        """Displacements under nodal loads.
-
-        Both have the shape (nx, 3, ny, nz, cases). The displacement is zero where the box is held.
-        """
+        """Displacements under nodal loads, both (nx, 3, ny, nz, cases)."""
         degree = self.axes[0].degree
         if not self.mirrored:
             return self._parts[0].solve(loads, degree)
@@ -311,10 +274,7 @@ class Box:
 
 
 def require_box_memory(axes: tuple[Axis, Axis, Axis], parts: int) -> None:
-    """Raise MemoryLimitError if a box needs too much memory.
-
-    Its factors are in one part or two halves.
-    """
+    """Raise MemoryLimitError if a box of one part or two halves is too large."""
     x, y, z = axes
     plane = 3 * (len(y.nodes) // parts + 1) * len(z.nodes)
     inner = (x.degree - 1) * plane
@@ -335,8 +295,8 @@ def factorised(
 ) -> Box:
     """Assemble and factorise a box.
 
-    `shear` and `squash`, shape (elements along z,), are μ and 1/K. `springs`, shape (3, nx, ny), are the springs at the
-    nodes of the bottom. `held` (3,) marks the components of the displacement that are zero there.
+    `shear` and `squash` (elements along z,) are μ and 1/K. `springs` (3, nx, ny) are the springs at the nodes of the
+    bottom. `held` (3,) marks the components of the displacement that are zero there.
     """
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)

@@ -14,20 +14,11 @@ from coilarray.geometry import Indenter
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Response of a stack to each hat of pressure.
+    """Response of a stack to each of m hats of pressure, in its units.
 
-    All values are in the units of the stack.
-
-    Parameters
-    ----------
-    grid : ContactGrid
-        The meshed stack, with m hats and n radii.
-    profile : ndarray, shape (m,)
-        ∫ψ_j profile w dr / ∫ψ_j w dr: mean height of the indenter over a hat.
-    matrix : ndarray, shape (m, m)
-        Mean sinking of the top over hat i under a unit load on hat j. The matrix is symmetric.
-    surfaces : ndarray, shape (2, interfaces, n, m)
-        u_r and u_z of every interface under a unit load on each hat.
+    `profile` (m,) is ∫ψ_j profile w dr / ∫ψ_j w dr, the mean height of the indenter over a hat. `matrix` (m, m),
+    symmetric, is the mean sinking of the top over hat i under a unit load on hat j. `surfaces` (2, interfaces, n, m)
+    are u_r and u_z of every interface under a unit load on each hat.
     """
 
     grid: ContactGrid
@@ -37,10 +28,7 @@ class Compliance:
 
 
 def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Compliance:
-    """Response of a meshed stack to pressures under an indenter.
-
-    The indenter is in SI units. The pressures are on all hats of the grid.
-    """
+    """Response of a meshed stack to pressures under an indenter in SI units."""
     symmetry, used = grid.symmetry, grid.used
     pressing = BilinearForm(lambda psi, v, w: -psi * v[1] * weight(symmetry, w.x[0]))
     weighing = LinearForm(lambda psi, w: psi * w.height * weight(symmetry, w.x[0]))

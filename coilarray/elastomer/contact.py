@@ -36,8 +36,7 @@ from coilarray.errors import LARGEST, ElastomerError
 from coilarray.geometry import Cone, Indenter, Seat, Sheet
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
-DEFAULT_MESH = ContactMesh()
-"""Force to about 0.1 % and contact radius to about 0.3 %, by a convergence study."""
+DEFAULT_MESH = ContactMesh()  # force to about 0.1 % and contact radius to about 0.3 %, by a convergence study
 
 _SEARCH = 4.0  # contact is searched up to profile = 4 depths, over an incompressible film it ends at 3 or less
 _COARSE = ContactMesh(elements=8, growth=1.5)  # for the first guess of the contact radius
@@ -49,10 +48,10 @@ _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 
 
 def _hat_forces(system: Compliance, depth: float) -> FloatArray:
-    """Solve the complementarity problem at one depth.
+    """Solve the complementarity problem at a depth in thicknesses above zero.
 
-    The depth is in thicknesses of the stack and above zero. Returns the force on each hat in the stack's units, never
-    negative, over 2π (axial) or 2 (plane strain). Raises ElastomerError if the problem does not converge.
+    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane strain). Raises
+    ElastomerError if the problem does not converge.
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
@@ -85,7 +84,7 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
     """Radius at which the pressure of a smooth indenter ends.
 
     It is finer than the mesh and follows from the last `tail` elements. `hats` are the radii of the hats and `pressure`
-    is the pressure at the hats, both of shape (m,). The last pressure is zero.
+    is the pressure at the hats, both (m,). The last pressure is zero.
 
     Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are more
     reliable than values of p, which oscillate next to the edge. Elimination of c₀ and c₁ leaves 8 F₀L² − 56 F₁L + 63 F₂
@@ -105,10 +104,7 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
 
 @dataclass(frozen=True)
 class _Case:
-    """Stack, indenter and support of a contact.
-
-    The radius of the sample is in thicknesses of the stack.
-    """
+    """Stack, indenter and support of a contact, with the sample's radius."""
 
     stack: Stack
     indenter: Indenter
@@ -120,10 +116,7 @@ class _Case:
         return contact_grid(self.stack, self.indenter.symmetry, zone, self.base, self.radius, mesh)
 
     def cut(self, height: float) -> float:
-        """Radius of the indenter at a height above its tip.
-
-        It is at most the radius of the sample. All lengths are in thicknesses.
-        """
+        """Radius of the indenter at a height above its tip, within the sample."""
         radius = self.indenter.radius_at(height * self.stack.length) / self.stack.length
         return radius if self.radius is None else min(radius, self.radius)
 
@@ -153,10 +146,7 @@ def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactM
 
 
 def _expected_zone(case: _Case, least: float, greatest: float) -> ContactZone:
-    """Contact radii at the least and greatest depth.
-
-    They come from coarse meshes, each made for the zone found with the previous mesh.
-    """
+    """Contact radii at the least and greatest depth, by coarse meshes."""
     zone = ContactZone(case.cut(least) / 2, case.cut(greatest), case.cut(_SEARCH * greatest))
     for _ in range(_GUESSES):
         system = compliance(case.stack, case.indenter, case.grid(zone, _COARSE))
@@ -178,10 +168,7 @@ def _small_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Cont
 
 
 def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: ContactMesh) -> _Solution:
-    """Contacts under large strain, from depth to depth.
-
-    Each depth is computed once, in rising order.
-    """
+    """Contacts under large strain, from depth to depth in rising order."""
     if zone.sharp:  # material beyond the edge may come under it
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
@@ -223,10 +210,7 @@ def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
 
 
 def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, strain: str) -> None:
-    """Check the arguments of `indent`.
-
-    Refuses names that clash, an unknown base or strain, and a sample without extent.
-    """
+    """Refuse clashing names, unknown words and a sample without extent."""
     names = ["board", *(sheet.name for sheet in sheets)]
     if len(set(names)) < len(names):
         raise ElastomerError(f"names of the sheets must differ from each other and from 'board'; got {names[1:]}.")
@@ -253,10 +237,7 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
 
 
 def _check_unfolded(solution: _Solution, heights: FloatArray, depths: FloatArray, names: Sequence[str]) -> None:
-    """Refuse a deformation in which an interface folds over.
-
-    The interface folds over itself or passes through the interface below it.
-    """
+    """Refuse a deformation in which an interface folds over or meets another."""
     for depth, displacement in zip(depths, solution.moved, strict=True):
         r, z = solution.grid.r + displacement[0], heights[:, None] + displacement[1]
         for k, name in enumerate(names):
@@ -355,10 +336,7 @@ def indent(
 def _dataset(
     case: _Case, solution: _Solution, names: list[str], depth: FloatArray, heights: FloatArray, strain: Strain
 ) -> xr.Dataset:
-    """Results in SI units, with their names and units.
-
-    `depth` is in m and the rest is in the stack's units.
-    """
+    """Results in SI units. Depth is in m, the rest in the stack's units."""
     length, stress, axial = case.stack.length, case.stack.stress, case.indenter.symmetry == "axial"
     whole = 2 * math.pi * length**2 if axial else 2 * length  # hats weigh r dr, or dr of one half
     grid, force, moved = solution.grid, solution.force, solution.moved

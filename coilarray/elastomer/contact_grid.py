@@ -32,10 +32,7 @@ _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 
 
 def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
-    """Measure of the half plane over dr dz.
-
-    It is r about an axis and 1 in plane strain.
-    """
+    """Measure of the half plane over dr dz: r about an axis, 1 in plane strain."""
     return r if symmetry == "axial" else np.ones_like(r)
 
 
@@ -45,28 +42,21 @@ def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
 
 
 def quadrature_weights(basis: Any, symmetry: Symmetry) -> FloatArray:
-    """Weights of ∫ … w at the quadrature points.
-
-    They have the shape (elements, points) and serve for integrals ∫ … w dr dz, where w is `weight`.
-    """
+    """Weights of ∫ … w dr dz at the quadrature points, (elements, points)."""
     return np.asarray(basis.dx * weight(symmetry, basis.global_coordinates()[0]))
 
 
 def linear_pressures(basis: Any) -> FloatArray:
-    """Pressure functions 1, ξ and η at the quadrature points.
-
-    Shape (3, points) for every element.
-    """
+    """Pressure functions 1, ξ and η at the quadrature points, (3, points)."""
     return np.stack([np.ones(basis.dx.shape[1]), *(basis.X - 0.5)])
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Sheets on a board in units of their own.
+    """Sheets on a board, in thicknesses of the stack and the largest modulus.
 
-    Lengths are in thicknesses of the stack, stresses in the largest modulus. `length` in m and `stress` in Pa are these
-    units. Arrays of shape (sheets,) hold a value for every sheet, from the board up. These are `thicknesses`, `shear`,
-    the shear modulus μ = E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E.
+    `length` in m and `stress` in Pa are these units. `thicknesses`, `shear`, the shear modulus μ = E/(2(1 + ν)), and
+    `squash`, the compressibility 1/K = 3(1 − 2ν)/E, have a value for every sheet, from the board up.
     """
 
     length: float
@@ -77,10 +67,7 @@ class Stack:
 
     @property
     def levels(self) -> FloatArray:
-        """Heights of the board and of the sheets' upper faces.
-
-        Shape (sheets + 1,). The top is at 0.
-        """
+        """Heights of the board and of the sheets' upper faces, the top at 0."""
         return -np.append(np.cumsum(self.thicknesses[::-1])[::-1], 0.0)
 
 
@@ -107,11 +94,11 @@ class ContactGrid:
     """A meshed stack in its own units.
 
     `basis` is the basis of the displacement (biquadratic, n functions) and `held` its degrees of freedom that are zero.
-    `shear` and `squash`, shape (elements,), are μ and 1/K. `springs` (n, n) is the stiffness of the support of the
-    stack and of the material beyond its outer edge. `top` and `hats` are the bases of the displacement and of the
-    pressure where contact is searched. `used` are the hats' degrees of freedom from the axis outwards, `radii` their
-    radii and `mass` = ∫ψ_j w dr, both of shape (m,). `lines` has the degrees of freedom u_r and u_z on the board and on
-    the upper face of every sheet, at the radii `r`.
+    `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is the stiffness of the support of the stack and of
+    the material beyond its outer edge. `top` and `hats` are the bases of the displacement and of the pressure where
+    contact is searched. `used` are the hats' degrees of freedom from the axis outwards, `radii` their radii and `mass`
+    = ∫ψ_j w dr, both (m,). `lines` has the degrees of freedom u_r and u_z on the board and on the upper face of every
+    sheet, at the radii `r`.
     """
 
     symmetry: Symmetry
@@ -129,10 +116,7 @@ class ContactGrid:
     lines: tuple[tuple[IndexArray, IndexArray], ...]
 
     def moved(self, u: FloatArray) -> FloatArray:
-        """Return u_r and u_z of every interface.
-
-        The shape is (2, interfaces, r, …). `u` (n, …) are coefficients.
-        """
+        """Return u_r and u_z of every interface, (2, interfaces, r, …)."""
         return np.array([[u[line[k]] for line in self.lines] for k in range(2)])
 
 
@@ -192,9 +176,9 @@ def contact_grid(
 
 
 def _bending(stack: Stack, base: Base) -> float:
-    """Distance from a force within which sheets bend.
+    """Distance in thicknesses from a force within which sheets bend.
 
-    It is in thicknesses of sheets on a soft seat: (D/k)^¼ of a plate times `_BENT`.
+    On a soft seat (Winkler foundation) it is (D/k)^¼ of a plate times `_BENT`.
     """
     if not isinstance(base, Seat):
         return 0.0
@@ -202,19 +186,16 @@ def _bending(stack: Stack, base: Base) -> float:
 
 
 def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Degrees of freedom u_r and u_z on some facets.
-
-    They are in order from the axis outwards.
-    """
+    """Degrees of freedom u_r and u_z on facets, from the axis outwards."""
     on = basis.get_dofs(facets)
     r, z = (np.asarray(on.all(name)) for name in ("u^1", "u^2"))
     return r[np.argsort(basis.doflocs[0, r])], z[np.argsort(basis.doflocs[0, z])]
 
 
 def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
-    """Stiffness of the seat under the lowest sheet.
+    """Stiffness ∫(k u_z v_z + s u_r v_r) w of the seat, a Winkler foundation.
 
-    The form is ∫(k u_z v_z + s u_r v_r) w. `unit` is length/stress of the stack.
+    `unit` is length/stress of the stack.
     """
     bottom = basis.boundary("bottom")
     normal, shear = seat.stiffness * unit, seat.shear * unit

@@ -23,6 +23,9 @@ _TIP_ELEMENTS = 3  # across the radius of a blunted point
 class ContactMesh:
     """Fineness and extent of a contact's mesh.
 
+    Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite and at least 1
+    raise an ElastomerError.
+
     Parameters
     ----------
     elements : int
@@ -31,11 +34,6 @@ class ContactMesh:
         Ratio of neighbouring elements away from the contact. It also determines the number of elements in a sheet.
     extent : float
         Radius of the mesh of a wide sample, beyond the contact, in thicknesses of the stack.
-
-    Raises
-    ------
-    ElastomerError
-        Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite and at least 1.
     """
 
     elements: int = 40
@@ -54,10 +52,7 @@ class ContactMesh:
             )
 
     def refined(self) -> ContactMesh:
-        """Return a mesh with half the size of every element.
-
-        It has twice the elements and the square root of the growth.
-        """
+        """Return a mesh with half the size of every element."""
         return ContactMesh(2 * self.elements, math.sqrt(self.growth), self.extent)
 
 
@@ -78,10 +73,7 @@ class ContactZone:
 
 
 def graded(start: float, end: float, size: Callable[[float], float], least: int = 1) -> FloatArray:
-    """Points from `start` to `end` with a given spacing.
-
-    The spacing at x is about size(x), in at least `least` intervals.
-    """
+    """Points from `start` to `end` about size(x) apart, in `least` intervals or more."""
     fine = [start]
     while fine[-1] < end:
         fine.append(fine[-1] + size(fine[-1]) / _SUBSTEPS)
@@ -94,19 +86,13 @@ def graded(start: float, end: float, size: Callable[[float], float], least: int 
 
 
 def _finest(zone: ContactZone, mesh: ContactMesh) -> float:
-    """Smallest element of the mesh.
-
-    It is at the edge of a sharp indenter, else under the tip.
-    """
+    """Smallest element: at the edge of a sharp indenter, else under the tip."""
     finest = zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
     return min(finest, zone.tip / _TIP_ELEMENTS or math.inf)
 
 
 def radial_points(zone: ContactZone, thickness: float, end: float, mesh: ContactMesh) -> FloatArray:
-    """Radii of the mesh's vertices from the axis to `end`.
-
-    One vertex is at the end of the search.
-    """
+    """Radii of the mesh's vertices up to `end`, with the end of the search."""
     n, edge, slope = mesh.elements, zone.largest, mesh.growth - 1
     finest = zone.largest / n**2  # at a sharp edge
 
@@ -123,10 +109,7 @@ def radial_points(zone: ContactZone, thickness: float, end: float, mesh: Contact
 
 
 def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) -> FloatArray:
-    """Levels of the mesh's vertices from board to top.
-
-    The top is at 0. There is a vertex at every interface of `levels`.
-    """
+    """Levels of the mesh's vertices from the board to 0, with all interfaces."""
     slope, total = mesh.growth - 1, -float(levels[0])
     finest = _finest(zone, mesh)
 
@@ -141,10 +124,7 @@ def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) ->
 
 
 def contact_mesh(r: FloatArray, z: FloatArray) -> MeshQuad:
-    """Rectangles between the radii `r` and the levels `z`.
-
-    The boundaries are axis, outer, bottom and top.
-    """
+    """Rectangles between radii and levels: axis, outer, bottom and top."""
     return MeshQuad.init_tensor(r, z).with_boundaries(
         {
             "axis": lambda x: x[0] == r[0],

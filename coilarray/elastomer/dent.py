@@ -1,4 +1,4 @@
-"""Shape of indented magnetic sheets, as the magnetic field needs it."""
+"""Deformed shape of indented magnetic sheets, as the magnetic field needs it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ STILL = Motion()
 
 @dataclass(frozen=True, eq=False)
 class Dent:
-    """Sheets whose faces are moved vertically around an indenter.
+    """Deformed surfaces: sheets whose faces are moved vertically around an indenter.
+
+    Shapes that do not fit, values that are not finite, or faces that cross raise an ElastomerError.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class Dent:
         Distances from the indenter's axis in m, rising from 0.
     displacement : ndarray, shape (n, sheets + 1)
         Upward displacement of every face at these distances in m, from the board to the top. It is negative in the
-        dent.
+        indentation.
     symmetry : {"axial", "plane"}
         Shape of the dent: a body of revolution, or the same everywhere along y.
     below : float
@@ -56,11 +58,6 @@ class Dent:
     motion : Motion
         Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets with the same
         motion. The other values do not include it.
-
-    Raises
-    ------
-    ElastomerError
-        Shapes that do not fit, values that are not finite, or faces that cross.
     """
 
     thicknesses: tuple[float, ...]
@@ -96,31 +93,17 @@ class Dent:
 
     @property
     def heights(self) -> FloatArray:
-        """Heights of the flat faces in m, from 0.
-
-        They have the shape (sheets + 1,).
-        """
+        """Heights of the flat faces in m from 0, (sheets + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 
     def moved(self, motion: Motion) -> Dent:
-        """Return the dent in sheets moved by a `motion`.
-
-        Returns
-        -------
-        Dent
-            Dent of the moved sheets.
-        """
+        """Return the dent in sheets moved by a `motion`."""
         return replace(self, motion=motion)
 
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
-        """Upward displacement of every face in m, or a derivative.
+        """Upward displacement of every face in m, or a derivative by the radius.
 
-        The derivative is by the radius. The displacement is a cubic spline, level on the axis and zero beyond `extent`.
-
-        Returns
-        -------
-        ndarray, shape (…, sheets + 1)
-            Displacement in m, or its derivative of the given order.
+        The shape is (…, sheets + 1). The displacement is a cubic spline, level on the axis and zero beyond `extent`.
         """
         level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
@@ -129,10 +112,7 @@ class Dent:
 
     @property
     def shape(self) -> tuple[object, ...]:
-        """Values that determine the field apart from the motion.
-
-        They are equal for equal dents.
-        """
+        """Values that determine the field apart from the motion."""
         return self.thicknesses, self.permeabilities, self.radius.tobytes(), self.displacement.tobytes(), self.below
 
     @property
@@ -148,20 +128,14 @@ class Dent:
 
     @property
     def contrasts(self) -> tuple[int, ...]:
-        """Faces at which the permeability changes.
-
-        Only these faces affect the field.
-        """
+        """Faces at which the permeability changes, which alone affect the field."""
         mu = (*self.permeabilities, 1.0)
         before = (self.below, *self.permeabilities)
         return tuple(face for face in range(len(mu)) if mu[face] != before[face])
 
     @property
     def clearance(self) -> float:
-        """Least height in m of a moved magnetic face.
-
-        The height is above z = 0. Only faces at which the permeability changes count. It is infinite if none moves.
-        """
+        """Least height in m above z = 0 of a moved magnetic face, inf if none moves."""
         lowest = [
             float((self.heights[face] + self.displacement[:, face]).min())
             for face in self.contrasts
@@ -170,16 +144,11 @@ class Dent:
         return min(lowest, default=np.inf)
 
     def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
-        """Rising heights in m between which space moves.
+        """Rising heights in m between which space moves with the faces.
 
-        Space moves with the faces there. Also returns the contrasts between the fixed heights. Nothing moves at the
-        first and the last height. The first is missing if the lowest contrast is at z = 0. `deepest` is the largest
-        displacement in m that the anchors must serve, by default the largest of this dent.
-
-        Returns
-        -------
-        ndarray, shape (n,), and tuple of int
-            The heights in m, and the indices of the faces.
+        Also returns the contrasts between the fixed heights. Nothing moves at the first and the last height. The first
+        is missing if the lowest contrast is at z = 0. `deepest` is the largest displacement in m that the anchors must
+        serve, by default the largest of this dent.
         """
         faces = self.contrasts
         moved = float(np.abs(self.displacement[:, list(faces)]).max()) if deepest is None else deepest
@@ -190,7 +159,7 @@ class Dent:
 
 
 def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
-    """Shape of the sheets from an indentation at one depth.
+    """Deformed shape of the sheets from an indentation at one depth.
 
     The indentation is one depth of the result of `coilarray.elastomer.contact.indent`. A face passes through its
     displaced points, (r + u_r, z + u_z) for finite strain and (r, z + u_z) for linear elasticity. With u_r the linear
@@ -198,11 +167,6 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     spline. Beyond the last point it returns to the flat height within a thickness of the stack, because the field
     treats the sheets as laterally infinite. Raises ElastomerError for a dataset of several depths or of other sheets, a
     face that folds over, or a magnetic sheet on a soft seat.
-
-    Returns
-    -------
-    Dent
-        The displaced faces, as smooth functions of the radius.
     """
     if "depth" in indentation.displacement_z.dims:
         raise ElastomerError("a dent is the shape at one depth; select one of the indentation's depths.")

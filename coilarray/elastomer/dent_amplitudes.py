@@ -33,9 +33,9 @@ _OFFSETS = 512  # at a time
 
 @dataclass(frozen=True, eq=False)
 class DentAmplitudes:
-    """Strengths of a dent in H and coil amplitudes.
+    """Strengths of a dent in H, (n,) of either sign, and amplitudes of each shape.
 
-    The strengths s, (n,), are of either sign. The amplitudes a (offsets, n) are for every shape of coil.
+    The amplitudes a (offsets, n) are for every shape of coil.
     """
 
     strengths: FloatArray
@@ -51,10 +51,10 @@ def dent_amplitudes(
 ) -> DentAmplitudes:
     """Compute the amplitudes of coils at given offsets.
 
-    The spectra are at the wavenumbers of the dent, for coils turned by the slope of its `motion`. Offsets, shape
-    (offsets, 2) for each shape of coil, are the position of the indenter minus the centre of the coil in m, within the
-    extent that the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out. The
-    energies err by about a tenth of it. Raises MemoryLimitError for more offsets than fit into memory.
+    The spectra are at the wavenumbers of the dent, for coils turned by the slope of its `motion`. Offsets (offsets, 2)
+    for each shape of coil are the position of the indenter minus the centre of the coil in m, within the extent that
+    the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out. The energies err by
+    about a tenth of it. Raises MemoryLimitError for more offsets than fit into memory.
     """
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)
@@ -85,10 +85,9 @@ def dent_amplitudes(
 
 
 def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray]:
-    """Grid of offsets in m for a table of amplitudes.
+    """Grid of offsets in m up to `extent`, fine enough for a dent's `clearance`.
 
-    It reaches up to `extent` along x and y and is fine enough for a dent's `clearance`, all in m. Returns the offsets
-    along one axis, shape (n,), and all pairs of them, shape (n², 2), x first.
+    Returns the offsets along one axis (n,) and all pairs of them (n², 2), x first.
     """
     half = max(int(np.ceil(_STEPS_PER_CLEARANCE * extent / clearance)), _DEGREE)
     axis = np.linspace(-extent, extent, 2 * half + 1)
@@ -96,10 +95,7 @@ def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray
 
 
 def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
-    """Splines through amplitudes on the grid of `offset_grid`.
-
-    They take offsets (…, 2) in m.
-    """
+    """Splines through amplitudes on `offset_grid`, of offsets (…, 2) in m."""
     along = make_interp_spline(axis, amplitudes.reshape(len(axis), len(axis), -1), k=_DEGREE, axis=0)
     across = make_interp_spline(axis, along.c, k=_DEGREE, axis=1)
     return NdBSpline((along.t, across.t), np.ascontiguousarray(np.moveaxis(across.c, 0, 1)), _DEGREE)
@@ -108,9 +104,9 @@ def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
 def incident_waves(
     spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int, motion: Motion = STILL
 ) -> FloatArray:
-    """Harmonics c_m k/2π of one shape of coil.
+    """Harmonics c_m k/2π of one shape of coil about offsets (n, 2) in m.
 
-    They are about offsets (n, 2) in m of the indenter's axis from its centre, as in
+    The offsets are of the indenter's axis from the coil's centre, as in
     `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, at the dent's position after its `motion`.
     """
     up = motion.lift - offsets @ motion.slope

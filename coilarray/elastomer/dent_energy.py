@@ -23,8 +23,8 @@ from coilarray.electromagnetics.coil_spectrum import (
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError
 
+# dent, wavenumbers, their weights, and the largest displacement in m of a series of dents
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
-"""Solver of a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
 
 # pairs of positions and coils and dents, and offsets between them, at a time, which bounds the memory
 _PAIRS, _OFFSETS = 1 << 15, 512
@@ -138,10 +138,10 @@ def dent_energies(
 
 
 def _distinct(offsets: FloatArray, kind_of: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
-    """Find the distinct offsets for every kind of coil.
+    """Find the distinct offsets in m for every kind of coil.
 
-    `offsets` is in m, of shape (positions, coils, 2), and `kind_of` (coils,). Returns the distinct offsets, shape (n,
-    2), their kinds (n,), and the index of each pair's offset (positions, coils).
+    `offsets` has the shape (positions, coils, 2), and `kind_of` (coils,). Returns the distinct offsets (n, 2), their
+    kinds (n,), and the index of each pair's offset (positions, coils).
     """
     (x, of_x), (y, of_y) = (
         np.unique(np.round(values, 12), return_inverse=True) for values in np.moveaxis(offsets, -1, 0)

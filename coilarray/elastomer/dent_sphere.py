@@ -25,16 +25,10 @@ _NODES = 48  # of the integral over the sphere, from pole to pole
 
 @dataclass(frozen=True, eq=False)
 class SphereInDent:
-    """Harmonics on a sphere for every m.
+    """Harmonics on a sphere for m from 0, l from max(m, 1) to the orders.
 
-    m runs from 0 on, and l from max(m, 1) to the number of orders.
-
-    Parameters
-    ----------
-    fields : tuple of ndarray, shape (orders, k)
-        Harmonics of the dented potential for the incident potential e^{−kz} J_m(kr).
-    returned : tuple of ndarray, shape (orders, orders)
-        Harmonics in 1/m that the sheets add for a layer of unit strength.
+    `fields`, each (orders, k), are harmonics of the dented potential for the incident potential e^{−kz} J_m(kr).
+    `returned`, each (orders, orders), are harmonics in 1/m that the sheets add for a layer of unit strength.
     """
 
     fields: tuple[FloatArray, ...]
@@ -44,10 +38,9 @@ class SphereInDent:
 def sphere_in_dent(
     dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
 ) -> SphereInDent:
-    """Solve the dented sheets for a sphere on them.
+    """Solve the dented sheets for a sphere about the dent's axis.
 
-    The sphere is about the dent's axis, with its radius and height in m. `wavenumbers`, shape (k,), of the coils' field
-    are in 1/m.
+    Its radius and height are in m, the `wavenumbers` (k,) of the coils' field in 1/m.
     """
     space = DentedSpace(dent, mesh)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
@@ -71,10 +64,7 @@ def sphere_in_dent(
 
 
 def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
-    """Heights in m of points before the dent.
-
-    The points are given in the dented sheets, and the result is in the flat sheets, all in m.
-    """
+    """Heights in m in the flat sheets of points in the dented sheets."""
     anchors, faces = dent.anchors()
     moved = dent.faces(r)[:, list(faces)]
     still = np.zeros((len(r), 1))

@@ -96,37 +96,18 @@ def dent_inductance_over(
     *,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by indented sheets over layers.
+    """Change of the impedance matrix over conducting or magnetic layers.
 
-    The layers below the coils conduct or are magnetic. The change is a complex inductance in H.
+    The result (dents, positions, coils, coils) is ΔL − jΔR/ω in H, dented minus flat, symmetric. The `backing` has the
+    layers below the coils and the currents in other metal there, at one frequency. The rest is as for
+    `dent_inductance`.
 
-    Parameters
-    ----------
-    backing : Backing
-        Layers below the coils and the currents in other metal there, at one frequency.
-    source, dents, positions, mesh, progress
-        As for `dent_inductance`.
-
-    Returns
-    -------
-    ndarray of complex, shape (dents, positions, coils, coils)
-        ΔL − jΔR/ω in H, dented minus flat. The matrices are symmetric.
-
-    Raises
-    ------
-    ElastomerError
-        As `dent_inductance`.
-
-    Notes
-    -----
     The result includes the reflection by the layers of the coils' field and of the dent's own field, see
     `coilarray.elastomer.scattering`. The reflection of the dent's own field is 0.3 % of the change in the sheets of
     gast2020 on a board of 1.6 mm, and 2 % if it comes within 1.4 mm of a plate. Currents in the backing are the
     currents without the dent, so their response to the dent's own field is left out. Under tilted sheets,
     `Dent.motion`, each wave is tilted like the wave of a mirrored coil.
 
-    Examples
-    --------
     Aluminium 2 mm below the loop removes two thirds of the change by the dent.
 
     >>> import numpy as np
@@ -152,10 +133,7 @@ def _changes(
     backing: Backing | None,
     progress: Progress | None,
 ) -> FloatArray | ComplexArray:
-    """Compute the changes in H, dented minus flat.
-
-    Returns ΔL, or ΔL − jΔR/ω over a backing.
-    """
+    """Compute ΔL, or ΔL − jΔR/ω over a backing, in H, dented minus flat."""
     paths = as_conductors(source)
     highest = max(float(path.vertices[:, 2].max()) for path in paths)
     if highest > 0:

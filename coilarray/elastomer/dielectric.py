@@ -38,37 +38,13 @@ def dent_capacitance(
 ) -> FloatArray:
     """Change of each coil's lumped capacitance by dents, in F.
 
-    The dents are in the elastomer, and the change is relative to flat sheets.
+    The result (dents, positions, coils) is dented minus flat, measured with all other coils at zero. `positions`
+    (positions, 2) of the indenter's axis are in m. All sheets have one relative `permittivity`. `zero_at` is the place
+    where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the symmetric drive
+    that the network assumes, 0 or 1 for a grounded terminal. A converter that assumes a constant total capacitance C
+    sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does. Raises ElastomerError for a
+    permittivity below 1, a zero potential outside the winding, and arguments that `dent_inductance` refuses.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    dents : sequence of Dent
-        Dents in the same sheets, for example one for each depth.
-    positions : array_like, shape (positions, 2)
-        Positions of the indenter's axis in m.
-    permittivity : float
-        Relative permittivity of all sheets.
-    mesh : LayerMesh, optional
-        Accuracy.
-    zero_at : float
-        Place where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
-        symmetric drive that the network assumes, 0 or 1 for a grounded terminal.
-
-    Returns
-    -------
-    ndarray, shape (dents, positions, coils)
-        Change of the capacitance in F of each coil, measured with all others at zero. A converter that assumes a
-        constant total capacitance C sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does.
-
-    Raises
-    ------
-    ElastomerError
-        A permittivity below 1, a zero potential outside the winding, and arguments that `dent_inductance` refuses.
-
-    Notes
-    -----
     ½ C V² is the energy with the voltage V from terminal to terminal and linear along the wire. Above the board ΔC = ε0
     Δa(U_f, U_d)/V² with the energies of `coilarray.elastomer.scattering`, all harmonics.
 
@@ -96,10 +72,9 @@ def dent_capacitance(
 def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0.5) -> Segments:
     """Potential of a coil's uppermost copper per terminal voltage.
 
-    The electric potential is in the plane of the uppermost copper. The returned outlines are weighted with twice the
-    potential inside. Then S of `coilarray.electromagnetics.coil_spectrum` is the Fourier transform of the potential.
-    `zero_at` is the place where the winding is at zero potential, as in `dent_capacitance`. Raises ElastomerError if it
-    is not between 0 and 1.
+    The returned outlines, in the plane of the uppermost copper, are weighted with twice the potential inside. Then S of
+    `coilarray.electromagnetics.coil_spectrum` is the Fourier transform of the potential. `zero_at` is as in
+    `dent_capacitance`, and must be from 0 to 1.
 
     The voltage falls linearly with the length of the path, over all layers in series. The first terminal has the higher
     potential. Every segment has the potential of its middle, over its length and the width of a pitch, since gaps as
@@ -127,10 +102,9 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
 
 
 def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: float = 0.0) -> Segments:
-    """Potential that is constant in plane areas, in V.
+    """Potential in V that is constant in areas of a plane at height `z` in m.
 
-    The plane is at height `z` in m, and the potential is zero outside the areas. It has the form of
-    `surface_potential`. Outlines, shape (n, 2) each, are the corners of the areas in m, anticlockwise, the first corner
+    It has the form of `surface_potential` and is zero outside. Outlines (n, 2) in m are anticlockwise, the first corner
     not repeated. Where areas overlap, potentials add up.
     """
     start = np.concatenate(outlines)
@@ -157,10 +131,7 @@ def _filled(dent: Dent, permittivity: float) -> Dent:
 
 
 def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Potentials and lengths in m of all segments.
-
-    They are for every line. The potential is per voltage between the terminals.
-    """
+    """Potential per terminal voltage, and length in m, of each line's segments."""
     lengths = [np.hypot(*np.diff(line, axis=0).T) for line in coil.lines]
     starts = [np.sum(np.concatenate([np.zeros(1), *lengths[:k]])) for k in range(len(lengths))]
     whole = np.concatenate(lengths).sum()

@@ -36,10 +36,7 @@ _REFINEMENTS = 2
 
 @dataclass(frozen=True, eq=False)
 class ElasticBody:
-    """Body with an assembled and factorised elastic system.
-
-    `basis` is the basis of the displacement, n functions.
-    """
+    """Assembled and factorised elastic system of n basis functions."""
 
     basis: Any
     _free: IndexArray
@@ -47,10 +44,7 @@ class ElasticBody:
     _unknowns: int
 
     def displacements(self, loads: FloatArray) -> FloatArray:
-        """Coefficients (n, k) of the displacement under nodal loads.
-
-        The loads (n, k) are k cases. The displacement is zero where the body is held.
-        """
+        """Coefficients (n, k) of the displacement under k nodal loads (n, k)."""
         right = np.zeros((self._unknowns, loads.shape[1]))
         right[: len(loads)] = loads
         solution = np.zeros_like(right)
@@ -61,10 +55,10 @@ class ElasticBody:
 def elastic_body(
     basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray, springs: Any, held: IndexArray
 ) -> ElasticBody:
-    """Assemble and factorise the mixed system.
+    """Assemble and factorise the mixed system on a basis of n functions.
 
-    It is on the rectangles of the displacement's basis (n functions). `shear` and `squash`, shape (elements,), are μ
-    and 1/K. `springs` (n, n) is a stiffness to add, and `held` are the displacement's degrees of freedom that are zero.
+    `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is a stiffness to add, and `held` are the
+    displacement's degrees of freedom that are zero.
     """
     stiffness, divergence = _blocks(basis, symmetry, shear)
     blocks = [[stiffness + springs, divergence.T], [divergence, _bulk(basis, symmetry, squash)]]
@@ -90,9 +84,9 @@ def elastic_grid(grid: ContactGrid) -> ElasticBody:
 
 
 def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray) -> tuple[Any, Any]:
-    """Matrices of the stiffness and of the pressures.
+    """Matrices ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w.
 
-    They are ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w with q = 1, ξ and η in every element.
+    q = 1, ξ and η in every element.
     """
     strain = _strains(basis, symmetry)
     trace = strain[:, :3].sum(axis=1)
@@ -112,18 +106,12 @@ def _bulk(basis: Any, symmetry: Symmetry, squash: FloatArray) -> Any:
 
 
 def _pressure_dofs(measure: FloatArray) -> IndexArray:
-    """Return the indices of every element's three pressures.
-
-    Shape (3, elements).
-    """
+    """Return the indices of every element's three pressures, (3, elements)."""
     return np.arange(3 * len(measure)).reshape(3, -1)
 
 
 def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
-    """Strain of each basis function: rr, zz, hoop, √2 rz.
-
-    Shape (functions, 4, elements, points).
-    """
+    """Strain rr, zz, hoop, √2 rz of each basis function, (functions, 4, elements, points)."""
     r = basis.global_coordinates()[0]
     return np.stack(
         [
@@ -134,10 +122,7 @@ def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
 
 
 def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any:
-    """Sum matrices of elements, shape (i, j, elements), into one.
-
-    rows has the shape (i, elements) and columns (j, elements).
-    """
+    """Sum matrices (i, j, elements) of rows (i, elements) and columns into one."""
     shape = values.shape
     where = np.broadcast_to(rows[:, None], shape).ravel(), np.broadcast_to(columns[None], shape).ravel()
     return sparse.coo_array((values.ravel(), where), shape=(rows.max() + 1, columns.max() + 1)).tocsr()

@@ -73,12 +73,11 @@ def shift_energy(
     other: FloatArray | ComplexArray,
     backing: Backing | None = None,
 ) -> ComplexArray:
-    """Change iᵀ ΔL j by a sample's shifts, in H.
+    """Change iᵀ ΔL j by a finite sample's shifts, (depths, places, n) in H.
 
-    i and j are currents in the coils, (n, coils) each, and the shifts are by a finite sample. Shape (depths, places,
-    n). The `places`, shape (places, 2) in m, count from the map's origin, which is at `origin` on the board. Outside
-    the sample the shift removes the displacement of the wide sample. The coils and the layers below them are as for
-    `coilarray.elastomer.dented_layer.dent_inductance`.
+    i and j are currents in the coils, (n, coils) each. The `places` (places, 2) in m count from the map's origin, which
+    is at `origin` on the board. Outside the sample the shift removes the displacement of the wide sample. The coils and
+    the layers below them are as for `coilarray.elastomer.dented_layer.dent_inductance`.
     """
     depths, count, levels = correction.moved.shape[:3]
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)
@@ -145,10 +144,7 @@ def _moved_radius(correction: SampleCorrection, face: int) -> float:
 
 
 def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Points and weights of an integral beyond a sample.
-
-    They cover its length and extend by `beyond` at both ends. Also marks the points inside.
-    """
+    """Points and weights of an integral to `beyond` both ends, and a mask inside."""
     inner, inner_weights = axis.rule(spacing)
     node, rule = leggauss(int(np.ceil(beyond / spacing)) + 2)
     step, rule = beyond * (node + 1) / 2, beyond * rule / 2

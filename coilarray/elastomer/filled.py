@@ -6,29 +6,14 @@ import math
 
 from coilarray.errors import ElastomerError, require_positive
 
-GUTH_GOLD_LIMIT = 0.35
-"""Largest volume fraction that `guth_gold_modulus` accepts."""
+GUTH_GOLD_LIMIT = 0.35  # largest volume fraction that `guth_gold_modulus` accepts
 
 
 def guth_gold_modulus(matrix_modulus: float, volume_fraction: float) -> float:
-    """Young's modulus of a filled elastomer (Guth and Gold).
+    """Young's modulus of a filled elastomer in Pa (Guth and Gold).
 
-    Parameters
-    ----------
-    matrix_modulus : float
-        Young's modulus of the unfilled elastomer in Pa.
-    volume_fraction : float
-        Volume fraction of the filler, 0 to 0.35.
-
-    Returns
-    -------
-    float
-        Young's modulus in Pa.
-
-    Raises
-    ------
-    ElastomerError
-        A modulus that is not positive and finite, or a volume fraction out of range.
+    The unfilled elastomer has the `matrix_modulus` in Pa, and the `volume_fraction` of the filler is 0 to 0.35. Other
+    values raise an ElastomerError.
 
     Notes
     -----
@@ -58,25 +43,10 @@ def guth_gold_modulus(matrix_modulus: float, volume_fraction: float) -> float:
 def maxwell_garnett_permeability(volume_fraction: float, particle_permeability: float = math.inf) -> float:
     """Relative permeability of spheres in an elastomer (Maxwell Garnett).
 
-    The elastomer is not magnetic.
-
-    Parameters
-    ----------
-    volume_fraction : float
-        Volume fraction of the spheres, 0 to 1.
-    particle_permeability : float
-        Relative permeability of the spheres, at least 1. Infinite by default: the permeability of iron is so large that
-        only the shape counts.
-
-    Returns
-    -------
-    float
-        Relative permeability. It is infinite only if particles of infinite permeability fill everything.
-
-    Raises
-    ------
-    ElastomerError
-        A volume fraction or a permeability out of range.
+    The elastomer is not magnetic. The `volume_fraction` of the spheres is 0 to 1, their relative
+    `particle_permeability` at least 1. It is infinite by default: the permeability of iron is so large that only the
+    shape counts. Other values raise an ElastomerError. The result is infinite only if particles of infinite
+    permeability fill everything.
 
     Notes
     -----
@@ -104,22 +74,8 @@ def maxwell_garnett_permeability(volume_fraction: float, particle_permeability: 
 def bruggeman_permeability(volume_fraction: float, particle_permeability: float = math.inf) -> float:
     """Relative permeability of a mixture of spheres (Bruggeman).
 
-    One phase of the mixture is magnetic, the other is not.
-
-    Parameters
-    ----------
-    volume_fraction, particle_permeability
-        Volume fraction of the magnetic spheres and their relative permeability, see `maxwell_garnett_permeability`.
-
-    Returns
-    -------
-    float
-        Relative permeability. It is infinite if particles of infinite permeability fill a third or more.
-
-    Raises
-    ------
-    ElastomerError
-        A volume fraction or a permeability out of range.
+    Arguments and errors are those of `maxwell_garnett_permeability`. The result is infinite if particles of infinite
+    permeability fill a third or more.
 
     Notes
     -----

@@ -48,10 +48,8 @@ from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indent
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
-EDGE_ELEMENTS = 10
-"""Most elements across a contact with a sharp edge. The elements at the edge are then a fifth of its rounding."""
-TIP = 0.05
-"""Part of the contact radius over which a cone's point is blunted, which reduces the force by about 0.1 %."""
+EDGE_ELEMENTS = 10  # most across a contact with a sharp edge; those at the edge are then a fifth of its rounding
+TIP = 0.05  # of the contact radius, over which a cone's point is blunted, which reduces the force by about 0.1 %
 
 _STEEPEST = math.radians(80)  # beyond this slope the side of an indenter is straight
 _MOST_TANGENTS = 32  # from one depth to the next, contacts that converge take 2 to 8
@@ -72,10 +70,9 @@ _R, _Z, _STRETCH = range(3)  # of a displacement at a boundary: u_r, u_z and ∂
 
 @dataclass(frozen=True)
 class Outline:
-    """Height, slope and curvature of an indenter.
+    """Height, slope and curvature of an indenter in a unit of length.
 
-    The height is above its tip, at any radius, in a unit of length. `tip` is the radius over which a cone's point is
-    blunted. Under a sharp point the strain is unbounded.
+    `tip` is the radius over which a cone's point is blunted. Under a sharp point the strain is unbounded.
     """
 
     indenter: Indenter
@@ -83,7 +80,7 @@ class Outline:
     tip: float = 0.0
 
     def __call__(self, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Height, slope and second derivative at radii `r`.
+        """Height above the tip, slope and second derivative at radii `r`.
 
         They are smooth beyond the end of the indenter.
         """
@@ -114,10 +111,7 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class Pressed:
-    """State of the body at a depth.
-
-    It has the displacement `u` (n,), the pressures `p` (3, elements) and the forces on the hats `f` (m,).
-    """
+    """State at a depth: displacement (n,), pressures (3, elements), forces (m,)."""
 
     depth: float
     u: FloatArray
@@ -130,10 +124,7 @@ class Pressed:
         return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=f)
 
     def towards(self, depth: float, before: Pressed) -> Pressed:
-        """Extrapolate to a depth on the line through two states.
-
-        Returns the state itself if the line through the state before predicts little.
-        """
+        """Extrapolate to a depth on the line through two states, if it is near."""
         share = (depth - self.depth) / (self.depth - before.depth) if before.depth else math.inf
         if share > _FARTHEST_AHEAD:
             return self
@@ -143,10 +134,7 @@ class Pressed:
 
 @dataclass(frozen=True, eq=False)
 class _Vector:
-    """Residual or step.
-
-    It has the displacement (n,), the pressures (3, elements), and the mean gaps or the forces after it (m,).
-    """
+    """Residual or step: displacement, pressures, and mean gaps or forces after it."""
 
     u: FloatArray
     p: FloatArray
@@ -158,8 +146,8 @@ class _Vector:
         return float(np.abs(self.u).max())
 
 
+# the step that cancels a residual of a state with some forces, or None if there is none
 _Tangent = Callable[[_Vector, FloatArray], _Vector | None]
-"""Function that returns the step that cancels a residual of a state with some forces, or None if there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +171,7 @@ class _Gaps:
 
 @dataclass(frozen=True, eq=False)
 class _Strained:
-    """Deformation at the quadrature points (elements, points).
-
-    It has F as its 5 entries, J, ∂ln J/∂F, μ J^(−2/3), p.
-    """
+    """Deformation at quadrature points: F (5 entries), J, ∂ln J/∂F, μ J^(−2/3), p."""
 
     F: FloatArray
     D: FloatArray
@@ -262,10 +247,10 @@ class SoftBody:
         return Pressed(0.0, np.zeros(self._count), np.zeros((_PRESSURES, elements)), np.zeros(len(self.grid.used)))
 
     def press(self, depths: FloatArray) -> Iterator[Pressed]:
-        """Yield the state at each of some rising depths.
+        """Yield the state at each of some rising depths in thicknesses.
 
-        The depths are in thicknesses. Each solution starts from the state before. Raises ElastomerError if no step is
-        small enough for Newton's method. Then the strains are too large for the mesh.
+        Each solution starts from the state before. Raises ElastomerError if no step is small enough for Newton's
+        method. Then the strains are too large for the mesh.
         """
         state = before = self.at_rest()
         for depth in depths:
@@ -289,10 +274,9 @@ class SoftBody:
             yield state
 
     def _solved(self, state: Pressed, depth: float, tangents: Iterator[int]) -> Pressed | None:
-        """State at a depth by Newton's method, or None.
+        """State at a depth by Newton's method, or None if it does not converge.
 
-        None if it does not converge from the given state. A step is halved until the next step, predicted by the same
-        tangent, is shorter.
+        A step is halved until the next step, predicted by the same tangent, is shorter.
         """
         state = replace(state, depth=depth)
         strained, gaps, exact = self._strained(state), self._gaps(state), False
@@ -351,10 +335,7 @@ class SoftBody:
         return np.asarray(np.bincount(self._dofs.ravel(), nodal.ravel(), self._count), dtype=float)
 
     def _tangents(self, s: _Strained) -> tuple[FloatArray, FloatArray]:
-        """∂²Π/∂u² and ∂²Π/∂u∂p without contact.
-
-        Shapes (elements, functions, functions) and (elements, functions, 3).
-        """
+        """∂²Π/∂u² and ∂²Π/∂u∂p of every element without contact."""
         g, square = s.g, (s.F**2).sum(axis=0)
         second = np.zeros((5, 5, *s.J.shape))  # ∂² ln J/∂F²
         second[:4, :4] = -g[:4, None] * g[None, :4]
@@ -373,10 +354,7 @@ class SoftBody:
         return stiffness, swelling[:, :, 0].transpose(0, 2, 1) @ self._local.T
 
     def _gaps(self, state: Pressed) -> _Gaps:
-        """Gaps between the deformed top and the indenter.
-
-        The indenter is at its depth.
-        """
+        """Gaps between the deformed top and the indenter at its depth."""
         u, grid = state.u[self._touched], self.grid
         x, stretch = self._r + self._outwards @ u, 1 + self._stretch @ u
         height, slope, bend = self.outline(x)
@@ -395,10 +373,7 @@ class SoftBody:
         return _Gaps(mean, slopes, reach, shifts, swells, gap, area, bend)
 
     def _bending(self, gaps: _Gaps, f: FloatArray) -> FloatArray:
-        """Second derivative of −Σ f_j G_j by the top's u.
-
-        Shape (t, t).
-        """
+        """Second derivative of −Σ f_j G_j by the top's u, (t, t)."""
         pressure = self._hats @ (f / self.grid.mass) * self._length
         half = gaps.shifts.T @ _scaled(gaps.swells, pressure)
         half = half + self._outwards.T @ _scaled(self._outwards, pressure * gaps.area * gaps.bend / 2)
@@ -407,10 +382,7 @@ class SoftBody:
         return np.asarray(-(half + half.T).toarray())
 
     def forces(self, state: Pressed) -> FloatArray:
-        """Vertical forces of the deformed surface on the hats.
-
-        Shape (m,).
-        """
+        """Vertical forces (m,) of the deformed surface on the hats."""
         return state.f * self._gaps(state).reach
 
     def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
@@ -466,10 +438,9 @@ class SoftBody:
         return step
 
     def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
-        """Find the forces that close the gaps without pulling.
+        """Find the forces that close the gaps without pulling, or None.
 
-        Returns None if no set of closed gaps is found. `gaps` are the gaps without forces and `closed` is the initial
-        set.
+        `gaps` are the gaps without forces and `closed` is the initial set.
         """
         for _ in range(_MOST_SETS):
             f = np.zeros(len(gaps))
@@ -487,7 +458,7 @@ class SoftBody:
 def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
     """Solver of a symmetric sparse system that is nearly definite.
 
-    Raises RuntimeError for a singular system.
+    A singular system raises a RuntimeError.
     """
     how = {"SymmetricMode": True}
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
@@ -505,10 +476,7 @@ def _swept(factor: FloatArray, transposed: str, right: FloatArray) -> FloatArray
 
 
 def _on_boundary(basis: Any, dofs: IndexArray, component: int | None = None) -> FloatArray:
-    """Functions of a basis at the points of a boundary.
-
-    Returns them, or a component or ∂u_r/∂r of them, (points, functions).
-    """
+    """Functions of a basis, or a component or ∂u_r/∂r, at a boundary's points."""
     facets, points = basis.dx.shape
     place = np.full(basis.N, len(dofs))
     place[dofs] = np.arange(len(dofs))

@@ -25,10 +25,10 @@ _FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet), 
 
 @dataclass(frozen=True, eq=False)
 class Wires:
-    """Infinite straight wires along y.
+    """Infinite straight wires along y that carry one current forward and back.
 
-    They carry one current forward and back. Positions `x`, `z` and cross-sections `widths`, `thicknesses` are in m,
-    each of shape (wires,). `senses` are +1 if the current flows along y, −1 against it, and add up to zero.
+    Positions `x`, `z` and cross-sections `widths`, `thicknesses` (wires,) are in m. `senses` are +1 if the current
+    flows along y, −1 against it, and add up to zero.
     """
 
     x: FloatArray
@@ -39,10 +39,10 @@ class Wires:
 
 
 def cross_section(conductor: Conductor, y: float) -> Wires:
-    """Cut a path with a plane across y.
+    """Cut a path with a plane at `y` in m.
 
-    The plane is at `y` in m. There is one wire for every crossing. A wire is as wide as the trace, not as its oblique
-    cut. Raises ElastomerError for a path that does not cross the plane, or not equally often in both directions.
+    There is one wire for every crossing, as wide as the trace, not as its oblique cut. Raises ElastomerError for a path
+    that does not cross the plane, or not equally often in both directions.
     """
     start, stop = conductor.vertices[:-1], conductor.vertices[1:]
     crosses = (start[:, 1] <= y) != (stop[:, 1] <= y)
@@ -58,11 +58,10 @@ def cross_section(conductor: Conductor, y: float) -> Wires:
 
 
 def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
-    """Self-inductance per length of wires under sheets, in H/m.
+    """Self-inductance per length of wires at z ≤ 0 under flat sheets, in H/m.
 
-    The wires are at z ≤ 0 and the sheets are flat, upwards from z = 0. L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means
-    over both cross-sections, and from the sheets −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R. Raises
-    ElastomerError for wires without a cross-section or above z = 0.
+    L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and from the sheets −2μ0/π ∫ k R(k) |S(k)|²
+    dk with their reflection R. Raises ElastomerError for wires without a cross-section or above z = 0.
     """
     if not (wires.widths > 0).all():
         raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")
@@ -82,11 +81,11 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
 def line_dent_inductance(
     wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, mesh: LayerMesh | None = None
 ) -> FloatArray:
-    """Change of the inductance per length by dents, in H/m.
+    """Change of the inductance per length by dents, (dents, positions) in H/m.
 
-    The dents are in plane strain and all in the same sheets. The change is relative to the flat sheets. Shape (dents,
-    positions), for positions (positions,) of the indenter's middle along x in m. Raises ElastomerError for dents about
-    an axis, positions that are not finite, or wires above z = 0.
+    The dents are in plane strain and all in the same sheets. The change is relative to the flat sheets. The positions
+    (positions,) of the indenter's middle along x are in m. Raises ElastomerError for dents about an axis, positions
+    that are not finite, or wires above z = 0.
     """
     x = np.asarray(positions, dtype=np.float64)
     if x.ndim != 1 or not np.isfinite(x).all():
@@ -112,9 +111,9 @@ def line_dent_inductance(
 
 
 def _spectrum(wires: Wires, wavenumbers: FloatArray) -> ComplexArray:
-    """Spectrum S(k) of the wires in m per A.
+    """Spectrum S(k) = i/(2k) Σ s e^{−ikx} e^{kz} of the wires for k > 0, in m per A.
 
-    S(k) = i/(2k) Σ s e^{−ikx} e^{kz} for k > 0. Ψ = ∫ S e^{ikx} e^{−kz} dk/2π over both signs of k.
+    Ψ = ∫ S e^{ikx} e^{−kz} dk/2π over both signs of k.
     """
     if (wires.z > 0).any():
         raise ElastomerError(f"wires must lie at z <= 0, below the sheets; one is at {wires.z.max():.4g} m.")

@@ -60,8 +60,8 @@ _FACE_NODES = 2  # of a Gauss–Legendre rule between the knots of a dented face
 _SAME = 1e-12  # m, below which two places are the same
 _ROUNDING = 1e-6  # of an element, within which a number of elements counts as whole
 
+# energies of all harmonics as a `TensorGrid` splits them: without and with m²
 Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
-"""Energies of all harmonics as a `TensorGrid` splits them: without and with m²."""
 
 
 @dataclass(frozen=True)
@@ -97,15 +97,7 @@ class LayerMesh:
     rank: float = 1e-7
 
     def coarser(self) -> LayerMesh:
-        """Return a coarser mesh for small corrections.
-
-        It is four times cheaper and accurate to some 0.3 %.
-
-        Returns
-        -------
-        LayerMesh
-            The coarser mesh.
-        """
+        """Return a mesh for small corrections, four times cheaper, to some 0.3 %."""
         harmonics, rows = max(5, self.harmonics // 2), max(2, self.rows // 3)
         return LayerMesh(harmonics, 0.55 * self.decays, max(0.5, self.width), rows, self.growth**2, 100 * self.rank)
 
@@ -114,14 +106,9 @@ class LayerMesh:
 class Scattering:
     """Change of energy by a dent, harmonic by harmonic.
 
-    Parameters
-    ----------
-    wavenumbers, weights : ndarray, shape (k,)
-        Nodes and weights of the integral over the wavenumber in 1/m.
-    patterns : tuple of ndarray, shape (rank, k)
-        Share of each wavenumber's incident field in a few patterns, for every harmonic.
-    energies : tuple of ndarray, shape (rank, rank)
-        Δa(U_f, U_d) between the patterns for every harmonic, without μ0 and the integral over the angle, in m.
+    `wavenumbers` and `weights` (k,) in 1/m are of the integral over the wavenumber. Each of the `patterns` (rank, k) is
+    the share of each wavenumber's incident field in a few patterns. Each of the `energies` (rank, rank) is Δa(U_f, U_d)
+    between the patterns, without μ0 and the integral over the angle, in m.
     """
 
     wavenumbers: FloatArray
@@ -154,21 +141,21 @@ class Scattering:
         )
 
     def amplitudes(self, waves: FloatArray) -> list[FloatArray | ComplexArray]:
-        """Amplitudes of the patterns for the first harmonics.
+        """Amplitudes (parts, rank, n) of the patterns for the first harmonics.
 
-        Each has the shape (parts, rank, n). `waves`, shape (harmonics, parts, k, n), are the amplitudes of potentials
-        per wavenumber. Their parts are the real and imaginary parts or other parts that share no energy.
+        `waves` (harmonics, parts, k, n) are the amplitudes of potentials per wavenumber. Their parts are the real and
+        imaginary parts or other parts that share no energy.
         """
         return [(patterns * self.weights) @ own for patterns, own in zip(self.patterns, waves, strict=False)]
 
     def energy(
         self, amplitudes: Sequence[FloatArray | ComplexArray], of_coils: IntArray, factors: FloatArray
     ) -> FloatArray | ComplexArray:
-        """Change of the energy between all coils, symmetric.
+        """Change of the energy between all coils, (positions, coils, coils), symmetric.
 
-        Shape (positions, coils, coils). Times μ0 it is an inductance. It is real without layers below the coils.
-        `of_coils`, shape (positions, coils), gives the index of each coil's `amplitudes`. `factors`, shape
-        (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
+        Times μ0 it is an inductance. It is real without layers below the coils. `of_coils` (positions, coils) gives the
+        index of each coil's `amplitudes`. `factors` (harmonics,) is the integral over the angle, 2π and 4π, or the two
+        halves in plane strain.
         """
 
         def of(m: int) -> FloatArray | ComplexArray:
@@ -181,12 +168,11 @@ class Scattering:
 
 
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights over wavenumbers, in 1/m.
+    """Gauss–Legendre nodes and weights from 0 to decays/clearance, in 1/m.
 
-    They reach from 0 to decays/clearance and resolve fields of a lateral extent. `clearance` is the least height in m
-    above the coils of a moved face where the material changes. `extent` is the largest distance in m of a point of a
-    coil from a point of the dent. Raises ElastomerError for coils so large and so near that the rule would have more
-    than 2000 nodes.
+    `clearance` is the least height in m above the coils of a moved face where the material changes. `extent` is the
+    largest distance in m of a point of a coil from a point of the dent, which the rule resolves. Raises ElastomerError
+    for coils so large and so near that the rule would have more than 2000 nodes.
     """
     highest = mesh.decays / clearance
     count = wave_count(highest, extent)
@@ -232,18 +218,11 @@ def scatter(
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Incident waves of one harmonic on a mesh.
+    """Incident waves of one harmonic on the mesh of a `DentedSpace`, (points, n).
 
-    The mesh is a `DentedSpace`. Each array has the shape (points, n).
-
-    Parameters
-    ----------
-    reaction : ndarray
-        χ, the flat faces' own part of the potential, at the moved nodes.
-    reflected, flat, dented : ndarray
-        χ, U and Ũ at the points on the faces.
-    normal, dented_normal : ndarray
-        Their ∂_n U and ∂_n Ũ in 1/m, times the area over the area of the flat face.
+    `reaction` is χ, the flat faces' own part of the potential, at the moved nodes. `reflected`, `flat` and `dented` are
+    χ, U and Ũ at the points on the faces. `normal` and `dented_normal` are their ∂_n U and ∂_n Ũ in 1/m, times the area
+    over the area of the flat face.
     """
 
     reaction: FloatArray
@@ -259,9 +238,9 @@ class Waves:
 
 
 class DentedSpace:
-    """Elements of the flat sheets and the surrounding air.
+    """Elements of flat sheets and air, with the energies' changes by a dent.
 
-    It also has the changes of their energies by a dent. `moved` are the indices of the nodes that the dent affects.
+    `moved` are the indices of the nodes that the dent affects.
     """
 
     def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None, base: Base = "open") -> None:
@@ -285,10 +264,7 @@ class DentedSpace:
         return self._parted.blocks(gradient), None if around is None else self._parted.blocks(around)
 
     def background(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-        """Profile of U over height, shape (n, k).
-
-        The heights (n,) are in m and the wavenumbers (k,) in 1/m.
-        """
+        """Profile of U over heights (n,) in m and wavenumbers (k,) in 1/m."""
         transmitted = 2 / (1 + self.dent.permeabilities[0]) if self.base == "open" else 1.0
         return np.asarray(transmitted * np.exp(-np.outer(z, wavenumbers)))
 
@@ -316,19 +292,13 @@ class DentedSpace:
         return Waves(reaction, reflected, lateral * flat, lateral * dented, normal, dented_normal)
 
     def force(self, m: int, waves: Waves) -> FloatArray:
-        """F(V) for all V, of n waves of one harmonic.
-
-        Shape (nodes, n).
-        """
+        """F(V) for all V, of n waves of one harmonic, (nodes, n)."""
         faces = self._faces
         of_faces = faces.trace.T @ (faces.weights[:, None] * (waves.dented_normal - waves.normal))
         return np.asarray(self._change.harmonic(m)[:, self.moved] @ waves.reaction + of_faces)
 
     def unanswered(self, m: int, waves: Waves) -> FloatArray:
-        """Δa(U_f, U_d) − F(η) between waves of one harmonic.
-
-        Shape (n, n).
-        """
+        """Δa(U_f, U_d) − F(η) between n waves of one harmonic."""
         weights, gained = self._faces.weights[:, None], waves.dented_normal - waves.normal
         own = (waves.dented + 2 * waves.reflected).T @ (weights * gained)
         own += (waves.dented - waves.flat).T @ (weights * waves.normal)
@@ -341,9 +311,9 @@ class DentedSpace:
         return self._blocks(air.gradient, air.around)
 
     def energies(self, m: int, forces: FloatArray, blocks: Blocks | None = None) -> FloatArray:
-        """fᵀ a⁻¹ f of forces on one harmonic.
+        """fᵀ a⁻¹ f of forces (nodes, n) on one harmonic, (n, n).
 
-        The forces have the shape (nodes, n), the result (n, n). a are the energies of the dent, or given energies.
+        a are the energies of the dent, or given energies.
         """
         gradient, around = blocks or self._dented
         # on the axis the potential is zero, unless it is the same all round
@@ -353,11 +323,10 @@ class DentedSpace:
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Points on the flat faces that move.
+    """Points on the flat faces that move, at the same `r` on each face in turn.
 
-    They are at the same `r` on one face after the other. `z` is their height, `up` their displacement and `slope` its
-    slope. `weights` are the weights of an integral with the contrast. All are for all points on all faces. `trace`,
-    shape (points, nodes), gives the values of elements there.
+    `z` is their height, `up` their displacement and `slope` its slope. `weights` are the weights of an integral with
+    the contrast. `trace` (points, nodes) gives the values of elements there.
     """
 
     r: FloatArray
@@ -369,11 +338,10 @@ class _Faces:
 
 
 def _faces(basis: Basis, dent: Dent) -> _Faces:
-    """Gauss points on the faces between elements and knots.
+    """Gauss points on the faces between edges of elements and knots of the dent.
 
-    They are between the edges of elements and the radii at which the dent is known. Between these its shape is a cubic.
-    The sheets hardly change their volume. With the elements' own points the volume would be so inaccurate that the
-    energy would be 10 % off.
+    Between the radii at which the dent is known its shape is a cubic. The sheets hardly change their volume. With the
+    elements' own points the volume would be so inaccurate that the energy would be 10 % off.
     """
     mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
     edges = np.unique(basis.mesh.p[0])
@@ -405,9 +373,9 @@ def _faces(basis: Basis, dent: Dent) -> _Faces:
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes ∂w/∂Z and ∂w/∂r of the map.
+    """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z).
 
-    The map z = Z + w(r, Z) moves the contrasts and nothing beyond the anchors.
+    The map moves the contrasts and nothing beyond the anchors.
     """
     heights, faces = dent.anchors(deepest)
     w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
@@ -453,10 +421,7 @@ class _Forms:
 
 
 def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """Lateral pattern of the waves, shape (r, k).
-
-    It is J_m(kr), or cos kx and sin kx in plane strain.
-    """
+    """Lateral pattern (r, k): J_m(kr), or cos kx and sin kx in plane strain."""
     kr = np.outer(r, wavenumbers)
     if symmetry == "axial":
         return _bessel(m, kr)
@@ -482,10 +447,7 @@ def _bessel(m: int, x: FloatArray) -> FloatArray:
 
 
 def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the `radial_pattern` and its slope in 1/m.
-
-    The slope is by r, and r > 0.
-    """
+    """Return the `radial_pattern` and its slope by r > 0 in 1/m."""
     pattern = radial_pattern(symmetry, m, r, wavenumbers)
     if symmetry == "axial":
         return pattern, m * pattern / r[:, None] - wavenumbers * radial_pattern(symmetry, m + 1, r, wavenumbers)
@@ -493,18 +455,15 @@ def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> t
 
 
 def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Apply a function to the distinct values only.
-
-    Mesh lines share their coordinates.
-    """
+    """Apply a function to the distinct values only, as mesh lines share them."""
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
     return np.asarray(function(distinct)[inverse])
 
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
-    """Rectangles in (r, Z), small near the dent.
+    """Rectangles in (r, Z), even over the dent and the moved heights.
 
-    They are even over the dent and the moved heights and grow outside. They begin at z = 0 if it is grounded.
+    They grow outside, and begin at z = 0 if it is grounded.
     """
     heights, _ = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
@@ -524,10 +483,7 @@ def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> Mes
 
 
 def _growing(start: float, stop: float, first: float, ratio: float) -> FloatArray:
-    """Points from start to stop with growing distances.
-
-    The distances begin with `first`.
-    """
+    """Points from start to stop with growing distances from `first` on."""
     count = max(1, int(np.ceil(np.log1p((stop - start) * (ratio - 1) / first) / np.log(ratio))))
     steps = ratio ** np.arange(count)
     return np.concatenate(([start], start + (stop - start) * np.cumsum(steps) / steps.sum()))

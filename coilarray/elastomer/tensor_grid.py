@@ -21,8 +21,8 @@ _REACH = 2  # columns that couple: the nodes of a quadratic element
 class TensorGrid:
     """Nodes of a grid of columns and rows.
 
-    They are at points of shape (2, nodes), without the first and the last row. The columns are numbered from the
-    outermost, which is left out too, to the column in the middle.
+    They are at points (2, nodes), without the first and the last row. The columns are numbered from the outermost,
+    which is left out too, to the column in the middle.
     """
 
     def __init__(self, nodes: FloatArray) -> None:
@@ -31,10 +31,7 @@ class TensorGrid:
         self.columns, self.rows = len(radii), len(heights)
 
     def blocks(self, matrix: csr_matrix) -> FloatArray:
-        """Parts of a symmetric matrix (nodes, nodes).
-
-        They are by column, distance of the other column, and the rows of both.
-        """
+        """Parts of a symmetric matrix by column, distance, and the rows of both."""
         entries = matrix.tocoo()
         distance = self._column[entries.row] - self._column[entries.col]
         at = distance >= 0
@@ -51,7 +48,7 @@ class TensorGrid:
 
 
 def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return fᵀA⁻¹f of a positive definite matrix, (forces, forces).
+    """Return fᵀA⁻¹f (forces, forces) of a positive definite matrix A.
 
     Matrix and forces are in the parts of a `TensorGrid`. Nodes of columns that are left out at the end are held. Raises
     ElastomerError if the matrix is not positive definite.

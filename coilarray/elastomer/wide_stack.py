@@ -38,8 +38,8 @@ _FINEST, _GROWTH = 0.03, 0.03  # distance of the radii of the tables, and its gr
 class WideField:
     """Displacement and stress about the axis at some heights.
 
-    They are splines over the radius. `moved` gives u_r and u_z, shape (…, 2, cases, heights). `stress` gives σ_rr, the
-    hoop stress and σ_rz, shape (…, 3, cases, heights). Both take radii of shape (…).
+    They are splines over radii (…). `moved` gives u_r and u_z, (…, 2, cases, heights). `stress` gives σ_rr, the hoop
+    stress and σ_rz, (…, 3, cases, heights).
     """
 
     moved: CubicSpline
@@ -47,10 +47,7 @@ class WideField:
 
 
 def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """∫ p J_0(kr) r dr of pressures, shape (cases, k).
-
-    The pressures (cases, n) are linear between radii (n,).
-    """
+    """∫ p J_0(kr) r dr of pressures (cases, n) linear between radii (n,)."""
     x, w = legendre.leggauss(4)
     width = np.diff(r)[:, None]
     at = r[:-1, None] + width * (x + 1) / 2
@@ -64,10 +61,9 @@ def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> F
 def wide_field(
     stack: Stack, base: Base, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
 ) -> WideField:
-    """Field of a wide stack under pressures (cases, n).
+    """Field of a wide stack under pressures (cases, n) linear between radii (n,).
 
-    The pressures are linear between the radii r (n,). The field is at heights from −1, the board, to 0, the top, and up
-    to the radius `extent`.
+    The heights are from −1, the board, to 0, the top, the radii up to `extent`.
     """
     loaded = np.flatnonzero((pressure > 0).any(axis=0))
     contact = float(r[min(loaded[-1] + 1, len(r) - 1)]) if len(loaded) else 1.0
@@ -98,10 +94,7 @@ def wide_field(
 
 
 def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> tuple[FloatArray, ...]:
-    """Profiles at some heights under unit pressures.
-
-    They are W, U, −p − ⅔ μ div u, μU and μ(U' − kW), each of shape (k, heights).
-    """
+    """Profiles W, U, −p − ⅔ μ div u, μU, μ(U' − kW) under unit pressures, (k, heights)."""
     edges, sheet = _elements(stack)
     axis = Axis(edges, _DEGREE)
     n = len(axis.nodes)
@@ -151,10 +144,7 @@ def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> t
 
 
 def _elements(stack: Stack) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Edges of the elements over the height.
-
-    They are finer towards the top. Also returns the index of each element's sheet.
-    """
+    """Edges of elements over the height, finer towards the top, and their sheets."""
     edges, sheets = [stack.levels[0]], []
     for sheet, (lower, upper) in enumerate(zip(stack.levels[:-1], stack.levels[1:], strict=True)):
         cuts = [lower]

@@ -1,8 +1,8 @@
-"""Resistance of coils at alternating current.
+"""Resistance of coils at direct and alternating current.
 
-It covers the skin and the proximity effect of every trace. Two models are chosen by coil and frequency
-(`resistance_matrix`). Traces up to `WIDE` skin depths are computed in the local transverse field of all coils. Wider
-traces are computed with filaments in the cross-section of the coil's bundle of turns.
+The skin and the proximity effect of every trace are covered by two models, chosen by coil and frequency
+(`resistance_matrix`). Traces up to `WIDE` skin depths are computed in the local transverse field of all coils, wider
+traces by filaments in the cross-section of the coil's bundle of turns.
 """
 
 from __future__ import annotations
@@ -39,42 +39,18 @@ from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
 from coilarray.geometry.winding import Cut, FlatPath, find_turns
 
-WIDE = 2.0
-"""Trace width in skin depths from which section filaments apply."""
-MOST_SKIN_DEPTHS = 300.0
-"""Longest trace side in skin depths that the meshes resolve.
-
-Beyond it the mesh no longer resolves the skin (test_ac_resistance.py).
-"""
-SINGLE_MESH = (48, 16)
-"""Cells along the sides of an isolated trace.
-
-The first number is for the longer side, the second for the shorter side of a thin trace.
-"""
-SECTION_MESH = (30, 8)
-"""Cells along the sides of each trace of a bundle."""
-BASIS_TOLERANCE = 3e-2
-"""Accuracy of a trace's basis of currents.
-
-The loss errs by about its square.
-"""
+WIDE = 2.0  # skin depths of trace width, from which section filaments apply
+MOST_SKIN_DEPTHS = 300.0  # longest trace side in skin depths, beyond which the mesh no longer resolves the skin
+SINGLE_MESH = (48, 16)  # cells along the longer side of an isolated trace, and along the shorter side of a thin trace
+SECTION_MESH = (30, 8)  # cells along the sides of each trace of a bundle
+BASIS_TOLERANCE = 3e-2  # of a trace's basis of currents; the loss errs by about its square
+# Gauss points along a segment from a length in widths on; the lengths are no ratios of round lengths
 POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
-"""Gauss points along a segment by length over width.
-
-Each number of points holds from the given length in widths on. The lengths are no ratios of round lengths.
-"""
+# least and most cuts about a pole, and turns cut in all, which are no multiple of round numbers of turns
 RAYS = 5, 16, 97.3
-"""Least and most cuts about a pole, and turns cut.
-
-The last value is the total number of turns that the cuts meet. It is no multiple of round numbers of turns.
-"""
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
-HIGHEST = 1e15
-"""Highest frequency in Hz.
-
-At optical frequencies copper is no longer a conductor of this kind.
-"""
+HIGHEST = 1e15  # Hz; at optical frequencies copper is no longer a conductor of this kind
 
 _FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another, independent of frequency and of other coils
 
@@ -86,9 +62,9 @@ _GRID = 0.04, 0.5  # step relative to the distance, and the distance in widths a
 class CrossSection:
     """Losses of one straight isolated trace over frequency.
 
-    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m. A
-    uniform field of peak value H along the thickness (normal to the plane) or along the width adds the loss ½ g |H|² in
-    W/m. The two losses and the loss of the trace's own current add without cross terms.
+    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
+    uniform field of peak value H along the thickness or along the width adds the loss ½ g |H|² in W/m. All three losses
+    add without cross terms.
     """
 
     resistance_ratio: FloatArray
@@ -97,14 +73,11 @@ class CrossSection:
 
 
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
-    """Compute the skin depth of copper in m.
+    """Compute the skin depth δ = √(ρ/(π f µ0)) of copper in m.
 
-    It is δ = √(ρ/(π f µ0)) for a `resistivity` in Ω·m, in the shape of `frequency` in Hz. A frequency that is not
-    positive or above `HIGHEST` raises a ValueError. A resistivity that is not positive and finite raises a
-    GeometryError.
+    The shape is that of `frequency` in Hz. A frequency that is not positive or above `HIGHEST` raises a ValueError, a
+    resistivity in Ω·m that is not positive and finite a GeometryError.
 
-    Examples
-    --------
     >>> round(float(skin_depth(2e6)) * 1e6, 1)
     46.7
     """
@@ -122,18 +95,14 @@ def cross_section(
 ) -> CrossSection:
     """Compute the losses of one straight isolated rectangular trace.
 
-    The trace is infinitely long. Its sides are in m, the frequencies in Hz of any shape. A size or resistivity (Ω·m)
-    that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`, raises a GeometryError. A frequency that
-    is not positive and finite raises a ValueError.
+    Sides are in m, frequencies in Hz of any shape, the resistivity in Ω·m. A size or resistivity that is not positive
+    and finite, or a side of more than `MOST_SKIN_DEPTHS`, raises a GeometryError, a frequency that is not positive and
+    finite a ValueError.
 
-    Notes
-    -----
     Filaments in the cross-section (P. Silvester, Proc. IEEE 54, 1147, 1966; W. T. Weeks et al., IBM J. Res. Dev. 23,
-    652, 1979) with exact mean logarithms on a mesh graded towards the edges. Every eddy mode adds β²c/(1 + β²λ²). One
-    decomposition per aspect ratio therefore serves all frequencies, and it is cached.
+    652, 1979) with exact mean logarithms on a mesh graded towards the edges. Every eddy mode adds β²c/(1 + β²λ²), so
+    that one decomposition per aspect ratio, which is cached, serves all frequencies.
 
-    Examples
-    --------
     >>> trace = cross_section(0.1e-3, 35e-6, [1e6, 10e6])
     >>> trace.resistance_ratio.round(3)
     array([1.002, 1.14 ])
@@ -162,10 +131,7 @@ def _isolated_modes(aspect: float) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
-    """Sum the eddy modes β²c/(1 + β²λ²).
-
-    The result has the shape of beta.
-    """
+    """Sum the eddy modes β²c/(1 + β²λ²), in the shape of beta."""
     values, strength = modes
     b = beta[..., None]
     return np.asarray((b**2 * strength / (1.0 + (b * values) ** 2)).sum(axis=-1))
@@ -173,10 +139,7 @@ def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _basis(width: float, thickness: float, octaves: int) -> Basis:
-    """Basis of currents in one trace.
-
-    Its longer side may be up to 2^octaves skin depths.
-    """
+    """Basis of currents in a trace of up to 2^octaves skin depths."""
     betas = 4.0 ** np.arange(1, octaves + 1) / (np.pi * max(width, thickness) ** 2)
     return response_basis(width, thickness, *SECTION_MESH, betas.astype(np.float64), BASIS_TOLERANCE)
 
@@ -193,10 +156,9 @@ def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
         )
 
     def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
-        """Interpolate a pair's interaction on a shared grid.
+        """Interpolate a pair's interaction on a grid that all sections share.
 
-        The interpolation is cubic in x between places that all sections share. Rounding x to them would make equal
-        coils differ.
+        The interpolation is cubic in x. Rounding x to the grid would make equal coils differ.
         """
         place = math.asinh(x / _GRID[1]) / _GRID[0]
         node = math.floor(place)
@@ -225,19 +187,14 @@ def resistance_matrix(
     """Compute the resistance matrix R(f) of coils in Ω.
 
     It contains the coils' own losses and the losses that they induce in each other's copper. Every segment of `source`
-    (see `as_conductors`) needs a cross-section. The `frequencies` in Hz have shape (n,), and the `resistivity` of the
-    copper is in Ω·m.
+    (see `as_conductors`) needs a cross-section. The `frequencies` in Hz have shape (n,), the `resistivity` is in Ω·m.
 
     ``resistance`` (frequency, coil, other) in Ω is real, symmetric and positive definite. For any peak currents i, ½
     Re(iᴴ R i) is the loss in W in all copper, open and grounded coils included. ``dc_resistance`` (coil) is in Ω.
-    ``model`` (frequency, coil) is an element of `MODELS`.
+    ``model`` (frequency, coil) is an element of `MODELS`. A segment without a cross-section, a resistivity that is not
+    positive and finite, or a trace of more than `MOST_SKIN_DEPTHS` raises a GeometryError. Frequencies that are not
+    positive and finite, or of another shape, raise a ValueError.
 
-    A segment without a cross-section, a resistivity that is not positive and finite, or a trace of more than
-    `MOST_SKIN_DEPTHS` raises a GeometryError. Frequencies that are not positive and finite, or of another shape, raise
-    a ValueError.
-
-    Notes
-    -----
     *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length l lies in the
     fields h_i of unit currents. It adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n h_j·n + g_w h_i·w h_j·w)
     to R_ij (`cross_section`). The fields follow from Biot–Savart at Gauss points on the segment, without its own field.
@@ -250,12 +207,8 @@ def resistance_matrix(
     the thickness and the width, as other coils make it. Along the path the factors are linear from cut to cut, and on
     leads they are 1. The part of two coils takes √ of both factors, which keeps R positive definite. So turns of one
     coil shield each other, but coils do not. Corners, leads and turns shorter than a few bundle widths are the weak
-    points.
+    points. Vertical segments (vias) count with their DC resistance. Eddy currents in pads and planes are left out.
 
-    Vertical segments (vias) count with their DC resistance. Eddy currents in pads and planes are left out.
-
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> result = resistance_matrix(load_design("gast2020").array, [1e5, 1.7e6])
     >>> R = result.resistance[:, 0, 0]
@@ -301,10 +254,7 @@ def resistance_matrix(
 
 
 def shape_key(conductor: Conductor) -> bytes:
-    """Bytes that identify the shape of a path.
-
-    They are equal for paths of the same shape and cross-section, wherever they lie.
-    """
+    """Bytes that identify the shape and cross-section of a path anywhere."""
     grain = _grain(conductor)
     places = np.round((conductor.vertices - conductor.vertices[0]) / grain).astype(np.int64)
     parts = np.array(grain), places, conductor.widths, conductor.thicknesses, conductor.areas
@@ -312,20 +262,16 @@ def shape_key(conductor: Conductor) -> bytes:
 
 
 def _grain(conductor: Conductor) -> float:
-    """Largest difference in m that leaves a shape unchanged.
-
-    It is the same for copies that differ by rounding.
-    """
+    """Largest difference in m between equal shapes, the same for rounded copies."""
     return float(_SAME * 2.0 ** np.round(np.log2(np.ptp(conductor.vertices, axis=0).max())))
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Gauss points on the horizontal segments of a path.
+    """Gauss points on the horizontal segments of a path from the origin.
 
-    The path begins at the origin. `places` (n, 3) are in m. `lateral` and `normal` (n, 3) are the directions of the
-    trace's width and thickness. `segment` (n,) is the number of the segment of each point, and `weight` (n,) the length
-    in m that it stands for.
+    `places` (n, 3) are in m, `lateral` and `normal` (n, 3) the directions of the trace's width and thickness. `segment`
+    (n,) is the segment of each point and `weight` (n,) the length in m that it stands for.
     """
 
     places: FloatArray
@@ -335,10 +281,9 @@ class _Points:
     weight: FloatArray
 
     def field(self, vertices: FloatArray, *, own: bool) -> FloatArray:
-        """Magnetic field H of a polyline's unit current in 1/m.
+        """Field H of a polyline's unit current along width and thickness, (n, 2) in 1/m.
 
-        The components along the widths and the thicknesses have shape (n, 2). The field of the path's `own` current
-        leaves out the segment of the point.
+        The field of the path's `own` current leaves out the segment of the point.
         """
         found = np.empty((len(self.places), 1, 2))
         left_out = self.segment if own else np.full(len(self.segment), -1)
@@ -359,9 +304,9 @@ class _Traces:
     """Losses in the horizontal segments of coils of one shape.
 
     `resistance` (frequencies,) in Ω leaves out the fields of other segments. The field of unit currents adds its square
-    times the loss of each of the `groups`. These are the indices and lengths in m of points on traces with equal
-    losses. `own`, `mixed` and `others` (2, frequencies, groups) in Ω·m are for fields along width and thickness. The
-    field of the coil's own current enters `own` twice, `mixed` once and `others` not at all.
+    times the loss of each of the `groups`, the indices and lengths in m of points on traces with equal losses. `own`,
+    `mixed` and `others` (2, frequencies, groups) in Ω·m are for fields along width and thickness. The field of the
+    coil's own current enters `own` twice, `mixed` once and `others` not at all.
     """
 
     points: _Points
@@ -373,10 +318,7 @@ class _Traces:
 
 
 def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
-    """Field of a coil's own current at its points.
-
-    See `_Points.field`. It is computed once for equal coils.
-    """
+    """Field of a coil's own current at its points, shared by equal coils."""
     return _FIELDS.get((shape, shape, POINTS), lambda: points.field(vertices, own=True))
 
 
@@ -427,19 +369,13 @@ def _traces(
 
 
 def _radial_cuts(vertices: FloatArray, widths: FloatArray) -> list[Cut]:
-    """Cuts through the turns of a path with vias.
-
-    The list is empty if the path does not wind.
-    """
+    """Cuts through the turns of a path with vias, none if it does not wind."""
     turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
     return [] if turns is None else turns.enough_cuts(*RAYS)
 
 
 def _line_numbers(vertices: FloatArray) -> IntArray:
-    """Line numbers of the segments, (n,).
-
-    A line runs from via to via. Vias have −1.
-    """
+    """Line of each segment, (n,): lines run from via to via, vias have −1."""
     _, flat = lateral_axes(vertices)
     return np.where(flat, np.cumsum(~flat), -1)
 
@@ -447,11 +383,10 @@ def _line_numbers(vertices: FloatArray) -> IntArray:
 def _shared_out(
     vertices: FloatArray, places: FloatArray, of_point: IntArray, cuts: Sequence[Cut]
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Points that cuts stand for, with crossings and shares.
+    """Points that cuts stand for, with crossings and shares, of equal shape.
 
     The crossing counts all cuts in sequence. Between two crossings of a line the share of the first falls linearly
-    while the share of the second rises. Outside the turns the whole share has crossing −1. Points occur once or twice,
-    in arrays of the same shape.
+    while the share of the second rises. Outside the turns the whole share has crossing −1. Points occur once or twice.
     """
     line = _line_numbers(vertices)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(vertices[:, :2], axis=0).T)))
@@ -477,10 +412,7 @@ def _shared_out(
 
 
 def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: int, traces: _Traces) -> FloatArray:
-    """Losses in the horizontal segments of coil c.
-
-    The result has shape (frequencies, coils, coils).
-    """
+    """Losses in the horizontal segments of coil c, (frequencies, coils, coils)."""
     points, start, grain = traces.points, conductors[c].vertices[0], _grain(conductors[c])
 
     def field_of(k: int) -> FloatArray:
@@ -505,10 +437,7 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
 def _mean_fields(
     h: FloatArray, weight: FloatArray, shared: tuple[IntArray, IntArray, FloatArray], crossings: int
 ) -> FloatArray:
-    """Mean field (crossings, 2) of the points of each crossing.
-
-    See `_shared_out`. The mean of no points is 0.
-    """
+    """Mean field (crossings, 2) of the points of each crossing, 0 of none."""
     point, crossing, share = (part[shared[1] >= 0] for part in shared)
     length = share * weight[point]
     total = np.bincount(crossing, length, crossings)
@@ -519,10 +448,7 @@ def _mean_fields(
 def _section_factors(
     cut: Cut, z: FloatArray, sizes: tuple[FloatArray, FloatArray], mean: FloatArray, delta: FloatArray
 ) -> FloatArray:
-    """Ratio of filament to transverse-field heat in a cut.
-
-    The result has shape (3, frequencies, turns).
-    """
+    """Ratio of filament to transverse-field heat in a cut, (3, frequencies, turns)."""
     w, t = sizes
     side = float(max(w.max(), t.max()))
     octaves = _octaves(side, delta)

@@ -40,13 +40,12 @@ _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead cha
 class WindingCapacitance:
     """Capacitance of one coil in F, without other coils.
 
-    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the terminals. They are the
-    field's energy between turns of different layers, between turns of one layer, and the contribution of the leads.
-
-    `layers` (lines, lines) is the Maxwell matrix of the coil's lines, one per layer of the winding, each at one
-    potential. Its rows sum to zero, and lines that only carry a lead have zeros. `longest_turns` is the lumped
-    capacitance if every turn were as long as the longest, with the leads. It comes from one quadratic form, so it grows
-    with every permittivity, and by more than `total` does.
+    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the terminals: the field's
+    energy between turns of different layers, between turns of one layer, and the contribution of the leads. `layers`
+    (lines, lines) is the Maxwell matrix of the coil's lines, one per layer of the winding, each at one potential. Its
+    rows sum to zero, and lines that only carry a lead have zeros. `longest_turns` is the lumped capacitance if every
+    turn were as long as the longest, with the leads. It comes from one quadratic form, so it grows with every
+    permittivity, and by more than `total` does.
     """
 
     interlayer: float
@@ -72,20 +71,16 @@ def coil_capacitance(
     """Compute the lumped and mutual capacitances of coils in F.
 
     `sheets` are the elastomer on the board, upwards, with air above it. `relative_permittivity` belongs to the sheets,
-    or without sheets to the whole half space above the board. This medium also fills the gaps of the top copper.
-
-    ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``. These are the field's energy between
-    turns of different layers and of one layer, and the contribution of the leads. ``capacitance`` (coil, other) is the
-    Maxwell matrix between coils, each at one potential: symmetric, off-diagonal ≤ 0, diagonally dominant. No ground is
-    near the board, so its rows sum to zero.
-
-    A coil without turns beside each other, copper that overlaps on a layer, or a permittivity below 1 raises a
-    GeometryError.
+    or without sheets to the whole half space above the board. This medium also fills the gaps of the top copper. A coil
+    without turns beside each other, copper that overlaps on a layer, or a permittivity below 1 raises a GeometryError.
 
     Returns
     -------
     xarray.Dataset
-        The variables named above, in F.
+        ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``: the field's energy between turns of
+        different layers and of one layer, and the contribution of the leads. ``capacitance`` (coil, other) is the
+        Maxwell matrix between coils, each at one potential: symmetric, off-diagonal ≤ 0, diagonally dominant. No ground
+        is near the board, so its rows sum to zero.
 
     Notes
     -----
@@ -133,15 +128,8 @@ def coil_capacitance(
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
     """Compute the self-resonance 1/(2π √(LC)) of coils in Hz.
 
-    The coils have an `inductance` in H and a `capacitance` of their own in F. The shapes of the two must broadcast.
+    The `inductance` in H and the coils' own `capacitance` in F must broadcast.
 
-    Returns
-    -------
-    ndarray
-        Frequency in Hz, of the broadcast shape.
-
-    Examples
-    --------
     >>> round(float(self_resonance(57e-6, 18e-12)) / 1e6, 2)
     4.97
     """
@@ -161,16 +149,14 @@ def elastomer_effect(
 
     It changes the coils' capacitance and with it their apparent inductance. `tank_capacitance` C_t in F is in parallel
     to the coil. Without `sheets` the elastomer fills the half space above the board. `undisturbed` is the height in m
-    above the board below which an indentation changes no permittivity. It is the deepest point of the indented surface,
-    or of the deepest interface if the layers differ in permittivity. The value 0 is always valid.
+    above the board below which an indentation changes no permittivity: the deepest point of the indented surface, or of
+    the deepest interface if the layers differ in permittivity. The value 0 is always valid.
 
     For each ``coil`` the result has ``without`` and ``with_elastomer`` (C_L in F) and ``change`` (ΔC in F).
     ``apparent_delta`` is the apparent relative change of L when the elastomer is laid on. ``dent_bound`` is an upper
     bound of the apparent change by a dent. A capacitance or height that is not allowed raises a ValueError. Coils that
     `coil_capacitance` refuses raise a GeometryError.
 
-    Notes
-    -----
     The converter measures f with f² (C_t + C_L) L constant and assumes a constant capacitance. So δ = ΔC/(C_t + C_L),
     which is positive and independent of f. C grows with the permittivity at every point (Thomson's principle). A dent
     changes the permittivity only above `undisturbed`, to something between 1 and `relative_permittivity`. So no dent
@@ -178,8 +164,6 @@ def elastomer_effect(
     `longest_turns`). All of this holds for a single floating coil. The field of its mean voltage against ground or
     neighbours is left out.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> effect = elastomer_effect(load_design("gast2020").array, 3.0, 120e-12, undisturbed=5e-3)
     >>> bool(effect.dent_bound[1] < 0.01 * effect.apparent_delta[1])  # of an upper coil
@@ -235,10 +219,10 @@ def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
 
 
 def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[LayeredMedium, int]:
-    """Medium with a plane at each copper face.
+    """Medium with a plane at each copper face, and planes above the top face.
 
-    The number of planes above the top face is returned with it. The gaps of the outer copper are filled with the medium
-    outside. The gaps of inner copper have the mean of the dielectrics on both sides.
+    The gaps of the outer copper are filled with the medium outside, the gaps of inner copper with the mean of the
+    dielectrics on both sides.
     """
     inner = stackup.epsilon_r
     top = above[0][1] if above else half_space
@@ -335,9 +319,9 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
 
 
 def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:
-    """Check that turns of a cut are apart everywhere.
+    """Check that the turns of a cut are apart on every copper layer.
 
-    The turns of the given width in m must be apart on every copper layer. Beside a corner this is not always true.
+    Beside a corner this is not always true. Widths are in m.
     """
     for number in np.unique(layer):
         on = np.flatnonzero(layer == number)
@@ -349,7 +333,7 @@ def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:
 def _basis(stackup: Stackup, coil: Coil) -> int:
     """Count the functions per strip.
 
-    Three suffice for traces up to twice the gap and the thinnest dielectric. Wider traces need more.
+    Three suffice for traces up to twice the gap and the thinnest dielectric.
     """
     widest = max(float(widths.max()) for widths in coil.widths)
     nearest = min(coil.gap, *stackup.dielectric_thickness) if stackup.dielectric_thickness else coil.gap
@@ -357,7 +341,7 @@ def _basis(stackup: Stackup, coil: Coil) -> int:
 
 
 def _shares(line: npt.NDArray[np.int64], along: FloatArray, turns: Turns) -> FloatArray:
-    """Length in m of its line for each cut trace.
+    """Length in m that each cut trace stands for on its line.
 
     It reaches half-way to the next cut, and to the ends of the turns.
     """
@@ -411,10 +395,7 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """Traces and gaps of a coil on one layer.
-
-    Its fields are the indices of coil and copper layer, the mean width in m and the area.
-    """
+    """Traces and gaps of a coil on one layer, with their mean width in m."""
 
     coil: int
     layer: int
@@ -449,10 +430,9 @@ def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
 def closed_band(
     coil: Coil, traces: Sequence[tuple[FloatArray, FloatArray]], mitre_limit: float = 2.0
 ) -> shapely.Geometry:
-    """Area of a coil's traces and half of the gaps.
+    """Area of a coil's traces (centre lines and widths in m) and half of the gaps.
 
-    `traces` are centre lines, shape (n, 2). The widths of their segments in m have shape (n − 1,). Slits between turns,
-    from the slight tilt of their sides, are closed.
+    Slits between turns, from the slight tilt of their sides, are closed.
     """
     slit = 0.05 * (coil.trace_width + coil.gap) / 2
     corners: dict[str, Any] = {"join_style": "mitre", "mitre_limit": mitre_limit}

@@ -38,9 +38,9 @@ _SPARE_ANGLES = 40  # above the bandwidth; the rest decays like the Bessel funct
 class Segments:
     """Straight pieces of the closed paths of a coil.
 
-    The ends `start` and `stop` are in m, both of shape (n, 3). `weights`, shape (n,), is the weight of each piece in S.
-    It is the piece's current per current of the coil. For an electrode it is twice the potential inside its path. With
-    weights (n, m) the same pieces are m coils.
+    The ends `start` and `stop` (n, 3) are in m. `weights` (n,) is the weight of each piece in S: its current per
+    current of the coil, or for an electrode twice the potential inside its path. With weights (n, m) the same pieces
+    are m coils.
     """
 
     start: FloatArray
@@ -57,9 +57,9 @@ class Segments:
 class CoilSpectra:
     """Spectra of coils about their own centres.
 
-    `wavenumbers`, shape (k,), are in 1/m and `centres`, shape (coils, 2), in m. `radius` is the largest distance in m
-    of a coil's corner from its centre. `shape_of` has the index of each coil's spectrum. `series` is the Fourier series
-    of S over the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
+    `wavenumbers` (k,) are in 1/m and `centres` (coils, 2) in m. `radius` is the largest distance in m of a coil's
+    corner from its centre. `shape_of` has the index of each coil's spectrum. `series` is the Fourier series of S over
+    the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
     """
 
     wavenumbers: FloatArray
@@ -85,10 +85,7 @@ def mirrored_segments(coils: Sequence[Segments], height: float) -> list[Segments
 
 
 def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
-    """Centres of the coils' bounding rectangles and their radius.
-
-    The centres have shape (coils, 2). The radius is the largest about them. Both are in m.
-    """
+    """Centres (coils, 2) of the coils' bounding rectangles and largest radius, in m."""
     plane = [np.concatenate((coil.start, coil.stop))[:, :2] for coil in coils]
     centres = np.array([(points.min(axis=0) + points.max(axis=0)) / 2 for points in plane])
     radius = max(float(np.hypot(*(points - centre).T).max()) for points, centre in zip(plane, centres, strict=True))
@@ -96,9 +93,9 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
 
 
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils at z ≤ 0.
+    """Compute the spectra of coils at z ≤ 0, once for each shape.
 
-    The wavenumbers are positive, in 1/m. Each distinct shape is computed once.
+    The wavenumbers are positive, in 1/m.
     """
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
@@ -150,10 +147,9 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
 
 
 def _derivative(nodes: FloatArray) -> FloatArray:
-    """Differentiation matrix (n, n) at Gauss–Legendre nodes.
+    """Differentiation matrix (n, n) at Gauss–Legendre nodes of an interval from 0.
 
-    The nodes are of any interval from 0. The matrix follows from the barycentric formula: J.-P. Berrut and L. N.
-    Trefethen, SIAM Review 46, 501 (2004).
+    From the barycentric formula: J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 501 (2004).
     """
     x, weights = leggauss(len(nodes))
     weights = np.sqrt((1 - x**2) * weights) * (-1.0) ** np.arange(len(x))
@@ -169,12 +165,9 @@ def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highes
     """Harmonics c_m(k) of a coil's potential in m/A.
 
     They hold for one shape of coil about points (n, 2) in m from its centre. Real and imaginary parts have shape
-    (highest + 1, 2, k, n), with m from 0 to `highest`. The harmonics of −m are the conjugates.
-
-    Notes
-    -----
-    The waves of distinct x and of distinct y are multiplied. In opposite directions S e^{ik·p} are conjugates, so half
-    a circle suffices: 2 Re for even m and 2i Im for odd m.
+    (highest + 1, 2, k, n), with m from 0 to `highest`. The harmonics of −m are the conjugates. The waves of distinct x
+    and of distinct y are multiplied. In opposite directions S e^{ik·p} are conjugates, so half a circle suffices: 2 Re
+    for even m and 2i Im for odd m.
     """
     (x, of_x), (y, of_y) = (np.unique(values, return_inverse=True) for values in offsets.T)
     distance = float(np.hypot(*offsets.T).max(initial=0.0))
@@ -194,10 +187,7 @@ def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highes
 
 
 def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:
-    """`coil_harmonics` of every coil about points (points, 2).
-
-    The points are in m, and the result has shape (k, points, coils, highest + 1).
-    """
+    """`coil_harmonics` of all coils about points in m, (k, points, coils, highest + 1)."""
     shapes = np.array(spectra.shape_of)
     found = np.empty((len(spectra.wavenumbers), len(points), len(shapes), highest + 1), dtype=np.complex128)
 
@@ -221,9 +211,8 @@ def gradients_on_grid(
     """Gradient of every coil's potential on a grid in 1/m.
 
     The grid has (nx,) by (ny,) points in m on some planes. The result has shape (coils, 3, planes, nx, ny), for coils
-    carrying 1 A. `weights`, shape (k,), are the weights of an integral over the wavenumbers. `profiles` and `slopes`,
-    shape (planes, k), are the potential over the potential of each wave at z = 0, and its derivative over the height in
-    1/m.
+    carrying 1 A. `weights` (k,) are the weights of an integral over the wavenumbers. `profiles` and `slopes` (planes,
+    k) are the potential over the potential of each wave at z = 0, and its derivative over the height in 1/m.
     """
     corners = np.array(np.meshgrid(x[[0, -1]], y[[0, -1]])).reshape(2, -1).T
     distance = np.hypot(*(corners[:, None] - spectra.centres).T).max()
@@ -259,10 +248,7 @@ def _angles(bandwidth: float) -> int:
 
 
 def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
-    """Fourier series of S(k, α) over α of closed paths.
-
-    It is in numpy's order, with shape (coils, n).
-    """
+    """Fourier series of S(k, α) over α of closed paths, (coils, n) in numpy's order."""
     n = _angles(k * radius)
     alpha = 2 * np.pi * np.arange(n // 2) / n  # S(k, α + π) is the conjugate
     cos, sin = np.cos(alpha), np.sin(alpha)
@@ -284,18 +270,12 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
 
 
 def _on_angles(series: ComplexArray, n: int) -> ComplexArray:
-    """Values of a Fourier series at n equal angles.
-
-    The number n must be at least the length of the series.
-    """
+    """Values of a Fourier series at n equal angles, n at least its length."""
     return np.asarray(np.fft.ifft(_padded(series, n)) * n)
 
 
 def _padded(series: ComplexArray, n: int) -> ComplexArray:
-    """Fourier series extended to n orders in numpy's order.
-
-    The number n must be at least the present number of orders.
-    """
+    """Fourier series extended to n orders in numpy's order."""
     half = len(series) // 2
     padded = np.zeros(n, dtype=np.complex128)
     padded[:half], padded[-half:] = series[:half], series[-half:]

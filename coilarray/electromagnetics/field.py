@@ -95,20 +95,12 @@ def vector_potential(
 ) -> FloatArray:
     """Compute the magnetic vector potential of current paths in T·m.
 
-    Parameters
-    ----------
-    source, points, currents, progress
-        See `magnetic_field`.
+    Parameters and errors are those of `magnetic_field`.
 
     Returns
     -------
     ndarray, shape (..., 3)
         Vector potential A in free space in T·m, in the Coulomb gauge for closed paths.
-
-    Raises
-    ------
-    GeometryError, MemoryLimitError
-        See `magnetic_field`.
 
     Notes
     -----
@@ -149,10 +141,7 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class _Paths:
-    """Current paths and evaluation points as the kernels take them.
-
-    The points have shape (n, 3). Their original shape is kept in `shape`.
-    """
+    """Current paths and evaluation points (n, 3), from points of `shape`."""
 
     vertices: FloatArray
     starts: npt.NDArray[np.int64]

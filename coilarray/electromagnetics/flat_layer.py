@@ -48,10 +48,7 @@ _WIDTHS = 4.0  # widths up to which images are near; beyond, the series in _mean
 
 @dataclass(frozen=True)
 class Slab:
-    """Magnetic region.
-
-    It has the height of its lower face and its thickness in m, and its relative permeability, above 1.
-    """
+    """Magnetic region: height of its lower face and thickness in m, μr > 1."""
 
     lower: float
     thickness: float
@@ -64,22 +61,16 @@ class Slab:
 
     @property
     def transmission(self) -> float:
-        """Transmission 1 − β² through the lower face and back.
-
-        It is computed without cancellation.
-        """
+        """Transmission 1 − β² through the lower face and back, without cancellation."""
         return 4 / (self.relative_permeability + 1) * (self.relative_permeability / (self.relative_permeability + 1))
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the magnetic region of a stack of sheets.
+    """Return the magnetic region of sheets upwards from z = 0, or None.
 
-    The sheets lie upwards from z = 0. The result is None if no sheet is magnetic. Neighbouring sheets of one
-    permeability make one slab. Magnetic sheets of different permeability, or with another sheet between them, raise an
-    ElastomerError.
+    Neighbouring sheets of one permeability make one slab. Magnetic sheets of different permeability, or with another
+    sheet between them, raise an ElastomerError.
 
-    Examples
-    --------
     >>> magnetic_slab([Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7)])
     Slab(lower=0.006, thickness=0.002, relative_permeability=2.7)
     """
@@ -128,8 +119,6 @@ def layer_inductance(
     ------
     ElastomerError
         More than one magnetic region, or a path that reaches into it (thin filaments: or touches it).
-    GeometryError
-        A source that describes no path.
 
     Notes
     -----
@@ -192,19 +181,13 @@ def _images(paths: Sequence[Conductor], slab: Slab, n: int) -> list[Conductor]:
 
 
 def mirrored(path: Conductor, height: float) -> Conductor:
-    """Return the path mirrored at a height in m.
-
-    Its current is mirrored as well.
-    """
+    """Return the path and its current mirrored at a height in m."""
     lift = np.array([0.0, 0.0, 2 * height])
     return Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image of {path.name}")
 
 
 def require_below(path: Conductor, face: float) -> None:
-    """Refuse a path that is not below a magnetic sheet.
-
-    Its highest copper must lie below the lower face in m of the sheet. The error is an ElastomerError.
-    """
+    """Raise ElastomerError unless a path's highest copper is below a face in m."""
     top = top_of(path)
     rounding = 1e-12 * float(np.abs(path.vertices).max())
     if top > face + rounding or (path.is_filament and top > face - rounding):

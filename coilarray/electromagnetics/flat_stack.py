@@ -27,19 +27,13 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
 
+# medium below z = 0: air, from which the field comes, or electrodes that hold the potential at z = 0
 Base: TypeAlias = Literal["open", "grounded"]
-"""Medium below z = 0.
-
-It is air, from which the field comes, or electrodes that hold the potential at z = 0.
-"""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Flat layer.
-
-    It has its `thickness` in m, relative `permeability` and `conductivity` in S/m, inf for a perfect conductor.
-    """
+    """Flat layer: thickness in m, relative permeability, conductivity in S/m or inf."""
 
     thickness: float
     permeability: float = 1.0
@@ -50,10 +44,9 @@ _AIR = Layer(math.inf)
 
 
 def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Layer, ...]:
-    """Return layers with the air gaps between them.
+    """Return layers with the air gaps between them, outwards from `start` in m.
 
-    They go outwards from a height `start` in m. `bodies` are layers with the heights in m of their inner faces, rising,
-    the first at `start` or beyond it.
+    `bodies` are layers with the heights in m of their inner faces, rising, the first at `start` or beyond it.
     """
     layers: list[Layer] = []
     for height, layer in bodies:
@@ -65,23 +58,12 @@ def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Laye
 
 @dataclass(frozen=True, eq=False)
 class LayerWaves:
-    """Waves in flat layers and their reflection.
+    """Waves that come through air to flat layers, and their reflection.
 
-    The waves come through air to the first face.
-
-    Parameters
-    ----------
-    layers : tuple of Layer
-        From the first face outwards, with air beyond.
-    wavenumbers : ndarray, shape (k,)
-        In 1/m.
-    growths, beyond, passed : ndarray, shape (layers, …, k)
-        `growths` is γ in 1/m of each layer, inf in a perfect conductor, which has no field inside. `beyond` is the
-        reflection r at its outer face. `passed` is 1 − r, which cancellation would lose.
-    reflection : ndarray, shape (…, k)
-        ρ of b at the first face.
-    potential : ndarray, shape (…, k)
-        1 − ρ, the scalar potential at the first face over the potential of the wave alone.
+    The `layers` go from the first face outwards, with air beyond. `growths` (layers, …, k) is γ in 1/m of each layer,
+    inf in a perfect conductor, which has no field inside. `beyond`, of the same shape, is the reflection r at its outer
+    face, and `passed` is 1 − r, which cancellation would lose. `reflection` (…, k) is ρ of b at the first face and
+    `potential` 1 − ρ, the scalar potential at the first face over the potential of the wave alone.
     """
 
     layers: tuple[Layer, ...]
@@ -94,10 +76,7 @@ class LayerWaves:
 
     @property
     def faces(self) -> list[ComplexArray]:
-        """B at the faces over B at the first face.
-
-        The faces are each layer's inner face and the last layer's outer face.
-        """
+        """B at each layer's inner face and the last outer face, over B at the first."""
         found = [np.ones_like(self.reflection)]
         for number, (r, layer) in enumerate(zip(self.beyond, self.layers, strict=True)):
             fall = self._fall(number, layer.thickness)
@@ -105,9 +84,9 @@ class LayerWaves:
         return found
 
     def at(self, height: float) -> tuple[ComplexArray, ComplexArray]:
-        """Return b and its outward derivative at a height.
+        """Return b and its outward derivative in 1/m at a height in m.
 
-        The height in m is beyond the first face. The derivative is in 1/m, and both are over b at the first face.
+        The height is beyond the first face, and both are over b at the first face.
         """
         edges = np.concatenate(([0.0], np.cumsum([layer.thickness for layer in self.layers])))
         number = int(np.searchsorted(edges, height, side="right")) - 1
@@ -123,19 +102,13 @@ class LayerWaves:
         return b * (out + back), b * growth * (back - out)
 
     def _fall(self, number: int, way: float) -> ComplexArray:
-        """Decay e^{−γ·way} in a layer over a way in m.
-
-        It is 0 in a perfect conductor.
-        """
+        """Decay e^{−γ·way} in a layer over a way in m, 0 in a perfect conductor."""
         if math.isinf(self.layers[number].conductivity):
             return np.zeros_like(self.reflection)
         return np.asarray(np.exp(-self.growths[number] * way))
 
     def integral(self, number: int) -> ComplexArray:
-        """Return ∫ b dz over a layer in m.
-
-        It is relative to b at the first face.
-        """
+        """Return ∫ b dz over a layer in m, over b at the first face."""
         growth, r, d = self.growths[number], self.beyond[number], self.layers[number].thickness
         fall = self._fall(number, d)
         return np.asarray(self.faces[number] * (1 - fall) * (1 + r * fall) / growth / (1 + r * fall**2))
@@ -155,19 +128,11 @@ class LayerWaves:
 
 
 def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatArray | float = 0.0) -> LayerWaves:
-    """Compute the waves in flat layers.
+    """Compute the waves in flat layers with air before and beyond.
 
-    Parameters
-    ----------
-    layers : sequence of Layer
-        From the first face outwards, with air before and beyond.
-    wavenumbers : ndarray, shape (k,)
-        Positive, in 1/m.
-    omega : float or ndarray, shape (f, 1)
-        Angular frequency in 1/s. If it is an array, its axis leads the shapes of the result.
+    The layers go from the first face outwards, the wavenumbers (k,) are positive, in 1/m. The axis of angular
+    frequencies (f, 1) in 1/s leads the shapes of the result.
 
-    Examples
-    --------
     A thick layer of the permeability 3 draws half of the flux in. A perfect conductor sends all back.
 
     >>> k = np.array([100.0])
@@ -203,10 +168,10 @@ def _growth(layer: Layer, k: FloatArray, omega: FloatArray | float) -> ComplexAr
 def _joined(
     a: Layer, b: Layer, k: FloatArray, omega: FloatArray | float, r: ComplexArray, passed: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Reflection ρ of waves between media, and 1 − ρ.
+    """Reflection ρ of waves from medium a to b, and 1 − ρ.
 
-    The waves go from a to b. There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if
-    both media are nearly equal, or if one passes nearly nothing.
+    There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if both media are nearly equal,
+    or if one passes nearly nothing.
     """
     if math.isinf(b.conductivity) or math.isinf(a.conductivity):
         return np.full_like(r, -1.0), np.full_like(r, 2.0)
@@ -220,9 +185,9 @@ def _joined(
 
 @dataclass(frozen=True)
 class PassedWaves:
-    """Currents behind layers and their transmission.
+    """Currents behind layers that let a `share` of their waves pass upwards.
 
-    At k in 1/m the layers let the `share` (k,) of the waves e^{k(z' − z)} pass upwards.
+    The share (k,) of the waves e^{k(z' − z)} passes at k in 1/m.
     """
 
     eddies: Segments
@@ -231,23 +196,11 @@ class PassedWaves:
 
 @dataclass(frozen=True)
 class Backing:
-    """Bodies below the coils that return their field.
+    """Bodies below the coils that return their field at one frequency in Hz.
 
-    They are flat layers, and currents over them, at one frequency.
-
-    Parameters
-    ----------
-    face : float
-        Height of its upper face in m, below all coils.
-    layers : tuple of Layer
-        From there downwards. Empty if there are currents alone.
-    frequency : float
-        In Hz.
-    eddies : Segments, optional
-        Currents above the face for 1 A in each of n coils, with 2n weights each. The real parts come first, then the
-        imaginary parts.
-    passed : tuple of PassedWaves
-        Currents between the layers or below them, seen from above, with the same pieces and weights.
+    `layers` go downwards from a `face` in m below all coils. `eddies` are currents above the face for 1 A in each of n
+    coils, with 2n weights each: the real parts, then the imaginary parts. `passed` are currents between the layers or
+    below them, seen from above, with the same pieces and weights.
     """
 
     face: float
@@ -261,10 +214,7 @@ class Backing:
         return [*coils, *([] if self.eddies is None else [self.eddies])]
 
     def seen(self, coils: Sequence[Segments]) -> list[list[Segments]]:
-        """Return the `sources` and their images.
-
-        Images exist if layers mirror the sources. There are as many again for each of `passed`.
-        """
+        """Return the `sources`, their images in the layers, and those of `passed`."""
         sources = self.sources(coils)
         if not self.layers:
             return [sources]
@@ -272,18 +222,12 @@ class Backing:
         return [sources, mirrored_segments(sources, self.face), *([*silent, one.eddies] for one in self.passed)]
 
     def currents(self, coils: int) -> ComplexArray:
-        """Currents in the `sources` for 1 A per coil.
-
-        The shape is (sources, coils).
-        """
+        """Currents in the `sources` for 1 A per coil, (sources, coils)."""
         one = np.eye(coils, dtype=np.complex128)
         return one if self.eddies is None else np.concatenate((one, one, 1j * one))
 
     def reflection(self, wavenumbers: FloatArray) -> ComplexArray:
-        """Reflection ρ of b at the face.
-
-        It is given at positive wavenumbers (k,) in 1/m, and multiplies waves from mirrored coils.
-        """
+        """Reflection ρ of b at the face for waves (k,) in 1/m from mirrored coils."""
         return layer_waves(self.layers, wavenumbers, 2 * math.pi * self.frequency).reflection
 
     def between(
@@ -310,10 +254,7 @@ class Backing:
         permeabilities: Sequence[float],
         lift: float = 0.0,
     ) -> list[ComplexArray]:
-        """Part of the waves (k,) that arrives at flat sheets.
-
-        It is given for each of the `seen`, as in `between`.
-        """
+        """Part of the waves (k,) of each of the `seen` that arrives at flat sheets."""
         often, _ = self.between(wavenumbers, thicknesses, permeabilities, lift)
         ways = [self.reflection(wavenumbers), *(one.share(wavenumbers) for one in self.passed)]
         return [often, *(often * way for way in ways)] if self.layers else [often]
@@ -328,10 +269,10 @@ def flat_profile(
 ) -> FloatArray:
     """Total potential g(z) in flat sheets, shape (n, k).
 
-    It is for an incident potential e^{−kz}, or for g(0) = 1. `wavenumbers`, shape (k,), of the pattern in the plane are
-    positive, in 1/m. The heights `z`, shape (n,), are in m from 0, the lower face of the lowest sheet. Sheets, with
-    thicknesses in m and relative permeabilities (or permittivities), lie upwards from there, and air above. The base is
-    air with an incident potential below ("open"), or electrodes at z = 0 that hold the potential 1 ("grounded").
+    It is for an incident potential e^{−kz}, or for g(0) = 1. `wavenumbers` (k,) are positive, in 1/m. The heights `z`
+    (n,) are in m from 0, the lower face of the lowest sheet. Sheets, with thicknesses in m and relative permeabilities
+    (or permittivities), lie upwards from there, and air above. The base is air with an incident potential below
+    ("open"), or electrodes at z = 0 that hold the potential 1 ("grounded").
     """
     waves = layer_waves(_sheets(thicknesses, permeabilities), wavenumbers)
     profile = np.empty((len(z), len(wavenumbers)))
@@ -348,10 +289,10 @@ def flat_profile(
 
 
 def reflection(wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float]) -> FloatArray:
-    """Reflected potential at the lower face of flat sheets.
+    """Reflected potential at the lower face of flat sheets, (k,).
 
-    It is R e^{kz} for an incident e^{−kz}. Pattern and sheets are as in `flat_profile`. R = −ρ, shape (k,), is from −1
-    to 0. Magnetic sheets draw the flux in, which raises the inductance.
+    It is R e^{kz} for an incident e^{−kz}, with pattern and sheets as in `flat_profile`. R = −ρ is from −1 to 0.
+    Magnetic sheets draw the flux in, which raises the inductance.
     """
     return np.asarray(-layer_waves(_sheets(thicknesses, permeabilities), wavenumbers).reflection.real)
 

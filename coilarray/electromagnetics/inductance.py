@@ -28,24 +28,10 @@ _UNLIKE = 1e8  # ratio of two bar sizes above which no digit may be right
 
 
 def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, q2: npt.ArrayLike) -> float:
-    """Compute the mutual inductance of two straight thin filaments.
+    """Compute the mutual inductance of two straight thin filaments in H.
 
-    The filaments may lie in any position.
-
-    Parameters
-    ----------
-    p1, p2, q1, q2 : array_like, shape (3,)
-        Start and end of the first and the second filament in m.
-
-    Returns
-    -------
-    float
-        Mutual inductance in H. Its sign follows the directions.
-
-    Raises
-    ------
-    GeometryError
-        A filament of length zero, or two filaments that overlap on one line, for which the integral is infinite.
+    The filaments p1–p2 and q1–q2, points (3,) in m, may lie in any position. The sign follows their directions. A
+    filament of length zero, or two filaments that overlap on one line, raise a GeometryError.
 
     Notes
     -----
@@ -81,25 +67,10 @@ def rectangular_bars(
 ) -> float:
     """Compute the partial inductance of parallel rectangular bars in H.
 
-    The bars have a uniform current density. With a single bar this is its self-inductance.
-
-    Parameters
-    ----------
-    size_1, size_2 : tuple of float
-        Length, width and thickness in m. Without `size_2` the self-inductance of the first bar is returned.
-    offset : tuple of float
-        Vector from the corner of the first bar to the corner of the second, along length, width and thickness, in m.
-
-    Returns
-    -------
-    float
-        Inductance in H.
-
-    Raises
-    ------
-    GeometryError
-        A size outside 1e-30 to 1e30 m, sizes with a ratio above 1e8, bars whose longest side is below
-        about 1e-5 of the extent of the pair, or an offset that is not finite or larger than 1e30 m.
+    The bars have a uniform current density. Sizes are length, width and thickness in m. `offset` leads from the corner
+    of the first bar to the corner of the second along these, in m. A single bar gives its self-inductance. Sizes
+    outside 1e-30 to 1e30 m or with a ratio above 1e8, a longest side below about 1e-5 of the extent of the pair, and an
+    offset beyond 1e30 m raise a GeometryError.
 
     Notes
     -----
@@ -150,10 +121,7 @@ def _distance(first: Conductor, second: Conductor) -> float:
 
 
 def _short_filament(short: Conductor, long: Conductor) -> float:
-    """Integrate 1/R over two filaments, one of them short.
-
-    The short filament is much shorter than their distance.
-    """
+    """Integrate 1/R over two filaments, one much shorter than their distance."""
     start, end = short.vertices
     points = (start + end) / 2 + np.array([[-1.0], [1.0]]) * (end - start) / np.sqrt(12)  # Gauss points
     ways = np.linalg.norm(points[:, None] - long.vertices, axis=-1).sum(axis=1)
@@ -223,10 +191,8 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
 def pair_inductance(source: Source, first: IntArray, second: IntArray, *, accuracy: Accuracy = "full") -> FloatArray:
     """Compute the mutual inductance of selected pairs in H.
 
-    The pairs are given by the numbers of two paths of one source. The errors are the same as for the whole matrix.
+    The pairs are numbers of two paths of one source. The errors are those of the whole matrix.
 
-    Examples
-    --------
     >>> squares = [[[0, y, 0], [1e-2, y, 0], [1e-2, y + 1e-2, 0], [0, y + 1e-2, 0], [0, y, 0]] for y in (0, 0.02, 0.04)]
     >>> (pair_inductance(squares, np.array([0, 0]), np.array([1, 2])) * 1e9).round(3).tolist()
     [-0.153, -0.016]
@@ -337,8 +303,7 @@ def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, Flo
     """Numbers and weights (n,) of representative segments of a path.
 
     Their weighted sum stands for the sum over the whole path. ``full`` takes every segment once. ``screen`` takes a few
-    turns of a winding, for sums of quantities that change smoothly from turn to turn. The weights add up to the number
-    of segments.
+    turns, for quantities that change smoothly from turn to turn.
     """
     if accuracy == "full":
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))
@@ -361,10 +326,7 @@ def _matrix(
     accuracy: Accuracy,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Symmetric inductance matrix of the wanted pairs in H.
-
-    All other entries are zero.
-    """
+    """Symmetric inductance matrix in H, zero except for the wanted pairs."""
     if accuracy not in get_args(Accuracy):
         raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
     values = _SCALE * path_sums(conductors, first, second, accuracy, progress=progress)

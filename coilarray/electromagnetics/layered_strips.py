@@ -43,11 +43,11 @@ _CUTOFF_DISTANCE = 5.0
 class LayeredMedium:
     """Parallel planes with dielectrics between, above and below.
 
-    `thicknesses` are the distances in m between consecutive planes, from the top plane down. They are empty for a
-    single plane. `epsilon_r`, two longer, are the relative permittivities from the region above the top plane to the
-    region below the bottom plane. `ground_above` and `ground_below` are the distances in m from the top (bottom) plane
-    to a grounded plane. Without it the region is a half space. Lengths that do not fit, a thickness that is not
-    positive, or a permittivity below 1 raise a GeometryError.
+    `thicknesses` are the distances in m between consecutive planes, from the top plane down. `epsilon_r`, two longer,
+    are the relative permittivities from the region above the top plane to the region below the bottom plane.
+    `ground_above` and `ground_below` are the distances in m from the top (bottom) plane to a grounded plane. Without it
+    the region is a half space. Lengths that do not fit, a thickness that is not positive, or a permittivity below 1
+    raise a GeometryError.
     """
 
     thicknesses: tuple[float, ...]
@@ -83,13 +83,11 @@ class LayeredMedium:
         return self.ground_above is not None or self.ground_below is not None
 
     def green(self, k: FloatArray) -> FloatArray:
-        """Potential per charge density of planes in V m²/C.
+        """Potential per charge density of planes (n, planes, planes) in V m²/C.
 
-        The result has shape (n, planes, planes), each plane against each. The wavenumbers `k` (n,) are positive, in
-        1/m.
-
-        Admittances looking up and down from each plane, carried through a slab as along a line of length d: Y → y (y +
-        Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the potential by y/sinh kd/(y coth kd + Y).
+        The wavenumbers `k` (n,) are positive, in 1/m. Admittances looking up and down from each plane are carried
+        through a slab as along a line of length d: Y → y (y + Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the
+        potential by y/sinh kd/(y coth kd + Y).
         """
         n = self.planes
         y = EPSILON_0 * np.outer(self.epsilon_r, k)
@@ -115,11 +113,10 @@ class LayeredMedium:
         return G
 
     def mean_green(self) -> FloatArray:
-        """Potential per charge density in V m²/C at k=0.
+        """`green` at k = 0, (planes, planes) in V m²/C, from ε0 ε/d of the slabs.
 
-        The result is as in `green`, with shape (planes, planes). Without ground it is relative to the bottom plane, for
-        no net charge. The limit of the slabs is ε0 ε/d. Without a grounded plane the potential of a net charge is
-        infinite, and the potential of a neutral set of planes is fixed up to a constant.
+        Without a grounded plane the potential of a net charge is infinite. The result is then relative to the bottom
+        plane, for no net charge.
         """
         Y = np.zeros((self.planes, self.planes))
         for i, (d, epsilon) in enumerate(zip(self.thicknesses, self.epsilon_r[1:-1], strict=True)):
@@ -155,8 +152,8 @@ def strip_capacitance(
     default each is a conductor of its own. Isolated strips without net charge need a `period` in m of many times their
     extent, as the error falls as its square. With `mirror`, strips lie in 0 < x < period and are mirrored at x = 0 and
     at x = period, with their potentials. Three functions per strip (`basis`) suffice for strips not much wider than
-    their distances. Wider strips need more. `cutoff` is the largest wavenumber in 1/m, by default from the widths and
-    the distances of the planes that carry strips.
+    their distances. `cutoff` is the largest wavenumber in 1/m, by default from the widths and the distances of the
+    planes that carry strips.
 
     The matrix, charge per length of each conductor (of one period) per potential of each, is symmetric. Rows sum to the
     capacitance to the grounded planes, or to zero without such a plane (no net charge). Strips that overlap on a plane
@@ -164,14 +161,10 @@ def strip_capacitance(
     plane that does not exist, a conductor without strip, or a period, basis or cutoff that is not positive raise a
     ValueError.
 
-    Notes
-    -----
     A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P), and f the
     transforms in the module's heading. Beyond the cutoff K, a strip's J_m J_m' averages to ±1/(πka) and G to 1/(ε0
     (ε_above + ε_below) k). The tail is then 1/(π² a K ε0 (ε_above + ε_below)).
 
-    Examples
-    --------
     >>> air = LayeredMedium((), (1.0, 1.0))
     >>> C = strip_capacitance(air, [0, 0], [-0.15e-3, 0.15e-3], [0.15e-3, 0.15e-3], period=20e-3)
     >>> round(float(-C[0, 1]) * 1e12, 2)  # alone, in closed form: 13.84
@@ -235,14 +228,10 @@ def crossed_grid_capacitance(
     and its conductor 0, 1, …, with `basis` as in `strip_capacitance`. A trace that is not narrower than its pitch
     raises a GeometryError.
 
-    Notes
-    -----
     Grids of different direction, pitch or phase act on each other by the mean charge alone (k = 0). Their other
     harmonics have no wavevector in common, and their induced charge comes back damped by exp(−4πh/pitch). Within a grid
     all harmonics count. So the fill factor enters with its fringing.
 
-    Examples
-    --------
     >>> medium = LayeredMedium((0.2e-3,), (1.0, 4.5, 1.0))
     >>> C = crossed_grid_capacitance(medium, [0, 1], [0.15e-3] * 2, [0.3e-3] * 2, [0, 1], [0, 1])
     >>> round(float(-C[0, 1]) * 0.3e-3 * 1e12, 1)  # in pF/m; parallel and aligned: 47.2
@@ -278,20 +267,14 @@ def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, 
 
 
 def _closest(medium: LayeredMedium, plane: IntArray) -> float:
-    """Smallest distance in m of planes that carry strips.
-
-    It is infinite for a single plane.
-    """
+    """Smallest distance in m of planes that carry strips, inf for one plane."""
     height = -np.cumsum((0.0, *medium.thicknesses))[np.unique(plane)]
     apart = -np.diff(height)
     return float(apart.min()) if len(apart) else math.inf
 
 
 def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror: bool) -> list[FloatArray]:
-    """Cosine and sine transforms of all basis functions.
-
-    Each has shape (k, strips, basis). There are no sine transforms if the strips are mirrored.
-    """
+    """Cosine and, unless mirrored, sine transforms of the basis, (k, strips, basis)."""
     halves, which = np.unique(a, return_inverse=True)
     m = np.arange(basis)
     J = np.where(m // 2 % 2 == 0, 1.0, -1.0) * jv(m, np.multiply.outer(k, halves)[:, :, None])
@@ -309,10 +292,7 @@ def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror:
 def _add_tail(
     A: FloatArray, medium: LayeredMedium, plane: IntArray, widths: FloatArray, basis: int, cutoff: float
 ) -> None:
-    """Add the tail above the cutoff to the strips.
-
-    It enters the strips' own blocks, in place.
-    """
+    """Add the tail above the cutoff to the strips' own blocks, in place."""
     m = np.arange(basis)
     alike = ((m[:, None] - m) % 2 == 0).astype(np.float64)
     for strip, (p, w) in enumerate(zip(plane, widths, strict=True)):
@@ -367,10 +347,7 @@ def _check_strips(
 
 
 def _wavenumbers(step: float, count: int, medium: LayeredMedium) -> FloatArray:
-    """Multiples of a step in 1/m, shape (count,).
-
-    A MemoryLimitError is raised if `LayeredMedium.green` cannot take this number.
-    """
+    """Multiples of a step in 1/m, (count,), if `LayeredMedium.green` has memory for them."""
     size = 8.0 * count * (medium.planes**2 + 8 * medium.planes)
     require_memory(size, "the capacitance within [stackup] and [elastomer], of so different lengths,")
     return step * np.arange(1.0, count + 1)

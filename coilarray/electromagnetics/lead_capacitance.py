@@ -35,10 +35,7 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 @dataclass(frozen=True, eq=False)
 class _Wire:
-    """Straight parts of a uniformly charged wire.
-
-    The ends (n, 2) and the radius are in m. The wire also has its plane and potential.
-    """
+    """Straight parts of a uniformly charged wire, ends (n, 2) and radius in m."""
 
     start: FloatArray
     stop: FloatArray
@@ -49,28 +46,11 @@ class _Wire:
 
 @serial_algebra()
 def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: FloatArray, turns: Turns) -> float:
-    """Compute the capacitance that leads add in F.
+    """Compute the capacitance that leads add between the winding's ends in F.
 
-    It lies between the ends of the winding.
+    The `medium` has a plane for every copper layer. `planes` (lines,) and `thicknesses` (lines,) in m are the plane and
+    the copper of each line of the path. The result is 0 without leads, never negative, and larger for longer leads.
 
-    Parameters
-    ----------
-    medium : LayeredMedium
-        Dielectrics, with a plane for every copper layer.
-    planes : ndarray of int, shape (lines,)
-        Plane on which each line of the path lies.
-    thicknesses : ndarray, shape (lines,)
-        Thickness of the copper of each line in m.
-    turns : Turns
-        The path and its winding part.
-
-    Returns
-    -------
-    float
-        Capacitance in F, 0 without leads. It is never negative, and larger for longer leads.
-
-    Notes
-    -----
     Every lead has the potential of its end of the winding, whose potential rises evenly along the path. All wires
     together float without net charge. The result is the capacitance of leads and ribbons less the capacitance of the
     ribbons alone. Charges that are free in more places store more energy, so it grows with the leads. Vias and pads are
@@ -123,9 +103,9 @@ def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float)
 
 
 def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
-    """Group turns of each layer into ribbons.
+    """Group turns of each layer into ribbons from ray to ray about a pole.
 
-    The ribbons run from ray to ray about every pole. They are wires thinner than the distance of planes.
+    They are wires thinner than the distance of planes.
     """
     path = turns.path
     most, total = _RIBBONS
@@ -149,10 +129,7 @@ def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
 
 
 def _middle(turns: Turns, cut: Cut, group: IntArray) -> tuple[FloatArray, float, float]:
-    """Middle (2,) in m of neighbouring turns on a cut.
-
-    Their total width in m and their mean potential are returned as well.
-    """
+    """Middle (2,) in m, total width in m and mean potential of turns on a cut."""
     path, piece, along = turns.path, cut.piece[group], cut.along[group]
     width = float(np.ptp(cut.across[group]) + path.widths[piece].mean())
     V = (along - turns.begin) / (turns.end - turns.begin)
@@ -160,10 +137,7 @@ def _middle(turns: Turns, cut: Cut, group: IntArray) -> tuple[FloatArray, float,
 
 
 def _images(medium: LayeredMedium, p: int, q: int, smallest: float) -> tuple[FloatArray, FloatArray]:
-    """Image strengths in V m/C and depths in m.
-
-    They have shape (n,) each and hold for charges on plane p at points on plane q.
-    """
+    """Image strengths in V m/C and depths in m, (n,), of plane p seen on plane q."""
     height = np.cumsum((0.0, *medium.thicknesses))
     apart = abs(float(height[p] - height[q]))
     near, far = apart or min((*medium.thicknesses, smallest)), max(float(height[-1]), smallest)

@@ -17,11 +17,7 @@ from coilarray.compute.arrays import FloatArray, IntArray
 
 BoolArray = npt.NDArray[np.bool_]
 
-MOST_PARTS = 16
-"""Largest number of parts of one path.
-
-A path with more parts is not cut.
-"""
+MOST_PARTS = 16  # of one path; a path with more parts is not cut
 _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 
 
@@ -29,11 +25,11 @@ _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 class PathParts:
     """Parts of several paths and their distinct shapes.
 
-    `tables` are rows of `coilarray.electromagnetics.kernels.paths`, shape (segments, 12), of the distinct parts from
-    the origin. `flat` and `upright` (distinct,) mark the parts at one height, and the parts that run straight up and
-    down. `first` (paths + 1,) is the number of the first part of each path, and at the end the number of all parts.
-    Part k is the distinct part `number[k]`, mirrored by the signs `mirror[k]` of its coordinates and moved to
-    `origin[k]` in m from the start of its path. `sign[k]` is −1 if the current runs the other way.
+    `tables` are rows of `kernels.paths`, (segments, 12), of the distinct parts from the origin. `flat` and `upright`
+    (distinct,) mark the parts at one height, and the parts that run straight up and down. `first` (paths + 1,) is the
+    number of the first part of each path, and at the end the number of all parts. Part k is the distinct part
+    `number[k]`, mirrored by the signs `mirror[k]` of its coordinates and moved to `origin[k]` in m from the start of
+    its path. `sign[k]` is −1 if the current runs the other way.
     """
 
     tables: list[FloatArray]
@@ -49,8 +45,8 @@ class PathParts:
 def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
     """Cut paths into parts in their order.
 
-    Each path is rows of `coilarray.electromagnetics.kernels.paths`. `quanta` (paths,) are differences in m that do not
-    make another part. Parts of different quanta are never equal.
+    Each path is rows of `kernels.paths`. `quanta` (paths,) are differences in m that do not make another part. Parts of
+    different quanta are never equal.
     """
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))
@@ -81,9 +77,9 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
 
 
 def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
-    """Rows of a part with mirrored coordinates.
+    """Rows of a part whose coordinates get the given signs.
 
-    The coordinates get the given signs. The lateral direction stays to the left of the current.
+    The lateral direction stays to the left of the current.
     """
     image = table.copy()
     image[:, :3] *= mirror
@@ -101,10 +97,7 @@ def _is_level(table: FloatArray) -> BoolArray:
 
 
 def _cut(table: FloatArray, quantum: float) -> list[FloatArray]:
-    """Cut a path into flat runs and the segments between.
-
-    A flat run consists of segments at one height.
-    """
+    """Cut a path into flat runs of segments at one height, and the rest."""
     level = _is_level(table)
     change = (level[1:] != level[:-1]) | (level[1:] & (np.abs(np.diff(table[:, 2])) > quantum))
     cuts = np.flatnonzero(change) + 1
@@ -116,10 +109,7 @@ def _vertices(table: FloatArray) -> FloatArray:
 
 
 def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatArray, float] | None:
-    """Mirror and current direction that relate two parts.
-
-    The result is None if the parts are not related.
-    """
+    """Mirror and current direction that relate two parts, or None."""
     points, sizes = _vertices(table), table[:, [6, 10, 11]]
     others, other_sizes = _vertices(other), other[:, [6, 10, 11]]
     for sign in (1.0, -1.0):

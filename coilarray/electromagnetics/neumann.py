@@ -1,7 +1,13 @@
 """Neumann's double integral over pairs of current paths.
 
-Equal pairs are computed once. Pairs whose bounding boxes lie apart go through `coilarray.electromagnetics.neumann_far`.
-The others go segment by segment through `coilarray.electromagnetics.neumann_near`.
+Equal pairs are computed once. Pairs whose bounding boxes lie apart are replaced by equivalent currents at the Chebyshev
+nodes of the boxes. There 1/R is smooth, so it equals its interpolation from the nodes of either box. A path is then
+represented by the vector W_p = ∫ L_p dl at every node p, with the Lagrange polynomials L_p, and
+
+    ∬ dl·dl'/R = Σ_pq W_p·W'_q / |x_p − x'_q|
+
+as in the black-box fast multipole method (Fong & Darve, J. Comput. Phys. 228, 8712, 2009). The other pairs go segment
+by segment through `coilarray.electromagnetics.neumann_near`.
 """
 
 from __future__ import annotations
@@ -29,8 +35,7 @@ from coilarray.geometry import Conductor
 
 _Block = Callable[[], Sums]
 
-BYTES_A_PAIR = 400.0
-"""Peak memory per pair of paths, in bytes."""
+BYTES_A_PAIR = 400.0  # peak memory per pair of paths
 _THIN = 200.0  # winding extent in widths; beyond it the widths change distant pairs by less than 3e-7 of L
 _SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are equal
 _SAME_SHAPE = 1e-8  # of a path itself at most, in arrays that are far larger than the path
@@ -50,8 +55,8 @@ def path_sums(
     """Compute Neumann's integral ∬ dl·dl'/R of pairs in m.
 
     It is averaged over the cross-sections. µ0/4π times the result is the inductance. Pair k is the paths `first[k]` and
-    `second[k]`, with equal numbers for a path with itself. See `Accuracy`. The result is infinite for thin filaments
-    that overlap on one line. A thin filament paired with itself raises a GeometryError.
+    `second[k]`, with equal numbers for a path with itself. The result is infinite for thin filaments that overlap on
+    one line. A thin filament paired with itself raises a GeometryError.
     """
     if not len(first):
         return np.zeros(0)
@@ -94,10 +99,7 @@ def _same(extent: float, own: FloatArray) -> FloatArray:
 
 
 def segment_table(conductor: Conductor) -> FloatArray:
-    """Rows of `kernels.paths` for a path, shape (segments, 12).
-
-    The first vertex is moved to the origin.
-    """
+    """Rows of `kernels.paths` for a path from the origin, (segments, 12)."""
     vertices = conductor.vertices - conductor.vertices[0]
     steps = np.diff(vertices, axis=0)
     length = np.linalg.norm(steps, axis=1)
@@ -141,10 +143,7 @@ class _Shape:
 
 @dataclass(frozen=True, eq=False)
 class _Classes:
-    """Distinct pairs of shapes.
-
-    They have the numbers of their shapes, (n,) each, and the shift of the second in m, (n, 3).
-    """
+    """Distinct pairs of shapes (n,) and the shift of the second in m, (n, 3)."""
 
     first: IntArray
     second: IntArray
@@ -152,10 +151,7 @@ class _Classes:
 
 
 def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_Shape], IntArray, FloatArray]:
-    """Distinct shapes, shape numbers and starting points of paths.
-
-    Shapes are compared to `quanta` in m, one per path.
-    """
+    """Distinct shapes to `quanta` in m, shape numbers and starts of paths."""
     shapes: list[_Shape] = []
     known: dict[tuple[float, bytes], int] = {}
     of_path = []
@@ -173,9 +169,9 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
 
 
 def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
-    """Distinct triples (shape, shape, shift) of pairs.
+    """Distinct triples (shape, shape, shift) of pairs, and each pair's triple.
 
-    The number of the triple of each pair is returned as well. M(a, b, d) = M(b, a, −d).
+    M(a, b, d) = M(b, a, −d).
     """
     steps = np.round(shift / quantum).astype(np.int64)
     example, number, turn = pair_classes(np.column_stack((a, b, steps)), np.column_stack((b, a, -steps)))

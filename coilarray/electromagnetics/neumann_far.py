@@ -19,41 +19,31 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
 
-MOST_NODES = 16
-"""Most nodes along a side of the box.
-
-Nearer pairs need more and are left to the sums over segments.
-"""
+MOST_NODES = 16  # along a side of the box; nearer pairs need more and are left to the sums over segments
 _LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than M of pieces
 _NONE = 1e-9  # of the box; smaller extents count as zero
 
 
 @dataclass(frozen=True, eq=False)
 class EquivalentCurrents:
-    """Equivalent currents of a path in A m at nodes.
-
-    They are ∫ L I dl. The nodes are in m, (n, 3) each. The currents act like the path at sufficient distance.
-    """
+    """Currents ∫ L I dl of a path in A m at nodes in m, (n, 3) each."""
 
     nodes: FloatArray
     currents: FloatArray
 
 
 def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
-    """Bounding boxes of paths, shape (paths, 2, 3).
-
-    They have the middle and half of the extent in m of the vertices (m, 3) of each path.
-    """
+    """Middle and half extent in m of paths (m, 3), (paths, 2, 3)."""
     low = np.array([vertices.min(axis=0) for vertices in paths])
     high = np.array([vertices.max(axis=0) for vertices in paths])
     return np.stack(((low + high) / 2, (high - low) / 2), axis=1)
 
 
 def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
-    """Numbers of nodes for n pairs of boxes.
+    """Numbers of nodes along x and y, and along z, of box pairs, (n, 2).
 
-    The numbers, shape (n, 2), are along x and y, and along z. The second box is moved by `shifts` (n, 3) in m. Boxes
-    are those from `bounding_boxes`. A value above `MOST_NODES` means that they are too near each other.
+    The second of the `bounding_boxes` is moved by `shifts` (n, 3) in m. A value above `MOST_NODES` means that they are
+    too near each other.
     """
     between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
@@ -73,11 +63,10 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
 
 
 def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
-    """Currents of segments at the Chebyshev nodes.
+    """Currents of segments (m, 2, 3) in m at Chebyshev nodes of their box.
 
-    The segments have ends (m, 2, 3) in m, and the nodes are of their box. There are `count` nodes along x and y, and
-    `count_z` along z. `current` is the current of every segment in A. Polynomials along a segment are integrated
-    exactly.
+    There are `count` nodes along x and y, and `count_z` along z. `current` is the current of every segment in A.
+    Polynomials along a segment are integrated exactly.
     """
     ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
@@ -99,10 +88,7 @@ def _chebyshev(n: int) -> FloatArray:
 
 
 def _lagrange(n: int, t: FloatArray) -> FloatArray:
-    """Lagrange polynomials of the Chebyshev nodes, (points, n).
-
-    The points lie in [−1, 1].
-    """
+    """Lagrange polynomials of the Chebyshev nodes at −1 ≤ t ≤ 1, (points, n)."""
     at_points, at_nodes = (np.polynomial.chebyshev.chebvander(x, n - 1) for x in (t, _chebyshev(n)))
     at_points[:, 0] *= 0.5
     return np.asarray(2.0 / n * at_points @ at_nodes.T)

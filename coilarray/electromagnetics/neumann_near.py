@@ -24,32 +24,22 @@ from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirro
 BoolArray = npt.NDArray[np.bool_]
 
 Accuracy = Literal["full", "screen"]
-"""Accuracy of inductance, ``full`` or ``screen``.
+"""Accuracy of inductance: ``full`` reaches 1e-6 of L and k, ``screen`` takes a tenth of the time.
 
-``full`` reaches 1e-6 of L and k. ``screen`` takes a tenth of the time for windings of many turns, for searches whose
-results are computed again in full. It reaches 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly
-coupled windings, and up to 1 % of k for windings that lie on each other
-(tests/electromagnetics/test_inductance_screen.py).
+``screen`` is for searches among windings of many turns whose results are computed again in full. It reaches 1e-4 of L,
+5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and up to 1 % of k for windings that lie
+on each other.
 """
 
-OWN_NEAR_WIDTHS = 160.7
-"""Distance in widths for cross-sections within a path.
-
-The cross-section counts up to this distance (test_inductance_convergence.py).
-"""
-MUTUAL_NEAR_WIDTHS = 1003.0
-"""Distance in widths for cross-sections between two paths.
-
-The cross-section counts up to this distance. (1/1000)² is 1e-6 of a weak coupling.
-"""
+OWN_NEAR_WIDTHS = 160.7  # distance in widths up to which the cross-section counts within a path
+MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of a weak coupling
 # The same for screening. This leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of a pair of coils that overlap.
 _SCREEN_OWN_NEAR_WIDTHS, _SCREEN_MUTUAL_NEAR_WIDTHS = 15.0, 4.0
 _SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
 _FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
 _TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
 
-Sums = tuple[IntArray, FloatArray]
-"""Numbers of pairs, and values to add to their sums."""
+Sums = tuple[IntArray, FloatArray]  # numbers of pairs, and values to add to their sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +50,7 @@ class _Part:
 
     @cached_property
     def series(self) -> IntArray:
-        """Sides of successive turns.
-
-        See `coilarray.electromagnetics.kernels.turns.find_series`.
-        """
+        """Sides of successive turns, see `kernels.turns.find_series`."""
         return find_series(self.table)
 
 
@@ -93,13 +80,12 @@ def part_blocks(
     quantum: float,
     accuracy: Accuracy,
 ) -> list[Callable[[], Sums]]:
-    """Prepare the sums over pairs of near paths.
+    """Prepare the sums ∬ dl·dl'/R in m over pairs of near paths.
 
-    The result is pieces of the work that several threads may call at once. The sum of all their results is ∬ dl·dl'/R
-    in m of the pairs, averaged over the cross-sections. `tables` are rows of
-    `coilarray.electromagnetics.kernels.paths`, each path from the origin, and `quanta` the largest differences in m
-    between equal paths. Pair k is the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero
-    for a path with itself). Equal shifts differ by up to `quantum` in m.
+    The result is pieces of the work that several threads may call at once, whose results add up. `tables` are rows of
+    `kernels.paths`, each path from the origin, and `quanta` the largest differences in m between equal paths. Pair k is
+    the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero for a path with itself). Equal
+    shifts differ by up to `quantum` in m.
     """
     if not len(first):
         return []
@@ -177,8 +163,6 @@ def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, B
     Rows of `key` and `turned` (n, columns) mean the same. The result is one pair of each class (classes,), the class of
     each pair (n,), and a mask (n,) of the pairs for which `turned` is used.
 
-    Examples
-    --------
     >>> example, number, turn = pair_classes(np.array([[1, 2], [2, 1], [3, 3]]), np.array([[2, 1], [1, 2], [3, 3]]))
     >>> number, turn
     (array([0, 0, 1]), array([False,  True, False]))
@@ -223,9 +207,9 @@ def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
 def _pair_sum(
     a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
 ) -> Callable[[int, int], float]:
-    """Return the sum function of a part with another part.
+    """Sum function of rows start:stop of a part with another part.
 
-    It sums the rows start:stop of the first part. The second part is mirrored and moved.
+    The second part is mirrored and moved.
     """
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
 
@@ -247,19 +231,16 @@ def _pair_sum(
 
 
 def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
-    """Check whether a flat part is straight above its copy.
+    """Check whether a flat part is straight above or below its copy.
 
-    The copy or image may be right above or below. Then row i relates to row j as row j relates to row i.
+    Then row i relates to row j as row j relates to row i.
     """
     flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
     return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
-    """Weighted sum of ∬ dl·dl'/R of bars with themselves.
-
-    Equal bars are computed once.
-    """
+    """Weighted sum of ∬ dl·dl'/R of bars with themselves."""
     sizes = rows[:, [6, 10, 11]]
     alike = np.round(sizes / (_SAME_SIZE * sizes.max(axis=0)))
     _, example, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)

@@ -44,9 +44,9 @@ _MOST_WAVES = 1e10  # waves times corners, some minutes on a core
 class _Shape:
     """Path about its own origin, lengths in m.
 
-    `vertices`, shape (m, 3), are its corners. `starts` and `ends`, shape (n,), are the vertices of each bar. `across`,
-    shape (n, 2), is half its width as a vector. `up`, shape (n,), is the vertical part of half its thickness.
-    `weights`, shape (n,), is the number of equal bars that it represents. Vertical bars are thin.
+    `vertices` (m, 3) are its corners, `starts` and `ends` (n,) the vertices of each bar. `across` (n, 2) is half its
+    width as a vector, `up` (n,) the vertical part of half its thickness, and `weights` (n,) the number of equal bars
+    that it represents. Vertical bars are thin.
     """
 
     vertices: FloatArray
@@ -59,12 +59,12 @@ class _Shape:
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """Distinct path shapes and places below a face.
+    """Distinct path shapes and places below a face, lengths in m.
 
-    Lengths are in m. A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from
-    the face. `kind_of` (paths,) and `origins` (paths, 2) give the kind and place of each path. `extent` is the largest
-    horizontal distance, `gap` the distance of the highest copper from its image, `size` the largest width or thickness,
-    and `digits` the accuracy.
+    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from the face.
+    `kind_of` (paths,) and `origins` (paths, 2) give the kind and place of each path. `extent` is the largest horizontal
+    distance, `gap` the distance of the highest copper from its image, `size` the largest width or thickness, and
+    `digits` the accuracy.
     """
 
     shapes: list[_Shape]
@@ -79,10 +79,7 @@ class Board:
 
 
 def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> Board:
-    """Sort paths below a face by shape and place.
-
-    The height of the face is in m.
-    """
+    """Sort paths below a face at a height in m by shape and place."""
     corners = np.concatenate([path.vertices for path in paths])
     span = np.ptp(corners, axis=0)
     origins = np.array([[*path.vertices[0, :2], path.vertices[:, 2].max()] for path in paths])
@@ -140,21 +137,20 @@ def top_of(path: Conductor) -> float:
 
 
 def _nodes(radians: float, digits: float) -> int:
-    """Nodes of rules for e^{ix}, |x| ≤ radians.
+    """Nodes of rules for e^{ix}, |x| ≤ radians, to the tolerance.
 
-    They reach the tolerance. A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the
-    ellipse ρ (Trefethen, Approximation Theory and Approximation Practice, thm. 19.3). n points on half a circle err in
-    the same way on the strip |Im θ| < ln ρ. ρ = 3 is near the best.
+    A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ (Trefethen,
+    Approximation Theory and Approximation Practice, thm. 19.3). n points on half a circle err in the same way on the
+    strip |Im θ| < ln ρ. ρ = 3 is near the best.
     """
     return math.ceil((radians * 4 / 3 + digits) / (2 * math.log(3)))
 
 
 def wavenumbers(board: Board, lowest: float, highest: float, distance: float) -> list[tuple[float, float]]:
-    """Nodes and weights in 1/m of a wavenumber integral.
+    """Nodes and weights in 1/m of an integral up to `highest`.
 
-    The integral reaches up to `highest`. Panels double from `lowest`, so that they keep their distance from poles at
-    wavenumbers of that size. They double up to the width that the `distance` in m between a path and an image, and the
-    board, allow.
+    Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that size, up to the
+    width that the `distance` in m between a path and an image, and the board, allow.
     """
     edges = [0.0, max(lowest, _LOWEST * highest)]
     while edges[-1] < highest:
@@ -169,10 +165,10 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Distinct offsets between paths in rows and columns.
+    """Distinct offsets in m between paths, in rows and columns.
 
-    Pairs with equal offsets share their integrals. `x` and `y` are in m. `column` and `row`, shape (paths, paths), are
-    the offset numbers of each pair.
+    Pairs with equal offsets share their integrals. `column` and `row` (paths, paths) are the offset numbers of each
+    pair.
     """
 
     x: FloatArray
@@ -182,10 +178,7 @@ class _Grid:
 
 
 def _grid(board: Board, other_kinds: int) -> _Grid | None:
-    """Return the offsets of the paths, or None.
-
-    They are returned only if there are far fewer offsets than pairs.
-    """
+    """Return the offsets of the paths, or None if nearly all pairs differ."""
     steps = board.origins[:, None] - board.origins
     numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
     axes = []
@@ -205,9 +198,9 @@ def reflected_inductance(
     """Sum reflected waves over wavenumbers, in H.
 
     The sum is µ0/4π Σ_k w ⟨J_i·J'_j⟩, shape (m, paths, paths), over wavenumbers in 1/m. `boards` has the board below a
-    face above, and may also have the board of the mirrored paths below a face below. `weights`, shape (m, pairs,
-    nodes), are for the pairs of boards with themselves and, between both, of one with the other. Paths with a number of
-    corners, or a width against their distance from the face, that would take hours raise a GeometryError.
+    face above, and may also have the board of the mirrored paths below a face below. `weights` (m, pairs, nodes) are
+    for the pairs of boards with themselves and, between both, of one with the other. Paths with a number of corners, or
+    a width against their distance from the face, that would take hours raise a GeometryError.
     """
     require_few_waves(boards[0], nodes)
     grid = _grid(boards[0], len(boards[-1].heights))
@@ -234,10 +227,7 @@ def reflected_inductance(
 
 
 def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
-    """Raise GeometryError if a board's spectra take hours.
-
-    The wavenumbers are in 1/m.
-    """
+    """Raise GeometryError if a board's spectra at nodes in 1/m take hours."""
     waves = sum(_nodes(k * board.extent, board.digits) for k in nodes)
     corners = sum(len(shape.vertices) for shape in board.shapes)
     if waves * corners > _MOST_WAVES:
@@ -250,10 +240,10 @@ def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
 def _products(
     boards: Sequence[Board], pairs: Sequence[tuple[int, int]], grid: _Grid | None, k: float
 ) -> list[FloatArray]:
-    """Mean of J_i·J'_j over directions, in m².
+    """Mean of J_i·J'_j over directions for pairs of boards, in m².
 
-    It holds for one wavenumber in 1/m and for pairs of boards. The shape is (paths, paths) without a grid of offsets,
-    else (kinds, kinds, x, y).
+    It holds for one wavenumber in 1/m. The shape is (paths, paths) without a grid of offsets, else (kinds, kinds, x,
+    y).
     """
     n = _nodes(k * boards[0].extent, boards[0].digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
@@ -275,19 +265,13 @@ def _products(
 
 
 def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
-    """Spectrum J of every kind of path in m.
-
-    It is about the path's own origin, with shape (kinds, 3, n).
-    """
+    """Spectrum J of every kind of path about its own origin, (kinds, 3, n) in m."""
     shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
     return np.asarray(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
 
 
 def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
-    """Integrate a plane wave along bars in m.
-
-    The integral is ∫ e^{i(k_x x + k_y y)} e^{kz} dl. The result has shape (3, n), and `waves` have shape (n, 2) in 1/m.
-    """
+    """Integrate ∫ e^{i(k_x x + k_y y)} e^{kz} dl along bars, (3, n) in m."""
     corner = np.exp(1j * _along(waves, shape.vertices) + k * shape.vertices[:, 2])
     begin, end = corner[:, shape.starts], corner[:, shape.ends]
     steps = shape.vertices[shape.ends] - shape.vertices[shape.starts]
@@ -313,10 +297,7 @@ def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 def _mean_wave(c2: FloatArray) -> FloatArray:
-    """Mean sinh(c)/c of e^{cs} over −1 ≤ s ≤ 1.
-
-    If all |c| are at most 1, its series is used.
-    """
+    """Mean sinh(c)/c of e^{cs} over −1 ≤ s ≤ 1, a series for |c| ≤ 1."""
     if np.abs(c2).max() > 1:
         c = np.sqrt(c2.astype(np.complex128))
         c[c == 0] = 1e-9
@@ -325,18 +306,14 @@ def _mean_wave(c2: FloatArray) -> FloatArray:
 
 
 def wave_count(highest: float, extent: float) -> int:
-    """Count the nodes that resolve a lateral extent in m.
+    """Count the nodes up to `highest` in 1/m that resolve an extent in m.
 
-    The rule reaches up to the highest wavenumber in 1/m. It has two nodes per period of e^{ikx}, and some more to
-    converge.
+    The rule has two nodes per period of e^{ikx}, and some more to converge.
     """
     return math.ceil(highest * extent / np.pi) + 20
 
 
 def wave_rule(highest: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights in 1/m, (count,) each.
-
-    They reach from 0 to the highest wavenumber.
-    """
+    """Gauss–Legendre nodes and weights (count,) from 0 to `highest`, in 1/m."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return (nodes + 1) / 2 * highest, weights / 2 * highest

@@ -12,10 +12,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import CoilArray, Conductor
 
 Source: TypeAlias = CoilArray | Conductor | npt.NDArray[np.float64] | Sequence[Conductor | npt.ArrayLike]
-"""Input that describes current paths.
-
-It is a `CoilArray`, one `Conductor`, one polyline of shape (n + 1, 3) in m, or a sequence of conductors or polylines.
-"""
+"""Current paths: an array, a conductor, a polyline (n + 1, 3) in m, or a sequence of conductors or polylines."""
 
 
 def as_conductors(source: Source) -> tuple[Conductor, ...]:
@@ -24,8 +21,6 @@ def as_conductors(source: Source) -> tuple[Conductor, ...]:
     Plain arrays are polylines in m, which are thin filaments. No path at all, or an array that is not a polyline,
     raises a GeometryError.
 
-    Examples
-    --------
     >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]
     >>> len(as_conductors(np.array(square))), len(as_conductors([square, square]))
     (1, 2)

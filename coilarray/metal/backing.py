@@ -23,10 +23,7 @@ _SHORT = 1e-3  # of the plate's size: length of the pieces that carry the curren
 
 
 def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indentation") -> None:
-    """Raise MetalError for plates beside which nothing is computed.
-
-    `what` is the body above the sheets, by default an indentation.
-    """
+    """Raise MetalError for plates above the coils beside a body, `what`."""
     for k, plate in enumerate(plates):
         name = f"plate.{k} {plate.name!r}"
         if plate.heights[1] > 0:
@@ -47,9 +44,9 @@ def backings_of(
 ) -> list[Backing]:
     """Return the reflections by plates below the coils.
 
-    There is one for each of the frequencies in Hz, or none without plates. The `fineness` is the fineness of the mesh
-    of `coilarray.metal.finite_plates.moving_plate`, unless the finite plates are `outlined` already, as
-    `outlined_below` solves them. Raises MetalError for plates beside which nothing above is computed, and the errors of
+    There is one for each of the frequencies in Hz, or none without plates. The `fineness` is that of the mesh of
+    `coilarray.metal.finite_plates.moving_plate`, unless the finite plates are `outlined` already, as `outlined_below`
+    solves them. Raises MetalError for plates beside which nothing above is computed, and the errors of
     `coilarray.metal.finite_plates.eddy_currents`.
     """
     require_below(plates, "an indentation or a sphere")
@@ -78,8 +75,7 @@ def outlined_below(
 ) -> OutlinedPlates | None:
     """Solve the finite plates below the coils, or return None.
 
-    None without finite plates, or if one is magnetic. The `fineness` is the fineness of the mesh of
-    `coilarray.metal.finite_plates.moving_plate`. Errors as for `backings_of`.
+    None without finite plates, or if one is magnetic. Arguments and errors are those of `backings_of`.
     """
     require_below(plates, "an indentation or a sphere")
     outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
@@ -90,10 +86,10 @@ def outlined_below(
 
 @dataclass(frozen=True, eq=False)
 class _Share:
-    """Share of the waves that pass from a gap upwards.
+    """Share of the waves that pass from a gap to the highest gap.
 
-    It is the share through layers at one frequency, from the gap to the highest gap, by one of the four ways. It is a
-    value instead of a function because it is part of the key of a map.
+    It is the share through layers at one frequency, by one of the four ways. It is a value instead of a function
+    because it is part of the key of a map.
     """
 
     air: LayeredAir
@@ -105,10 +101,7 @@ class _Share:
 
 
 def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple[Segments, tuple[PassedWaves, ...]]:
-    """Return the currents above all layers, and the passed waves.
-
-    The passed waves belong to the currents behind some layers. The air has one frequency.
-    """
+    """Return the currents above all layers, and the waves passed by layers."""
     gaps = [air.gap(float(z.min()), float(z.max()), "a plate") for z in (one.corners[..., 2] for one in currents)]
     pieces = [_pieces(one) for one in currents]
     start, stop = (np.concatenate(ends) for ends in zip(*((one.start, one.stop) for one in pieces), strict=True))
@@ -129,9 +122,9 @@ def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple
 
 
 def _pieces(currents: EddyCurrents) -> Segments:
-    """Short pieces along x and y at all edges.
+    """Short pieces along x and y in the middles of all edges.
 
-    They lie in the middles of the edges, and their rule integrates quadratic fields exactly.
+    Their rule integrates quadratic fields exactly.
     """
     corners = currents.corners
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2

@@ -67,46 +67,18 @@ def ball_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball, in H.
+    """Change of the impedance matrix by a ball above the coils, in H.
 
-    The ball conducts or is magnetic and lies above the coils. The change is a complex inductance.
+    The ball conducts or is magnetic. Its centres (positions, 3) are in m on the board, the frequencies (f,) in Hz, at
+    least 0. The flat `sheets` lie between the coils at z ≤ 0 and the ball, laterally large against both, and the
+    `plates`, infinite or finite, below the coils. The result (positions, f, coils, coils) is ΔZ/(jω) = ΔL − jΔR/ω in H
+    relative to sheets and plates alone, symmetric. Without plates the matrix ΔR is positive semidefinite. For
+    `fineness` see `coilarray.metal.finite_plates.moving_plate`.
 
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
-    ball : Ball
-        The ball.
-    centres : array_like, shape (positions, 3)
-        Positions of its centre in m on the board.
-    frequencies : array_like, shape (f,)
-        Frequencies in Hz, at least 0.
-    sheets : sequence of Sheet
-        Flat sheets between the coils and the ball, upwards from z = 0 and laterally large against both.
-    plates : sequence of Plate or FinitePlate
-        Plates below the coils, infinite or finite.
-    fineness : float
-        Fineness of the mesh of finite plates, see `coilarray.metal.finite_plates.moving_plate`.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
+    Raises MetalError for centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils
+    or is so close to them that more than 120 multipoles count, a plate that is not below the coils, and cases that
+    `coilarray.metal.finite_plates.eddy_currents` refuses.
 
-    Returns
-    -------
-    ndarray, shape (positions, f, coils, coils)
-        ΔZ/(jω) = ΔL − jΔR/ω in H relative to sheets and plates alone. The matrices are symmetric. Without plates the
-        matrix ΔR is positive semidefinite.
-
-    Raises
-    ------
-    MetalError
-        Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils or is so close to
-        them that more than 120 multipoles count, a plate that is not below the coils, and cases that
-        `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
-    MemoryLimitError
-        More values than fit into memory.
-
-    Notes
-    -----
     The result is exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and
     infinite plates. Finite plates reflect the coils' field and, unless they are magnetic, once the field of the ball's
     dipole. Compared with an infinite plate, 1 mm of aluminium 3 mm below the board, this was 0.16 % off for a ball of 5
@@ -115,8 +87,6 @@ def ball_inductance(
     magnetic sheet of gast2020, the reflections alter the change by an aluminium ball by −6 % and by a ferrite ball by
     19 %.
 
-    Examples
-    --------
     A ball of 5 mm, perfectly conducting, 20 mm over a loop, in pH, and −2π a³ B²/μ0:
 
     >>> angle = np.linspace(0, 2 * np.pi, 181)
@@ -169,8 +139,8 @@ def ball_over(
 ) -> ComplexArray:
     """Compute `ball_inductance` over a backing at its frequency.
 
-    The backing is the layers and metal below the coils. Its currents are the currents without the ball. `returned` is
-    the field that they reflect to the ball's dipole, as `returned_dipoles` gives it.
+    The backing's currents are those without the ball. `returned` is the field that they reflect to the ball's dipole,
+    as `returned_dipoles` gives it.
     """
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
@@ -196,7 +166,7 @@ def multipole_inductance(
     With a `backing` of layers the multipoles are for the waves of the coils, then for the waves of their mirror images,
     see `with_mirrored`. The field `returned` to dipoles, (positions, f, 3, 3) in T per A·m², acts on the ball's dipole
     once. `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of
-    the ball, shape (f, orders), and returns its `Multipoles`.
+    the ball (f, orders), and returns its `Multipoles`.
     """
     frequency = checked_frequencies(frequencies)
     coils = coil_segments(source)
@@ -239,28 +209,21 @@ def multipole_inductance(
 
 @dataclass(frozen=True, eq=False)
 class Multipoles:
-    """Multipoles of a ball's exciting field and response.
+    """Multipoles of a ball's exciting field and response, for m from 0 on.
 
-    They are for every harmonic m from 0 on and l from max(m, 1).
-
-    Parameters
-    ----------
-    fields : sequence of ndarray, shape (orders, k), real or complex
-        Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr). They are scaled so that the
-        multipoles of the waves alone are the weights w_l e^{−kz} of the module's text.
-    answers : sequence of ndarray, shape (f, orders, orders)
-        Strengths of the ball's own multipoles for these, including all reflections.
+    l runs from max(m, 1). Each of the `fields` (orders, k), real or complex, is of the field at the ball for the
+    incident waves e^{−kz} J_m(kr), scaled so that the multipoles of the waves alone are the weights w_l e^{−kz} of the
+    module's text. The `answers` (f, orders, orders) are the strengths of the ball's own multipoles for these, with all
+    reflections.
     """
 
     fields: Sequence[FloatArray | ComplexArray]
     answers: Sequence[ComplexArray]
 
     def product(self, incident: ComplexArray) -> ComplexArray:
-        """Fields times answers times fields, in all harmonics.
+        """Fields times answers times fields, (positions, f, coils, coils).
 
-        The result has the shape (positions, f, coils, coils).
-
-        `incident`, shape (k, positions, coils, orders), are the harmonics of the coils.
+        `incident` (k, positions, coils, orders) are the harmonics of the coils.
         """
         wavenumbers, positions, coils, _ = incident.shape
 
@@ -276,10 +239,7 @@ class Multipoles:
         return np.asarray((total + total.swapaxes(-1, -2)) / 2)
 
     def dipoles(self, incident: ComplexArray) -> ComplexArray:
-        """Dipole moments of the ball over a², in A.
-
-        a is its radius. They are along x, y and z, of shape (positions, f, 3, coils).
-        """
+        """Dipole moments along x, y and z over a², (positions, f, 3, coils) in A."""
         wavenumbers, positions, coils, _ = incident.shape
         parts = []
         for m in (0, 1):
@@ -291,10 +251,10 @@ class Multipoles:
 
 
 def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
-    """Return the field in T reflected to unit dipoles.
+    """Field in T that finite plates reflect to unit dipoles, (positions, f, 3, 3).
 
-    The finite plates reflect it to dipoles of 1 A·m² at the centres `at` of a ball. The shape is (positions, f, 3,
-    3). Centres deeper than the upper face of the flat sheets are moved up to it.
+    The dipoles of 1 A·m² are at the centres `at` of a ball. Centres deeper than the upper face of the flat sheets are
+    moved up to it.
     """
     size = _LOOP * ball.radius
     z = np.maximum(at[:, 2], math.fsum(sheet.thickness for sheet in sheets) + size)
@@ -316,10 +276,7 @@ def _over_flat(
     wavenumbers: FloatArray,
     ball: Ball,
 ) -> Multipoles:
-    """Return the multipoles of a ball over flat sheets.
-
-    The ball's centre is at a height in m. The layers are below the coils.
-    """
+    """Multipoles of a ball over flat sheets, its centre at a height in m."""
     thicknesses = [sheet.thickness for sheet in sheets]
     permeabilities = [sheet.relative_permeability for sheet in sheets]
     top, orders = math.fsum(thicknesses), alpha.shape[1]
@@ -361,9 +318,9 @@ def with_mirrored(
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:
-    """Strengths (1 − αS)⁻¹ α of the multipoles, with reflections.
+    """Strengths (1 − αS)⁻¹ α of the multipoles, (f, orders, orders).
 
-    Shape (f, orders, orders). S couples the multipoles by the reflection at the sheets.
+    S couples the multipoles by the reflection at the sheets.
     """
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
@@ -372,14 +329,9 @@ def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> Compl
 def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
     """Polarisabilities α_l of a ball, shape (f, orders).
 
-    The ball has a `radius` a in m and a `material`, and l runs from 1 to `orders`. The `frequencies` (f,) are in Hz.
-    r_l follows from the downward continued fraction r_l = 2l + 1 + x²/r_(l+1), which does not overflow at any skin
-    depth.
-
-    Returns
-    -------
-    ndarray of complex, shape (f, orders)
-        Ratios: a multipole is α_l a^(2l+1) times the field that excites it.
+    A multipole is α_l a^(2l+1) times the field that excites it. The ball has a `radius` a in m and a `material`, and l
+    runs from 1 to `orders`. The `frequencies` (f,) are in Hz. r_l follows from the downward continued fraction r_l = 2l
+    + 1 + x²/r_(l+1), which does not overflow at any skin depth.
     """
     order = np.arange(1, orders + 1)
     if math.isinf(material.conductivity):
@@ -398,19 +350,13 @@ def polarisabilities(radius: float, material: Material, frequencies: FloatArray,
 
 
 def _multipoles(ka: FloatArray, fall: FloatArray, order: npt.NDArray[np.int64], m: int) -> FloatArray:
-    """w_l(k) e^{−fall} of the module's text.
-
-    Shape (orders, k). It does not overflow.
-    """
+    """w_l(k) e^{−fall} of the module's text, (orders, k), without overflow."""
     size = order[:, None] * np.log(ka) - fall - (gammaln(order + m + 1) + gammaln(order - m + 1))[:, None] / 2
     return np.asarray((-1.0) ** (order + m)[:, None] * np.exp(size))
 
 
 def _orders(ball: Ball, height: float) -> int:
-    """Count the multipoles needed for a ball.
-
-    Its centre is at a height in m over the highest copper.
-    """
+    """Count the multipoles of a ball at a height in m over the copper."""
     needed = math.ceil(math.log(_LEFT_OUT) / (2 * math.log(ball.radius / height)))
     if needed > _MOST:
         nearest = ball.radius * (_LEFT_OUT ** (-0.5 / _MOST) - 1)
@@ -422,20 +368,14 @@ def _orders(ball: Ball, height: float) -> int:
 
 
 def _highest(ball: Ball, orders: int) -> float:
-    """Wavenumber in 1/m beyond which all multipoles have decayed.
-
-    There (ka)^l e^{−ka} is negligible, also for the highest l.
-    """
+    """Wavenumber in 1/m beyond which (ka)^l e^{−ka} is negligible for all l."""
     return (orders + 8 * math.sqrt(orders) + 20) / ball.radius
 
 
 def _wavenumbers(
     ball: Ball, at: FloatArray, middles: FloatArray, radius: float, copper: float, orders: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights over the coils' waves, in 1/m.
-
-    The waves are those that meet the ball.
-    """
+    """Gauss–Legendre nodes and weights over the coils' waves at the ball, in 1/m."""
     clearance = float(at[:, 2].min()) - ball.radius - copper
     highest = min(_DECAYS / clearance, _highest(ball, orders))
     extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
@@ -443,10 +383,7 @@ def _wavenumbers(
 
 
 def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:
-    """Height of the highest copper in m.
-
-    It must lie on the board and below the ball.
-    """
+    """Height in m of the highest copper, which must lie below the ball."""
     copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
     if copper > 0:
         raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")

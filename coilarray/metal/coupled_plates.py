@@ -59,10 +59,7 @@ class PosedPlate:
 
 @dataclass(frozen=True, eq=False)
 class SolvedPlates:
-    """Factors of the matrices of plates, and their fluxes.
-
-    The factors are by frequency. The fluxes (f, unknowns, 1, paths) are in Wb/A.
-    """
+    """Factors of plates' matrices and fluxes (f, unknowns, 1, paths) in Wb/A."""
 
     factors: Sequence[tuple[ComplexArray, IntArray]]
     b: ComplexArray
@@ -100,10 +97,7 @@ class PlatesInAir:
         return SolvedPlates(run_blocks(factorised, whole), np.concatenate([self.linked(one) for one in plates], axis=1))
 
     def matrices(self, plate: PosedPlate) -> ComplexArray:
-        """Matrices of a plate between layers, in H.
-
-        Shape (f, u, u). They include the reflections of its own field at the layers.
-        """
+        """Matrices (f, u, u) in H of a plate with its reflections at the layers."""
         own = np.array([both_parities(plate.body, impedance) for impedance in plate.impedances])
         images = self.images_of(plate, plate)
         if not images:
@@ -139,7 +133,7 @@ class PlatesInAir:
         return self.linked_with((plate,))[0]
 
     def linked_with(self, meshes: Sequence[PosedPlate]) -> list[ComplexArray]:
-        """Fluxes of the coils in one plate with several meshes.
+        """Fluxes of the coils in several meshes of a plate.
 
         Each has the shape (f, u, places, paths), in Wb/A.
         """
@@ -168,10 +162,7 @@ class PlatesInAir:
         return every
 
     def images_of_coils(self, plate: PosedPlate) -> list[Image]:
-        """Images of the coils as a plate sees them.
-
-        They include the coils themselves if nothing lies between.
-        """
+        """Images of the coils, and visible coils, as a plate sees them."""
         low, high = self._coils
         gap, place = self.air.gap(low, high, "the coils"), self._gap(plate)
         images = self.air.images((gap, low, high), place, self._wide(plate))
@@ -188,18 +179,15 @@ class PlatesInAir:
         return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
 
     def images_of(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
-        """Images of a plate's currents as another plate sees them.
+        """Images of a plate's currents as another or the same plate sees them.
 
-        The other plate may be the same. Images whose field arrives directly are left out.
+        Images whose field arrives directly are left out.
         """
         wide = max(self._wide(source), self._wide(place))
         return self.air.images(self._gap(source), self._gap(place), wide)
 
     def _wide(self, plate: PosedPlate) -> float:
-        """Greatest horizontal distance in m between coils and a plate.
-
-        The plate is at all its places.
-        """
+        """Greatest horizontal distance in m between coils and a plate anywhere."""
         points = np.concatenate([path.vertices[:, :2] for path in self.paths])
         moved = plate.where[:, :2] - plate.where[0, :2]
         low, high = plate.corners.min(axis=(0, 1))[:2], plate.corners.max(axis=(0, 1))[:2]
@@ -208,10 +196,10 @@ class PlatesInAir:
 
 
 def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
-    """Return the distinct real weights of images, (sums, images).
+    """Distinct real weights of images, (sums, images), and their numbers.
 
-    Also returns the index of the real parts, then of the imaginary parts, of the shares. The reflection by sheets alone
-    is the same at all frequencies, and real.
+    The numbers are of the real parts, then of the imaginary parts, of the shares. The reflection by sheets alone is the
+    same at all frequencies, and real.
     """
     shares = np.array([image.shares for image in images]).T
     parts = np.concatenate((shares.real, shares.imag))
@@ -227,10 +215,9 @@ def linked_fluxes(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Fluxes of the even and the odd unknowns, in Wb/A.
+    """Fluxes b (sums, u, positions, paths) of the even and odd unknowns, in Wb/A.
 
-    The fluxes b have the shape (sums, u, positions, paths), by images of paths. They are given for several meshes with
-    the same points. The sums of the images have `weights` (sums, images).
+    They are given for several meshes with the same points, by sums of images of paths with `weights` (sums, images).
     """
     count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)
@@ -252,11 +239,10 @@ def fields_on(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
 ) -> Iterator[FloatArray]:
-    """Yield B in T at the points of a body.
+    """Yield B in T along the plate's axes, (sums · places · paths, points, 3).
 
-    B is along the plate's own axes, by images of 1 A in each of the paths. The shape is (sums · places · paths, points,
-    3), for as many of the centres `where` (places, 3) in m at once as memory allows. `weights` (sums, images) are the
-    weights of `FieldOfImages`.
+    B is at the points of a body, by images of 1 A in each of the paths, for as many of the centres `where` (places, 3)
+    in m at once as memory allows. `weights` (sums, images) are the weights of `FieldOfImages`.
     """
     offsets = body.points @ plate.axes
     field = field_of_images(paths, where, offsets, images, weights)

@@ -20,8 +20,7 @@ from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
 from coilarray.metal.layered_air import ITSELF, Image
 
-ALONE = np.ones((1, 1))
-"""Weights of one image."""
+ALONE = np.ones((1, 1))  # weights of one image
 _STEP = 0.25  # step of the grid over its height above the copper, with an error of some 1e-5 of the field
 _MARGIN = 4  # steps of the grid beyond the places
 _AT_ONCE = 16384  # places of the splines per task
@@ -31,10 +30,9 @@ _SAME_HEIGHT = 1e-9  # of the height
 
 @dataclass(frozen=True, eq=False)
 class FieldOfImages:
-    """Field B of 1 A in each path's images.
+    """Field B of 1 A in each path's images, summed with `weights` (sums, images).
 
-    The images lie beyond the copper and are summed with `weights` (sums, images). At heights of many places the field
-    comes from `splines`, by their height in units of `unit` in m.
+    At heights of many places the field comes from `splines`, by their height in units of `unit` in m.
     """
 
     paths: Sequence[Conductor]
@@ -44,10 +42,7 @@ class FieldOfImages:
     splines: Mapping[int, NdBSpline]
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Return B in T at points (n, 3) in m.
-
-        Shape (n, sums, paths, 3).
-        """
+        """Return B in T at points (n, 3) in m, (n, sums, paths, 3)."""
         levels = _levels(points[:, 2], self.unit)
         total = np.zeros((len(points), len(self.weights), len(self.paths), 3))
         direct = np.ones(len(points), dtype=bool)
@@ -70,10 +65,7 @@ def field_of_images(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ALONE,
 ) -> FieldOfImages:
-    """Prepare the field at points around many places.
-
-    The points have `offsets` (k, 3) in m from all of the `places` (n, 3).
-    """
+    """Prepare the field at `offsets` (k, 3) in m from `places` (n, 3)."""
     corners = np.concatenate([path.vertices for path in paths])
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
     heights = (places[:, None, 2] + offsets[:, 2]).ravel()
@@ -103,10 +95,7 @@ def _levels(heights: FloatArray, unit: float) -> npt.NDArray[np.int64]:
 
 
 def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Image], weights: FloatArray) -> FloatArray:
-    """Sum B in T over all segments and images.
-
-    Shape (n, sums, paths, 3).
-    """
+    """Sum B in T over all segments and images, (n, sums, paths, 3)."""
     total = np.zeros((len(points), len(weights), len(paths), 3))
     # B is an axial vector
     turned = np.array([[image.sign, image.sign, 1.0] for image in images])[:, None]

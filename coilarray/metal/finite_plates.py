@@ -35,8 +35,7 @@ from coilarray.metal.surface_impedance import (
     with_rim,
 )
 
-LARGEST_ERROR = 0.1
-"""Relative error of ΔL by the model beyond which a plate is refused."""
+LARGEST_ERROR = 0.1  # relative error of ΔL by the model beyond which a plate is refused
 _OF_SPREAD = 0.5  # share of the impedance's error at twice the chosen wavenumber that all waves together make
 _BY_LOSSES = 0.65  # over the distance of a turn: mean wavenumber of its field, weighted by losses in thick metal
 _OF_SECOND_ORDER = 3.0  # of the change between meshes of the lengths 2h and h: the error at h by the second order
@@ -57,9 +56,9 @@ _SQUARES = np.array([np.roll([[x, y, 0.0] for x, y in ((1, 1), (-1, 1), (-1, -1)
 class EddyCurrents:
     """Currents on the faces and the rim of a plate.
 
-    `corners`, shape (k, 3, 3), are the corners of the triangles in m on the board. `density`, shape (coils, k, 3), is
-    their current in A/m for 1 A in each coil, complex for e^{jωt}. Each face carries its own current, so the current of
-    a thin plate is their sum. The current of a magnetic plate is the current in its skin, n × H.
+    `corners` (k, 3, 3) are the corners of the triangles in m on the board. `density` (coils, k, 3) is their current in
+    A/m for 1 A in each coil, complex for e^{jωt}. Each face carries its own current, so the current of a thin plate is
+    their sum. The current of a magnetic plate is the current in its skin, n × H.
     """
 
     corners: FloatArray
@@ -68,12 +67,11 @@ class EddyCurrents:
 
 @dataclass(frozen=True, eq=False)
 class PlateError:
-    """Errors of the change by a finite plate.
+    """Errors of the change by a finite plate, by mesh and model.
 
-    They come from the mesh and from the model of the thickness. `absolute` and its part `mesh` are complex, in H, of
-    the shape of the `change` (positions, frequencies, paths, paths). Their real parts cover the deviation of ΔL and
-    their imaginary parts the deviation of ΔR/ω. Both are at least 0. `depths` is the thickness in skin depths, 0 for a
-    perfect conductor.
+    `absolute` and its part `mesh` are complex, in H, of the shape of the `change` (positions, frequencies, paths,
+    paths). Their real parts cover the deviation of ΔL and their imaginary parts the deviation of ΔR/ω. Both are at
+    least 0. `depths` is the thickness in skin depths, 0 for a perfect conductor.
     """
 
     change: ComplexArray
@@ -83,10 +81,7 @@ class PlateError:
 
     @property
     def inductance(self) -> float:
-        """Largest relative error of ΔL, by matrix norms.
-
-        Only places with at least a tenth of the largest change count.
-        """
+        """Largest relative error of ΔL at places of a tenth of the largest change."""
         return self._share(self.absolute.real, self.change.real)
 
     @property
@@ -126,9 +121,10 @@ def moving_plate(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the inductance matrix by a plate, in H.
+    """Change of the inductance matrix by a finite plate at positions, in H.
 
-    The plate is finite and is computed at many positions.
+    The result (positions, frequencies, paths, paths) is ΔZ/jω = ΔL − jΔR/ω relative to the same without the plate,
+    symmetric. In air and over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
 
     Parameters
     ----------
@@ -150,12 +146,6 @@ def moving_plate(
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
-    Returns
-    -------
-    ndarray, shape (positions, frequencies, paths, paths)
-        ΔZ/jω = ΔL − jΔR/ω in H by the plate, relative to the same without it. The matrices are symmetric. In air and
-        over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
-
     Raises
     ------
     GeometryError
@@ -165,8 +155,6 @@ def moving_plate(
     MetalError
         A plate or a coil in an infinite layer. Also a magnetic plate that is less than three skin depths thick, has a
         hole, or lies beside other finite plates.
-    MemoryLimitError
-        Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
 
     Notes
     -----
@@ -212,14 +200,11 @@ def moving_plate_error(
 ) -> PlateError:
     """Compute `moving_plate` together with its error.
 
-    Arguments and exceptions are the same.
-
-    Notes
-    -----
-    The error of the mesh is the correction by which the finer of two meshes was extrapolated. It covers orders of
-    convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model has two parts. The impedance is taken
-    at one wavenumber for all patterns of the current. The rim (`coilarray.metal.surface_impedance.with_rim`) is
-    approximate, and a plate within the coils has most of its losses there.
+    Arguments and exceptions are the same. The error of the mesh is the correction by which the finer of two meshes was
+    extrapolated. It covers orders of convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model has
+    two parts. The impedance is taken at one wavenumber for all patterns of the current. The rim
+    (`coilarray.metal.surface_impedance.with_rim`) is approximate, and a plate within the coils has most of its losses
+    there.
     """
     paths = as_conductors(source)
     where, f = _checked_positions(positions), _checked_frequencies(frequencies)
@@ -250,10 +235,7 @@ def moving_plate_error(
 
 
 def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Extrapolate values in H from two meshes.
-
-    The extrapolation is of second order. Also returns the errors in H of both parts.
-    """
+    """Extrapolate values in H from two meshes by the second order, with errors."""
     correction = (fine - coarse) / _OF_SECOND_ORDER
     change = fine + correction
     size = np.maximum(_by_pairs(np.abs(change)), np.finfo(float).tiny)
@@ -266,9 +248,9 @@ def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArra
 
 
 def _by_pairs(values: FloatArray) -> FloatArray:
-    """Products of the roots of the diagonals.
+    """Products of the roots of the diagonals of matrices (…, n, n).
 
-    For matrices (…, n, n) they are the sizes of entries that may be small by chance.
+    They are the sizes of entries that may be small by chance.
     """
     root = np.sqrt(np.abs(np.diagonal(values, axis1=-2, axis2=-1)))
     return np.asarray(root[..., :, None] * root[..., None, :])
@@ -299,10 +281,9 @@ def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexAr
 def _changes(
     around: PlatesInAir, meshes: Sequence[PosedPlate], fixed: Sequence[Sequence[PosedPlate]], progress: Progress | None
 ) -> list[ComplexArray]:
-    """ΔZ/jω in H by a non-magnetic plate, per mesh.
+    """ΔZ/jω in H by a non-magnetic plate, (positions, f, paths, paths) per mesh.
 
-    Each array has the shape (positions, f, paths, paths), for every mesh of the plate and the others. `fixed` are
-    plates that do not move, each with as many meshes.
+    `fixed` are plates that do not move, each with as many meshes.
     """
     where, count = meshes[0].where, len(around.air.frequencies)
     shape = (len(where), count, len(around.paths), len(around.paths))
@@ -353,11 +334,10 @@ def outlined_inductance(
     *,
     fineness: float = 1.0,
 ) -> ComplexArray:
-    """Change of the inductance matrix by finite plates, in H.
+    """Change of the inductance matrix by all finite plates together, in H.
 
-    It is by all finite plates among `plates` together, relative to the others alone, and has the shape (frequencies,
-    paths, paths). The other arguments and the errors are as in `moving_plate`. Infinite plates are computed by
-    `coilarray.metal.flat_plates.plate_inductance`.
+    It is relative to the other plates alone, of shape (frequencies, paths, paths). The other arguments and the errors
+    are as in `moving_plate`. Infinite plates are computed by `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
@@ -385,10 +365,10 @@ def eddy_currents(
     *,
     fineness: float = 1.0,
 ) -> list[EddyCurrents]:
-    """Compute the eddy currents in all finite plates.
+    """Compute the eddy currents in all finite plates at a frequency in Hz.
 
     The plates are at their own centres, and each path in turn carries 1 A. Arguments and errors are as in
-    `outlined_inductance`, with the frequency in Hz.
+    `outlined_inductance`.
     """
     return eddy_currents_over(source, plates, [frequency], sheets, fineness=fineness)[0]
 
@@ -413,11 +393,10 @@ def currents_alone(
     *,
     fineness: float = 1.0,
 ) -> list[list[EddyCurrents]]:
-    """Return currents whose field equals the field of the plates.
+    """Return currents whose field outside finite plates is that of the plates.
 
-    The equality holds outside all finite plates. For plates that are not magnetic they are the eddy currents. For
-    magnetic plates other currents take the place of the magnetic charges. Arguments and errors are as in
-    `eddy_currents_over`.
+    For plates that are not magnetic they are the eddy currents. For magnetic plates other currents take the place of
+    the magnetic charges. Arguments and errors are as in `eddy_currents_over`.
     """
     return _currents(source, plates, frequencies, sheets, fineness, alone=True)
 
@@ -447,20 +426,14 @@ def _currents(
 
 @dataclass(frozen=True, eq=False)
 class OutlinedPlates:
-    """Finite non-magnetic plates, solved together for coils.
-
-    They are solved at the frequencies of the air.
-    """
+    """Finite non-magnetic plates, solved together for coils."""
 
     around: PlatesInAir
     plates: Sequence[PosedPlate]
     solved: SolvedPlates
 
     def eddy_currents(self) -> list[list[EddyCurrents]]:
-        """Return the currents in all plates, in A/m.
-
-        They are for 1 A in each coil, in one list for every frequency.
-        """
+        """Return the currents in all plates for 1 A in each coil, by frequency."""
         starts = np.cumsum([0, *(one.currents[0].shape[1] for one in self.plates)]).tolist()
         found = []
         for factors, b in zip(self.solved.factors, self.solved.b, strict=True):
@@ -472,10 +445,10 @@ class OutlinedPlates:
         return found
 
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
-        """Return the field in T reflected to a dipole.
+        """Return the field in T reflected to dipoles of 1 A·m², (n, f, 3, 3).
 
-        The plates reflect it to a dipole of 1 A·m² at places (n, 3) in m, all at one height. The shape is (n, f, 3, 3),
-        for dipoles along the axes of the board. They are square loops of a `size` in m.
+        The dipoles at places (n, 3) in m, all at one height, are along the axes of the board. They are square loops of
+        a `size` in m.
         """
         found = []
         for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
@@ -499,10 +472,7 @@ def solve_outlined(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates:
-    """Solve all finite plates, which must not be magnetic.
-
-    The rest is as in `eddy_currents_over`.
-    """
+    """Solve all finite plates, none of them magnetic, for `eddy_currents_over`."""
     paths = as_conductors(source)
     _, (around, posed) = _all_posed(paths, plates, _checked_frequencies(frequencies), sheets, _ALONE * fineness)
     return OutlinedPlates(around, posed, around.solved(posed))
@@ -511,10 +481,7 @@ def solve_outlined(
 def _whole_model_error(
     paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, frequencies: FloatArray, sheets: Sequence[Sheet]
 ) -> ModelError:
-    """Largest errors of the model, including the rim.
-
-    Refuses a plate beyond the limit.
-    """
+    """Largest errors of the model with the rim, within the limit."""
     nearest = _distance(paths, plate, where, sheets)
     error = _model_error(plate, frequencies, _field_scale(paths, plate, where), max(nearest, _least_spread(paths) / 2))
     if plate.material.relative_permeability != 1 or not error.depths:
@@ -560,10 +527,7 @@ def _meshed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> tuple[EddyBody, EddyBody]:
-    """Return the plate's two meshes for all its positions.
-
-    Refuses a plate that cannot be computed.
-    """
+    """Return the two meshes of an allowed plate for all its positions."""
     nearest = _distance(paths, plate, where, sheets)
     _model_error(plate, frequencies, _field_scale(paths, plate, where), math.inf)
     area = shapely.union_all([translate(hull, -x, -y) for hull in _hulls(paths) for x, y in where[:, :2].tolist()])
@@ -575,10 +539,7 @@ def _meshed(
 
 
 def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
-    """Return the magnetic finite plate, or None.
-
-    Refuses a magnetic plate that is thin or lies beside other finite plates.
-    """
+    """Return the magnetic finite plate if it is allowed, or None."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for one in outlined:
         if one.material.relative_permeability != 1:
@@ -593,19 +554,13 @@ def _hulls(paths: Sequence[Conductor]) -> list[BaseGeometry]:
 
 
 def _least_spread(paths: Sequence[Conductor]) -> float:
-    """Return the least spread in m of a path's corners.
-
-    The spread is the difference between the largest and the smallest distance of the corners from their mean.
-    """
+    """Least spread in m of the corners' distances from a path's mean."""
     away = [np.linalg.norm(path.vertices - path.vertices.mean(axis=0), axis=1) for path in paths]
     return min(float(np.ptp(one)) for one in away)
 
 
 def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, sheets: Sequence[Sheet]) -> float:
-    """Return the least distance in m from plate to copper.
-
-    The distance is across the plane of the plate. Refuses a plate that is not computed.
-    """
+    """Least distance in m from an allowed plate to copper across its plane."""
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
@@ -634,10 +589,10 @@ def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArr
 
 
 def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shortest: float) -> ModelError:
-    """Largest errors of the model for a field's scale.
+    """Largest errors of the model for a field that varies over `scale` in m.
 
-    The field varies over `scale` in m. Errors beyond the limit are refused. Near a single turn the field also varies
-    over a `shortest` length in m. This adds to the errors of ΔL and ΔR, but no plate is refused for it.
+    Errors beyond the limit are refused. Near a single turn the field also varies over a `shortest` length in m. This
+    adds to the errors of ΔL and ΔR, but no plate is refused for it.
     """
     inscribed = inscribed_radius(plate.outline)
     largest = ModelError()
@@ -689,10 +644,7 @@ def _all_posed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> list[tuple[PlatesInAir, list[PosedPlate]]]:
-    """Infinite layers and the finite plates between them.
-
-    They are returned with the coarser and with the finer mesh.
-    """
+    """Infinite layers, and the plates with the coarser and with the finer mesh."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
@@ -724,10 +676,7 @@ def _ground(plate: FinitePlate) -> shapely.Polygon:
 
 
 def _coupled(matrix: ComplexArray, b: FloatArray | ComplexArray) -> ComplexArray:
-    """−bᵀ matrix⁻¹ b of every position, (positions, paths, paths).
-
-    `b` has the shape (u, positions, paths).
-    """
+    """−bᵀ matrix⁻¹ b of each position for b (u, positions, paths)."""
     factors = lu_factor(matrix, overwrite_a=True, check_finite=False)
     parts = []
     for start, stop in ranges(b.shape[1], max(_AT_ONCE // b.shape[2], 1)):

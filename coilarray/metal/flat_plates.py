@@ -52,6 +52,9 @@ def plate_inductance(
 ) -> ComplexArray:
     """Change of the inductance matrix by infinite plates, in H.
 
+    The result (f, paths, paths) is the change of the impedance over jω relative to the sheets alone, ΔL − jΔR/ω,
+    symmetric. Add it to the inductance in air and to `coilarray.electromagnetics.flat_layer.layer_inductance`.
+
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
@@ -66,12 +69,6 @@ def plate_inductance(
         Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the change itself.
     progress : callable, optional
         Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray of complex, shape (f, paths, paths)
-        Change of the impedance over jω in H, relative to the sheets alone: ΔL − jΔR/ω, symmetric. Add it to the
-        inductance in air and to `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
     Raises
     ------
@@ -112,10 +109,9 @@ def plate_inductances(
     accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Compute `plate_inductance` for several cases of plates.
+    """Compute `plate_inductance` for cases of plates, (cases, f, paths, paths).
 
-    The cases may be distances of a plate. Returns a complex array of shape (cases, f, paths, paths). The spectra of the
-    paths, which cost most, are computed once.
+    The cases may be distances of a plate. The spectra of the paths, which cost most, are computed once.
     """
     paths = as_conductors(source)
     omega = 2 * np.pi * checked_frequencies(frequencies)
@@ -147,10 +143,7 @@ def plate_inductances(
 
 @dataclass(frozen=True)
 class _Stack:
-    """Layers outwards from a face at a height in m.
-
-    They extend away from the coils. Beyond them is air.
-    """
+    """Layers outwards from a face at a height in m, away from the coils."""
 
     face: float
     layers: tuple[Layer, ...]
@@ -189,9 +182,9 @@ class _Around:
         return np.array([ways.get(kind, 2 * across - (self.top - self.bottom)) for kind in self.kinds])
 
     def damping(self, k: FloatArray) -> FloatArray:
-        """Decay of each kind of waves between both faces.
+        """Decay of each kind of waves between both faces, (kinds, k).
 
-        Shape (kinds, k). The decay from path to face is not included.
+        The decay from path to face is not included.
         """
         distances = [self.faces[0] - self.faces[1] if kind == (0, 1) else 0.0 for kind in self.kinds]
         return np.asarray(np.exp(-np.outer(distances, k)))
@@ -206,10 +199,7 @@ class _Around:
         ]
 
     def images(self, paths: Sequence[Conductor], kind: int, lift: float) -> list[Conductor]:
-        """Images of the paths for a kind of waves.
-
-        They are further away by twice the lift in m.
-        """
+        """Images of the paths for a kind of waves, farther away by twice the lift in m."""
         up, down = self.faces
         match self.kinds[kind]:
             case (0, 0):
@@ -236,10 +226,7 @@ class _Around:
         return max(min(scales), _LONGEST / extent)
 
     def weights(self, k: FloatArray) -> ComplexArray:
-        """Weights of returning waves of every kind.
-
-        Shape (cases · f, kinds, k). The weights do not include the `damping`.
-        """
+        """Weights (cases · f, kinds, k) of returning waves, without the `damping`."""
         up, down = self.faces
         by_sheets = _reflection(k, self.omega, self.sheets, self.sheets.face - up)
         cases = []
@@ -281,10 +268,9 @@ def _around(
 
 
 def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
-    """Return the upper face of plates below the board.
+    """Return the upper face in m of plates below z = 0, and their layers.
 
-    The face is a height in m, and the plates lie below z = 0. Also returns the plates' layers from there downwards.
-    Plates of air are left out.
+    The layers go downwards. Plates of air are left out.
     """
     stack = _below(plates, 0.0)
     return stack.face, stack.layers
@@ -306,9 +292,9 @@ def _below(plates: Sequence[Plate], top: float) -> _Stack:
 
 
 def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
-    """Combine layers, with the air between them.
+    """Combine layers at the heights of their faces in m, with the air between.
 
-    Each layer comes with the height of its face in m. Air alone gives no layers.
+    Air alone gives no layers.
     """
     found = sorted(
         ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
@@ -323,10 +309,10 @@ def _images(
 ) -> tuple[FloatArray, ComplexArray | None, float]:
     """Distances in m and shares of images for short waves.
 
-    The shares have the shape (cases · f, kinds, distances). They hold for waves from `split` to `highest` in 1/m. Also
-    returns the wavenumber from which they hold to the `tolerance` of the largest wave. The shares are None if the
-    integral takes all waves. Every image costs a `mutual_inductance`, so the fewest images are chosen, in the order of
-    a QR factorisation with pivots.
+    The shares (cases · f, kinds, distances) hold for waves from `split` to `highest` in 1/m. Also returns the
+    wavenumber from which they hold to the `tolerance` of the largest wave. The shares are None if the integral takes
+    all waves. Every image costs a `mutual_inductance`, so the fewest images are chosen, in the order of a QR
+    factorisation with pivots.
     """
     ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)
     largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))
@@ -353,10 +339,9 @@ def _images(
 
 
 def _reflection(k: FloatArray, omega: FloatArray, stack: _Stack, distance: float) -> ComplexArray:
-    """Reflected part of waves, shape (f, n).
+    """Reflected part of waves, shape (f, n), at a distance in m from the face.
 
-    The wavenumbers k (n,) are in 1/m and the angular frequencies ω (f,) in 1/s. The reflection is counted at a distance
-    in m from the face.
+    The wavenumbers k (n,) are in 1/m and the angular frequencies ω (f,) in 1/s.
     """
     if not stack.layers:
         return np.zeros((len(omega), len(k)), dtype=np.complex128)

@@ -27,11 +27,9 @@ from coilarray.electromagnetics.kernels.triangles import triangle_pairs
 from coilarray.metal.plate_mesh import HalfBody
 from coilarray.metal.surface_impedance import SurfaceImpedance
 
-ROWS = 32
-"""Triangles in one task of a pair integral."""
+ROWS = 32  # triangles in one task of a pair integral
 _AT_ONCE = 128  # rows, which stay in the cache
-MIRROR = np.array([1.0, 1.0, -1.0])
-"""Signs of the coordinates in the mirror image at the mid-plane."""
+MIRROR = np.array([1.0, 1.0, -1.0])  # signs of the coordinates in the mirror image at the mid-plane
 # ∫ λ_i φ_j dA over the area of a triangle, with λ_i linear and φ_j quadratic: first the functions of its corners, then
 # of the middles of the opposite sides
 _SHARES = np.hstack((np.eye(3) / 20 - 1 / 60, 2 / 15 - np.eye(3) / 15))
@@ -39,10 +37,10 @@ _SHARES = np.hstack((np.eye(3) / 20 - 1 / 60, 2 / 15 - np.eye(3) / 15))
 
 @dataclass(frozen=True, eq=False)
 class Parity:
-    """Problem of even (sign 1) or odd (−1) currents.
+    """Problem of currents that are even (sign 1) or odd (−1) about the mid-plane.
 
-    The parity is about the mid-plane. `unknowns` (n, u) maps the unknowns to the nodes. M in H is for half the body.
-    `faces`, `along` and `across` are the parts of G of the faces, and of the rim for currents along and across it.
+    `unknowns` (n, u) maps the unknowns to the nodes. M in H is for half the body. `faces`, `along` and `across` are the
+    parts of G of the faces, and of the rim for currents along and across it.
     """
 
     sign: int
@@ -53,10 +51,7 @@ class Parity:
     across: FloatArray
 
     def matrix(self, impedance: SurfaceImpedance) -> ComplexArray:
-        """Matrix λ G + M of the body, in H.
-
-        It is for the whole body, complex, of shape (u, u).
-        """
+        """Matrix λ G + M of the whole body, (u, u) in H."""
         face = impedance.even if self.sign > 0 else impedance.odd
         G = face * self.faces + impedance.along * self.along + impedance.across * self.across
         return np.asarray(2 * (self.M + G))
@@ -64,10 +59,9 @@ class Parity:
 
 @dataclass(frozen=True, eq=False)
 class EddyBody:
-    """Matrices of a body, computed once.
+    """Matrices of a body, computed once for all fields, places and frequencies.
 
-    They serve for all fields, places and frequencies. If there is a `finer` body, fields are integrated over its
-    triangles. Its nodes lie between the nodes of this body.
+    If there is a `finer` body, fields are integrated over its triangles. Its nodes lie between the nodes of this body.
     """
 
     mesh: HalfBody
@@ -80,10 +74,7 @@ class EddyBody:
 
     @cached_property
     def onto_finest(self) -> sp.csr_array:
-        """Linear functions of this body at the finest nodes.
-
-        Shape (nodes of the finest body, nodes).
-        """
+        """Linear functions of this body at the finest nodes, (finest nodes, nodes)."""
         n = len(self.mesh.nodes)
         if self.finer is None or self.finer.mesh.parents is None:
             return sp.eye_array(n, format="csr")
@@ -94,10 +85,7 @@ class EddyBody:
 
     @cached_property
     def currents(self) -> tuple[sp.csr_array, ...]:
-        """Currents K_x, K_y and K_z of every triangle, in 1/m.
-
-        They are for ψ = 1 at each node, each of shape (k, n).
-        """
+        """K_x, K_y and K_z (k, n) in 1/m of every triangle for ψ = 1 at each node."""
         corners = self.mesh.corners
         opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         K = opposite / (2 * self.areas)[:, None, None]
@@ -110,9 +98,9 @@ class EddyBody:
 
     @cached_property
     def _edges(self) -> tuple[IntArray, IntArray]:
-        """Nodes of all edges, and edges of all triangles.
+        """Nodes at the ends of all edges (e, 2), and edges of triangles (k, 3).
 
-        The nodes at their ends have the shape (e, 2). The edges (k, 3) are opposite to the corners of each triangle.
+        The edges are opposite to the corners of each triangle.
         """
         ends = np.stack((np.roll(self.mesh.triangles, -1, axis=1), np.roll(self.mesh.triangles, -2, axis=1)), axis=-1)
         edges, number = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
@@ -120,10 +108,10 @@ class EddyBody:
 
     @cached_property
     def fluxes(self) -> tuple[sp.csr_array, ...]:
-        """∫ ψ_i φ_j n dA in m², component by component.
+        """∫ ψ_i φ_j n dA in m², component by component, each (n, n + e).
 
-        Each has the shape (n, n + e). φ_j are the quadratic functions of the nodes and the middles of the edges,
-        between which a field is interpolated. With linear functions the error would be 1 to 3 % of ΔL.
+        φ_j are the quadratic functions of the nodes and the middles of the edges, between which a field is
+        interpolated. With linear functions the error would be 1 to 3 % of ΔL.
         """
         (edges, opposite), n, parts = self._edges, len(self.mesh.nodes), []
         rows = np.repeat(self.mesh.triangles, 6, axis=1).ravel()
@@ -147,29 +135,20 @@ class EddyBody:
 
     @cached_property
     def integrals(self) -> tuple[FloatArray, FloatArray]:
-        """∫∫ 1/r in m³ of all pairs of triangles.
-
-        Also for each triangle with the mirror image of each.
-        """
+        """∫∫ 1/r in m³ of all pairs of triangles, and with mirror images."""
         corners = self.mesh.corners
         image = pair_integrals(corners, np.ascontiguousarray(corners * MIRROR), mirrored=True)
         return pair_integrals(corners), image
 
     @cached_property
     def inductances(self) -> tuple[FloatArray, FloatArray]:
-        """Inductances M in H of the nodes' currents, (n, n).
-
-        Also with the mirror images of the currents.
-        """
+        """Inductances M (n, n) in H of the nodes' currents, and with their images."""
         own, image = self.integrals
         return inductance(self.currents, own, np.ones(3)), inductance(self.currents, image, MIRROR)
 
     @cached_property
     def gradients(self) -> list[sp.csr_array]:
-        """∇ψ = n × K in 1/m of every triangle.
-
-        It is for ψ = 1 at each node, component by component, each of shape (k, n).
-        """
+        """∇ψ = n × K in 1/m of triangles for ψ = 1 at nodes, each (k, n)."""
         normals, K = self._area_vectors / self.areas[:, None], self.currents
         after = [(1, 2), (2, 0), (0, 1)]
         return [
@@ -178,10 +157,10 @@ class EddyBody:
         ]
 
     def linked_to(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
-        """∫ ψ B·n and ∫ ∇ψ·B over the whole body.
+        """∫ ψ B·n in Wb and ∫ ∇ψ·B in T·m over the whole body, (nodes, fields).
 
-        They are for potentials that are even (sign 1) or odd about the mid-plane, in Wb and T·m. Each has the shape
-        (nodes, fields), for fields B (fields, points, 3) in T at `points`.
+        They are for potentials that are even (sign 1) or odd about the mid-plane, and fields B (fields, points, 3) in T
+        at `points`.
         """
         if self.finer is not None:
             down = self.onto_finest.T.tocsr()
@@ -220,10 +199,9 @@ class EddyBody:
 
     @property
     def points(self) -> FloatArray:
-        """Points in m at which a field is needed.
+        """Points in m about the centre at which a field is needed.
 
-        They are about the centre: nodes and middles of the edges, the mirror images of both, and the points of the
-        holes.
+        They are nodes and middles of the edges, the mirror images of both, and the points of the holes.
         """
         mesh, edges = self.finest.mesh, self.finest._edges[0]
         caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in mesh.caps]
@@ -232,16 +210,13 @@ class EddyBody:
 
     @property
     def all_corners(self) -> FloatArray:
-        """Corners in m of the triangles of both halves.
-
-        The upper half comes first, then its mirror image, of shape (2k, 3, 3).
-        """
+        """Corners (2k, 3, 3) in m of the upper half, then of its mirror image."""
         return np.concatenate((self.mesh.corners, self.mesh.corners * MIRROR))
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
-        """Fluxes b for fields B in T at `points`.
+        """Fluxes b of even and of odd currents, (u, fields), for B at `points`.
 
-        B has the shape (fields, points, 3). The fluxes are for even and odd currents, each (u, fields).
+        B (fields, points, 3) is in T.
         """
         fluxes, caps = self.finest.fluxes, self.finest.mesh.caps
         n = fluxes[0].shape[1]
@@ -264,10 +239,10 @@ class EddyBody:
         return made
 
     def all_currents(self, axes: FloatArray) -> list[sp.csr_array]:
-        """K on all triangles of both halves for unit unknowns.
+        """K on all triangles of both halves for unit unknowns, each (2k, u).
 
-        It is for 1 A of every unknown, even unknowns first, along the board's axes. Each component is of shape (2k, u).
-        `axes` (3, 3) has the body's own axes on the board in its rows.
+        The even unknowns come first. K is along the board's axes. `axes` (3, 3) has the body's own axes on the board in
+        its rows.
         """
         even, odd = self.parities
         parts = []
@@ -278,10 +253,10 @@ class EddyBody:
 
 
 def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:
-    """∫∫ 1/r in m³ of all pairs of triangles.
+    """∫∫ 1/r in m³ of all pairs of triangles, (k, k) or (k, l).
 
-    The triangles (k, 3, 3) are in m. With `other` triangles (l, 3, 3) the pairs are of each with each of these. Shape
-    (k, k) or (k, l). With `mirrored` the others are mirror images of the same triangles.
+    The triangles (k, 3, 3) are in m. With `other` triangles (l, 3, 3) the pairs are of each with each of these. With
+    `mirrored` the others are mirror images of the same triangles.
     """
     second = corners if other is None else other
     integrals = np.zeros((len(corners), len(second)))

@@ -38,46 +38,15 @@ def indenter_inductance(
     mesh: LayerMesh | None = None,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball, in H.
+    """Change of the impedance matrix by a ball in its dents, in H.
 
-    The ball is in its dents, or over sheets that it does not touch. The change is a complex inductance.
+    The ball may also be over sheets that it does not touch. The result (dents, places, coils, coils) is ΔL − jΔR/ω
+    relative to the dented sheets without the ball. The `dents` are of the same sheets, for example one for each depth.
+    The `places` (places, 2) of the ball's axis are in m. `distances` are heights in m of its lowest point over the
+    sheets of each dent, above zero if they are not dented, inf without the ball. `backing` has plates below the coils
+    at this frequency in Hz, and `outlined` the finite plates there, which also reflect the field of the ball's dipole.
+    Errors are those of `coilarray.metal.ball.ball_inductance`.
 
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        Coils at z ≤ 0.
-    ball : Ball
-        The indenter.
-    dents : sequence of Dent
-        The same sheets, dented by the ball, for example one dent for each depth.
-    places : ndarray, shape (places, 2)
-        Positions of its axis in m.
-    frequency : float
-        Frequency in Hz.
-    distances : sequence of float, optional
-        Height in m of its lowest point over the sheets of each dent, above zero if they are not dented, inf without the
-        ball. 0 by default.
-    backing : Backing, optional
-        Plates below the coils, at this frequency.
-    outlined : OutlinedPlates, optional
-        Finite plates below the coils, at this frequency, which also reflect the field of the ball's dipole.
-    mesh : LayerMesh, optional
-        Accuracy of the dented sheets.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray, shape (dents, places, coils, coils)
-        ΔL − jΔR/ω in H relative to the dented sheets without the ball.
-
-    Raises
-    ------
-    MetalError, MemoryLimitError
-        As `coilarray.metal.ball.ball_inductance`.
-
-    Notes
-    -----
     In its dent the ball is solved together with the dented sheets (`coilarray.elastomer.dent_sphere`). This agrees
     within 0.5 % with finite elements at 1 mm in the sheets of gast2020. In that case flat sheets as thick as under the
     tip would make the effect of aluminium 9 % too large and the effect of ferrite 0.5 to 2 % too small at 0.5 mm.

@@ -45,10 +45,9 @@ def layer_of(plate: Plate) -> Layer:
 
 
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
-    """Order plates and magnetic sheets by height.
+    """Order plates and magnetic sheets upwards from z = 0 by height.
 
-    The sheets are upwards from z = 0. Returns the lower and upper face in m, and the layer, of each. Raises
-    GeometryError if they overlap.
+    Returns the lower and upper face in m, and the layer, of each. Raises GeometryError if they overlap.
     """
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
@@ -69,10 +68,9 @@ def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Image of a source.
+    """Image of a source, at `sign` times its height plus `offset` in m.
 
-    It is at `sign` times the source's height plus `offset` in m, with complex `shares` (f,) of its current. A `sign` of
-    −1 is a mirror image.
+    It has complex `shares` (f,) of the source's current. A `sign` of −1 is a mirror image.
     """
 
     sign: int
@@ -89,15 +87,14 @@ class Image:
         return self if self.sign < 0 else Image(self.sign, -self.offset, self.shares)
 
 
-ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))
-"""The source itself, in air."""
+ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))  # the source itself, in air
 
 
 @dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Infinite layers and the air between them.
+    """Infinite layers upwards and the air between them, at frequencies (f,) in Hz.
 
-    The layers go upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz.
+    Their lower and upper faces (n, 2) are in m.
     """
 
     layers: tuple[Layer, ...]
@@ -106,18 +103,15 @@ class LayeredAir:
 
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Combine plates and the sheets upwards from z = 0.
-
-        Raises GeometryError if they overlap.
-        """
+        """Combine plates and the sheets upwards from z = 0, which must not overlap."""
         bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
-        """Find the gap that contains heights from `low` to `high`.
+        """Find the gap, from below, that contains heights from `low` to `high` in m.
 
-        The heights are in m, and the gap is counted from below. Raises MetalError if there is none.
+        Raises MetalError if there is none.
         """
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
@@ -130,24 +124,15 @@ class LayeredAir:
         return number
 
     def gap_faces(self, number: int) -> tuple[float, float]:
-        """Heights in m of the faces of a gap.
-
-        They are the lower and the upper face. A height is infinite if there is no body.
-        """
+        """Heights in m of the lower and upper face of a gap, infinite without a body."""
         floor = self.faces[number - 1, 1] if number else -math.inf
         return float(floor), float(self.faces[number, 0]) if number < len(self.faces) else math.inf
 
     def images(self, source: tuple[int, float, float], place: tuple[int, float, float], extent: float) -> list[Image]:
-        """Find the images of a source.
+        """Find the images of a source, without the source itself in its own gap.
 
-        In its own gap the source itself is left out.
-
-        Parameters
-        ----------
-        source, place : tuple
-            Index of the gap, least and greatest height in m of the source, and of the place of the field.
-        extent : float
-            Greatest horizontal distance in m between them.
+        `source` and `place` of the field are the index of the gap, and least and greatest height in m. `extent` is the
+        greatest horizontal distance in m between them.
         """
         if not self.layers:
             return []
@@ -175,10 +160,7 @@ class LayeredAir:
         return found
 
     def weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
-        """Weights (f, k) of the four ways between two gaps.
-
-        The ways lead from one gap to the same or a higher gap, at wavenumbers (k,) in 1/m.
-        """
+        """Weights (f, k) of the four ways to the same or a higher gap."""
         omega = 2 * np.pi * self.frequencies[:, None]
         floor, roof = self.gap_faces(source)
         up, down = (layer_waves(self._outwards(source, up=side), k, omega) for side in (True, False))
@@ -209,10 +191,7 @@ class LayeredAir:
 
 
 def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> list[tuple[float, ComplexArray]]:
-    """Distances in m and shares of images.
-
-    The shares (f,) sum up to the weights (f, k).
-    """
+    """Distances in m and shares (f,) of images that sum up to the weights (f, k)."""
     # two loops couple by the square of the wave that both see, and less for waves beyond the extent
     counted = np.exp(-k * way) * np.minimum(k * (extent + way), 1.0) ** 2
     wanted = weights * counted

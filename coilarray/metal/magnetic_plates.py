@@ -82,9 +82,9 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
 
 
 def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
-    """ΔZ/jω in H by a magnetic plate at its places.
+    """ΔZ/jω in H by a magnetic plate at its places, (places, f, paths, paths).
 
-    Shape (places, f, paths, paths). Also returns the error by its edges for each path in H, (places, f, paths).
+    Also returns the error by its edges for each path in H, (places, f, paths).
     """
     problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies).tolist()
     places, paths, count = len(plate.where), len(around.paths), len(lengths)
@@ -101,11 +101,11 @@ def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArr
 
 
 def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = False) -> list[ComplexArray]:
-    """Compute n × H in A/m for unit currents.
+    """Compute n × H in A/m for 1 A in each path, by frequency.
 
-    They are 1 A in each path, and the plate is at its only place. There is one array (paths, 2k, 3) along the board's
-    axes for each frequency, on the triangles of the upper half and of its mirror image. With `alone` they are the
-    currents that, without magnetic charges, produce the plate's field outside.
+    The plate is at its only place. The arrays (paths, 2k, 3) are along the board's axes, on the triangles of the upper
+    half and of its mirror image. With `alone` they are the currents that, without magnetic charges, produce the plate's
+    field outside.
     """
     lengths = _lengths(plate.plate, around.air.frequencies).tolist()
     currents, n = _currents(plate), len(plate.body.mesh.nodes)
@@ -155,10 +155,10 @@ class Potentials:
         return np.asarray(x.reshape(c.shape))
 
     def double_layer(self, outside: ComplexArray) -> ComplexArray:
-        """Return the density ν in A of a double layer.
+        """Density ν in A of a double layer that has the potential φ outside.
 
-        (½ + K) ν = φ for potentials φ (unknowns, paths), so that the double layer has φ outside. It is tested by the
-        means of the linear functions over the triangles.
+        (½ + K) ν = φ for potentials φ (unknowns, paths), tested by the means of the linear functions over the
+        triangles.
         """
         known, weighed = self.known, self.means.T @ sp.diags_array(1 / np.asarray(self.means.sum(axis=1)))
         matrix = np.asarray(weighed @ np.asarray(self.means - self.rest))[known, known]
@@ -167,9 +167,9 @@ class Potentials:
         return found
 
     def energy(self, stiff: sp.csr_array, outside: ComplexArray) -> FloatArray:
-        """µ0 ∫ |H_t|² in H/m, (places, paths).
+        """µ0 ∫ |H_t|² in H/m, (places, paths), on a part of the surface.
 
-        It follows from the `stiffness` of a part of the surface and φ in A.
+        It follows from the `stiffness` of the part and φ in A.
         """
         total, n = self.u + outside, stiff.shape[0]
         on_nodes = np.asarray(self.basis @ total.reshape(len(total), -1))
@@ -178,10 +178,7 @@ class Potentials:
         return np.asarray(MU_0 * found).reshape(total.shape[1:])
 
     def change(self, length: complex, outside: ComplexArray) -> ComplexArray:
-        """ΔZ/jω in H for given ℓ and φ.
-
-        ℓ is in m and φ in A. Shape (places, paths, paths).
-        """
+        """ΔZ/jω (places, paths, paths) in H for given ℓ in m and φ in A."""
         inside = np.einsum("npi,npj->pij", self.u, self.b, optimize=True)
         along = np.einsum("npi,npj->pij", self.u, self.t, optimize=True)
         both = np.einsum("npi,npj->pij", self.load(length), outside, optimize=True)
@@ -190,10 +187,9 @@ class Potentials:
 
 
 def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potentials:
-    """Even or odd potentials on a body in air.
+    """Even (sign 1) or odd potentials on a body in air.
 
-    The parity is even (sign 1) or odd about the mid-plane. `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths),
-    come from `EddyBody.linked_to`.
+    `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths), come from `EddyBody.linked_to`.
     """
     used, basis = _basis(body, sign)
     V, rest, W = exterior(body, sign)
@@ -204,10 +200,7 @@ def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potent
 
 
 def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
-    """Shares of ∫ H² near an edge, (k,).
-
-    On each triangle the part within a depth in m of an edge counts, for |ℓ| in m.
-    """
+    """Shares of each triangle's ∫ H² (k,) within a depth in m of an edge, for |ℓ|."""
     nodes, edge = body.mesh.nodes, shapely.LinearRing(body.mesh.nodes[body.mesh.ring, :2])
 
     def grown(away: FloatArray | float) -> FloatArray:
@@ -224,20 +217,19 @@ def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
 
 
 def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
-    """∫ ∇v·∇v' over both halves of a body.
+    """∫ ∇v·∇v' over a share of each triangle of both halves, (n, n).
 
-    The potentials on both halves are equal. It is dimensionless, of shape (n, n). Only the share of each triangle
-    counts.
+    The potentials on both halves are equal.
     """
     areas = sp.diags_array(2 * body.areas * shares)
     return sp.csr_array(sum(G.T @ areas @ G for G in body.gradients))
 
 
 def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Exterior operators V, ½ − K and W.
+    """Exterior operators V in m³, ½ − K in m² and W in m of a parity.
 
-    V is in m³, ½ − K in m² and W in m. They are for both halves, for even (sign 1) or odd values about the mid-plane.
-    Shapes (k, k), (k, n) and (n, n), by the triangles and the nodes of the upper half.
+    They are for both halves, for even (sign 1) or odd values about the mid-plane. Shapes (k, k), (k, n) and (n, n), by
+    the triangles and the nodes of the upper half.
     """
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
     corners, n = mesh.corners, len(mesh.nodes)
@@ -249,10 +241,7 @@ def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def _means(body: EddyBody) -> sp.csr_array:
-    """Integrals in m² of linear functions over triangles, (k, n).
-
-    The triangles are on both halves.
-    """
+    """Integrals (k, n) in m² of linear functions over triangles of both halves."""
     triangles = body.mesh.triangles
     where = (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())
     return sp.csr_array((np.repeat(2 * body.areas / 3, 3), where), shape=(len(triangles), len(body.mesh.nodes)))
@@ -308,9 +297,9 @@ def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
 
 
 def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
-    """Return the upper half's free nodes and their map.
+    """Return the upper half's free nodes and their map to both halves.
 
-    The map leads to the nodes of both halves. An odd potential is 0 on the rim.
+    An odd potential is 0 on the rim.
     """
     n = len(body.mesh.nodes)
     used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
@@ -319,11 +308,7 @@ def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
 
 
 def _currents(plate: PosedPlate) -> list[sp.csr_array]:
-    """∇v × n on all triangles, in 1/m.
-
-    They are along the board's axes on the triangles of both halves, for the nodes of both halves, each of shape (2k,
-    2n).
-    """
+    """∇v × n along the board's axes on both halves, each (2k, 2n) in 1/m."""
     halves = [
         sp.block_diag((K, -mirror * K), format="csr")
         for K, mirror in zip(plate.body.currents, MIRROR.tolist(), strict=True)
@@ -334,9 +319,9 @@ def _currents(plate: PosedPlate) -> list[sp.csr_array]:
 def _between_layers(
     around: PlatesInAir, plate: PosedPlate
 ) -> list[tuple[FloatArray | ComplexArray, FloatArray | ComplexArray]]:
-    """Operators ½ − K and Λ between layers, by frequency.
+    """Operators ½ − K (2k, u) in m² and Λ (u, u) in m between layers.
 
-    ½ − K (2k, u) is in m² and Λ (u, u) in m. They are for even and odd potentials, with the reflections at the layers.
+    They are given by frequency for even and odd potentials, with the reflections at the layers.
     """
     body, images = plate.body, around.images_of(plate, plate)
     k, n = len(body.mesh.triangles), len(body.mesh.nodes)
@@ -376,10 +361,7 @@ def _between_layers(
 
 
 def _parities(values: FloatArray) -> FloatArray:
-    """Add and subtract the values on both halves, (2k, n).
-
-    The results are for even and odd charges.
-    """
+    """Sum and difference of the values on both halves, (2k, n)."""
     upper, lower = np.split(values, 2)
     return np.concatenate((upper + lower, upper - lower))
 
@@ -387,19 +369,13 @@ def _parities(values: FloatArray) -> FloatArray:
 def _outer(
     V: FloatArray | ComplexArray, rest: FloatArray | ComplexArray, W: FloatArray | ComplexArray
 ) -> FloatArray | ComplexArray:
-    """Outer operator Λ, made symmetric.
-
-    Λ = W + (½ − K)ᵀ V⁻¹ (½ − K).
-    """
+    """Outer operator Λ = W + (½ − K)ᵀ V⁻¹ (½ − K), made symmetric."""
     made = W + rest.T @ lu_solve(lu_factor(V, check_finite=False), rest, check_finite=False)
     return np.asarray((made + made.T) / 2)
 
 
 def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, count: int) -> FloatArray:
-    """K (triangles, count) in m² of layers on other triangles.
-
-    Their corners have the indices `nodes`.
-    """
+    """K (triangles, count) in m² of layers on triangles with corners `nodes`."""
     K = np.zeros((len(corners), count))
 
     def work(rows: tuple[int, int]) -> None:
@@ -415,10 +391,9 @@ def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, coun
 def _loads(
     paths: Sequence[Conductor], plate: PosedPlate, images: Sequence[Image], weights: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """`EddyBody.linked_to` for even and odd potentials.
+    """`EddyBody.linked_to` for even and odd potentials, (sums, nodes, places, paths).
 
-    Each has the shape (sums, nodes, places, paths). The fields are sums of the images of the paths with `weights`
-    (sums, images).
+    The fields are sums of the images of the paths with `weights` (sums, images).
     """
     body, n = plate.body, len(plate.body.mesh.nodes)
     count = len(weights) * len(plate.where) * len(paths)

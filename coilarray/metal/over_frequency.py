@@ -51,10 +51,7 @@ class FrequencyBand:
         return bool(low >= self.low * (1 - _ROUNDING) and high <= self.high * (1 + _ROUNDING))
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
-        """Weights (f, nodes) of the values at the nodes.
-
-        The frequencies (f,) are in Hz. Raises MetalError outside the band.
-        """
+        """Weights (f, nodes) of the values at the nodes, within the band."""
         if not self.holds(frequencies):
             raise MetalError(
                 f"the effect of metal is known from {self.low:.6g} to {self.high:.6g} Hz; got {frequencies.min():.6g} "
@@ -67,31 +64,22 @@ class FrequencyBand:
 
 @dataclass(frozen=True, eq=False)
 class ChangeOverFrequency:
-    """Changes in H of many cases over frequency.
+    """Changes ΔL − jΔR/ω in H of many cases over frequency.
 
-    The change is ΔL − jΔR/ω. `values` (cases…, nodes, n, n) are at the nodes of a band, and constant beyond it.
+    `values` (cases…, nodes, n, n) are at the nodes of a band, and constant beyond it.
     """
 
     band: FrequencyBand
     values: ComplexArray
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
-        """Weights (f, nodes) of the values at the nodes.
-
-        The frequencies (f,) are in Hz.
-        """
+        """Weights (f, nodes) of the values at the nodes, for frequencies in Hz."""
         return self.band.shares(np.clip(frequencies, self.band.low, self.band.high))
 
     def at(self, frequency: float) -> ComplexArray:
-        """Change of all cases at a frequency in Hz.
-
-        Shape (cases…, n, n).
-        """
+        """Change (cases…, n, n) of all cases at a frequency in Hz."""
         return np.asarray(np.einsum("f,...fij->...ij", self.shares(np.array([frequency]))[0], self.values))
 
     def of_each(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
-        """Change of each case at its own frequency.
-
-        Shape (cases, n, n). The frequencies (cases,) are in Hz.
-        """
+        """Change (cases, n, n) of each case at its own frequency in Hz."""
         return np.asarray(np.einsum("cf,cfij->cij", self.shares(frequencies), self.values[cases], optimize=True))

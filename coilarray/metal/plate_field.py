@@ -38,10 +38,7 @@ _PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 
 def _layers(
     plates: Sequence[Plate], sheets: Sequence[Sheet], lowest: float
 ) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
-    """Return the layers upwards and downwards.
-
-    They go upwards from z = 0, and downwards from the lowest copper at `lowest` in m.
-    """
+    """Layers upwards from z = 0, and downwards from the lowest copper in m."""
     bodies = [
         (
             plate.z,
@@ -61,10 +58,7 @@ def _layers(
 
 @dataclass(frozen=True, eq=False)
 class _Waves:
-    """Waves on both sides of the coils.
-
-    They have the currents in A, and the coils as seen from each side.
-    """
+    """Waves on both sides of coils as seen from each side, and currents in A."""
 
     up: LayerWaves
     down: LayerWaves
@@ -73,9 +67,9 @@ class _Waves:
     between: FloatArray  # e^{−kD} between both reference planes
 
     def amplitudes(self, above: bool) -> tuple[ComplexArray, ComplexArray]:
-        """Return b at a side's first face per wave.
+        """Return b at a side's first face per wave that the coils send.
 
-        The first is per wave that the coils send to this side, the second per wave to the other side.
+        The first is for waves to this side, the second for waves to the other side.
         """
         own, other = (self.up, self.down) if above else (self.down, self.up)
         total = (1 + own.reflection) / (1 - own.reflection * other.reflection * self.between**2)
@@ -93,32 +87,12 @@ def plate_currents(
     *,
     blur: float,
 ) -> ComplexArray:
-    """Compute the eddy currents in infinite plates, in A/m.
+    """Compute the eddy currents (plates, nx, ny, 2) in infinite plates, in A/m.
 
-    They are integrated over the thickness of each plate.
-
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        The n coils, at z ≤ 0 and above the plates below them.
-    currents : array_like of complex, shape (n,)
-        Currents of the coils in A.
-    plates : sequence of Plate
-        Plates above and below the coils.
-    frequency : float
-        Frequency in Hz.
-    x, y : ndarray, shapes (nx,), (ny,)
-        Places on the board in m.
-    sheets : sequence of Sheet
-        Magnetic sheets upwards from z = 0.
-    blur : float
-        Standard deviation in m of the Gaussian over which the currents are averaged. Near a plate they follow every
-        single turn.
-
-    Returns
-    -------
-    ndarray of complex, shape (plates, nx, ny, 2)
-        Current per width along x and y in A/m.
+    They are along x and y, integrated over the thickness. The n coils lie at z ≤ 0, with `currents` (n,) in A, between
+    the plates, and the magnetic sheets upwards from z = 0. `x` (nx,) and `y` (ny,) are places on the board in m, the
+    frequency is in Hz. `blur` is the standard deviation in m of the Gaussian over which the currents are averaged. Near
+    a plate they follow every single turn.
     """
     segments = coil_segments(source)
     points = np.concatenate([one.start for one in segments])
@@ -153,29 +127,12 @@ def plate_field(
     z: FloatArray,
     sheets: Sequence[Sheet] = (),
 ) -> ComplexArray:
-    """Compute B between plates and magnetic sheets, in T.
+    """Compute B (nx, ny, nz, 3) between plates and magnetic sheets, in T.
 
-    B is the field of coils between infinite plates. It is also given inside and behind plates and sheets.
+    B is also given inside and behind plates and sheets. Heights `z` (nz,) in m are not between the lowest copper and
+    the top of the board or exactly at its faces, or a MetalError is raised. The other arguments are those of
+    `plate_currents`.
 
-    Parameters
-    ----------
-    source, currents, plates, frequency, x, y, sheets
-        See `plate_currents`.
-    z : ndarray, shape (nz,)
-        Heights in m, not between the lowest copper and the top of the board or exactly at its faces.
-
-    Returns
-    -------
-    ndarray of complex, shape (nx, ny, nz, 3)
-        Flux density in T.
-
-    Raises
-    ------
-    MetalError
-        A height beside the copper.
-
-    Notes
-    -----
     Before the first plate or sheet the returning waves are added to the field of the coils, which is exact. From there
     on the field consists of waves only, because a field of 1e-17 behind a thick plate would be lost in a difference.
     The coils are the coils in free space. Their waves close coils whose ends lie apart by a straight line. So at the
@@ -249,10 +206,10 @@ def _on_grid(
     weights: FloatArray,
     free: tuple[FloatArray, FloatArray] | None = None,
 ) -> ComplexArray:
-    """Sum the waves on a grid with profiles over height.
+    """Sum the waves on a grid with profiles over height, (3, n, nx, ny).
 
     The result is ∇ along the plane of the waves times `profiles` and the waves times `slopes`, each (n, k), less
-    `free`. Shape (3, n, nx, ny), per unit of b at the side's first face.
+    `free`, per unit of b at the side's first face.
     """
     total = np.zeros((3, len(profiles), len(x), len(y)), dtype=np.complex128)
     mine, others = waves.amplitudes(above)
@@ -270,19 +227,13 @@ def _on_grid(
 
 
 def _least_way(side: Sequence[Layer], other: Sequence[Layer], beyond: float) -> float:
-    """Least way of a wave from copper, in m.
-
-    It leads to a place `beyond` the copper, by the nearest body on either side.
-    """
+    """Least way in m of a wave from copper to a place `beyond` it by a body."""
     near, far = (_gap(one) for one in (side, other))
     return beyond if beyond >= near else min(2 * near - beyond, 2 * far + beyond)
 
 
 def _gap(side: Sequence[Layer]) -> float:
-    """Thickness in m of the air before the first body.
-
-    It is inf if there is no body.
-    """
+    """Thickness in m of the air before the first body, inf without a body."""
     if not side:
         return math.inf
     return side[0].thickness if side[0] == Layer(side[0].thickness) else 0.0
@@ -296,10 +247,7 @@ def _extent(points: FloatArray, x: FloatArray, y: FloatArray) -> float:
 
 
 def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights over wavenumbers, in 1/m.
-
-    They reach from 0 to the highest wavenumber and resolve an extent in m.
-    """
+    """Gauss–Legendre nodes and weights from 0 to `highest` for an extent in m."""
     count = wave_count(highest, extent)
     if count > _MOST_WAVENUMBERS:
         raise MetalError(

@@ -51,13 +51,13 @@ _MOST_NODES = 6000
 
 @dataclass(frozen=True, eq=False)
 class HalfBody:
-    """Upper half of a symmetric body.
+    """Upper half of a body that is its own mirror image at z = 0.
 
-    The body is its own mirror image at z = 0. `nodes` (n, 3) are in m about the centre. `triangles` (k, 3) are
-    anticlockwise seen from outside, and `rim` (k,) marks the triangles of the rim. `ring` has the nodes at z = 0 of the
-    outer rim, `hole_rings` the nodes of each hole. `caps` has, for each hole, points (m, 2) in m and their share of its
-    area in m². `inscribed` is the radius in m of the largest circle in it. Each node of the finer of two meshes lies in
-    the middle between its `parents` (n, 2), nodes of the coarser mesh.
+    `nodes` (n, 3) are in m about the centre. `triangles` (k, 3) are anticlockwise seen from outside, and `rim` (k,)
+    marks the triangles of the rim. `ring` has the nodes at z = 0 of the outer rim, `hole_rings` the nodes of each hole.
+    `caps` has, for each hole, points (m, 2) in m and their share of its area in m². `inscribed` is the radius in m of
+    the largest circle in it. Each node of the finer of two meshes lies in the middle between its `parents` (n, 2),
+    nodes of the coarser mesh.
     """
 
     nodes: FloatArray
@@ -93,8 +93,7 @@ class Footprint:
 
 
 Number = TypeVar("Number", np.float64, np.int64)
-Sizes: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Function that gives the required side of a triangle in m at points (n, 2) in m, shape (n,)."""
+Sizes: TypeAlias = Callable[[FloatArray], FloatArray]  # required side of a triangle in m at points (n, 2) in m
 
 
 def inscribed_radius(outline: Outline) -> float:
@@ -103,21 +102,17 @@ def inscribed_radius(outline: Outline) -> float:
 
 
 def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None) -> HalfBody:
-    """Mesh the upper half of a plate about its centre.
-
-    It is the finer mesh of `plate_meshes`.
-    """
+    """Mesh the upper half of a plate about its centre, finer of `plate_meshes`."""
     return plate_meshes(outline, thickness, fineness, above)[1]
 
 
 def plate_meshes(
     outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None
 ) -> tuple[HalfBody, HalfBody]:
-    """Mesh the upper half of a plate twice.
+    """Mesh the upper half of a plate about its centre, with lengths and half of them.
 
-    The plate is about its centre. The second mesh has half the lengths. `fineness` 2 has half the lengths of 1. The
-    meshes are finer if the plate is near the copper `above` or below it. Raises GeometryError for a fineness that is
-    not positive and finite, and for an outline too large or narrow.
+    `fineness` 2 has half the lengths of 1. The meshes are finer if the plate is near the copper `above` or below it.
+    Raises GeometryError for a fineness that is not positive and finite, and for an outline too large or narrow.
     """
     require_positive("fineness of a mesh", fineness, "")
     plane = _plane(outline)
@@ -163,18 +158,12 @@ class _Layout:
 
     @cached_property
     def loops(self) -> list[FloatArray]:
-        """Nodes (n, 2) in m of each rim.
-
-        The polygon through them has the same area as the rim.
-        """
+        """Nodes (n, 2) in m of each rim, a polygon of the same area."""
         return [rim.chords(place) for rim, place in zip(self.rims, self.places, strict=True)]
 
     @property
     def levels(self) -> list[FloatArray]:
-        """Nodes of all rings at every depth, in m.
-
-        Each has the shape (n, 2).
-        """
+        """Nodes (n, 2) in m of all rings at every depth."""
         start, way = np.concatenate(self.loops), np.concatenate(self.ways)
         return [start + depth * way for depth in self.depths.tolist()]
 
@@ -185,10 +174,7 @@ class _Layout:
         return [np.arange(first, stop) for first, stop in itertools.pairwise(starts)]
 
     def refined(self) -> _Layout:
-        """Divide every triangle in four.
-
-        New nodes of the rims follow the outline.
-        """
+        """Divide every triangle in four. New nodes of the rims follow the outline."""
         places, ways, deepest = [], [], self.depths[-1]
         for rim, place, loop, way in zip(self.rims, self.places, self.loops, self.ways, strict=True):
             after = np.append(place[1:], place[0] + rim.length)
@@ -223,9 +209,9 @@ class _Layout:
         )  # fmt: skip
 
     def _parents(self, edges: IntArray) -> IntArray:
-        """Pair of nodes between which each node lies after refinement.
+        """Nodes between which each node of the body lies after refinement.
 
-        They are nodes of the body. `edges` has the pairs of new inner nodes.
+        `edges` has the pairs of new inner nodes.
         """
         width, levels = sum(map(len, self.places)), len(self.depths)
         column = np.concatenate([_interleaved(loop, loop) for loop in self.order])
@@ -243,10 +229,7 @@ class _Layout:
 
     @cached_property
     def face(self) -> tuple[FloatArray, IntArray]:
-        """Nodes in m and triangles of the face.
-
-        Shapes (n, 2) and (k, 3).
-        """
+        """Nodes (n, 2) in m and triangles (k, 3) of the face."""
         levels = self.levels
         width = len(levels[0])
         bands = [
@@ -351,11 +334,10 @@ def _plane(outline: Outline) -> shapely.Polygon:
 
 @dataclass(frozen=True, eq=False)
 class _Rim:
-    """Ring by its corners (n, 2) in m.
+    """Ring by its corners (n, 2) in m and their places (n + 1,) in m along it.
 
-    It also has the places (n + 1,) in m of the corners along it. `before` and `after` (n, 2) are the unit normals to
-    the left at both ends of every side, and `middle` (n, 2) the normals at the corners. `turns` (n,) are the angles
-    there in rad, positive to the left.
+    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side, and `middle` (n, 2) the
+    normals at the corners. `turns` (n,) are the angles there in rad, positive to the left.
     """
 
     corners: FloatArray
@@ -391,10 +373,7 @@ class _Rim:
         return np.flatnonzero(np.abs(self.turns) > _CORNER)
 
     def at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points and unit normals at places in m.
-
-        The places have the shape (n,). The points (n, 2) are in m. The normals point to the left.
-        """
+        """Points (n, 2) in m, and unit normals to the left, at places (n,) in m."""
         places = places % self.length
         side = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.corners) - 1)
         share = ((places - self.ends[side]) / np.diff(self.ends)[side])[:, None]
@@ -404,10 +383,9 @@ class _Rim:
         return points, normals / np.hypot(*normals.T)[:, None]
 
     def chords(self, places: FloatArray) -> FloatArray:
-        """Corners of a polygon at places in m.
+        """Corners (n, 2) in m of a polygon at places (n,) in m.
 
-        The corners (n, 2) are in m, for places (n,). The polygon has about the same area as the ring, so that the
-        corners lie outside a curve.
+        It has about the same area as the ring, so that the corners lie outside a curve.
         """
         points, normals = self.at(places)
         side = np.searchsorted(self.ends, places % self.length, side="right") - 1
@@ -423,9 +401,9 @@ class _Rim:
         return np.asarray(points - np.where(turned, 0.0, out)[:, None] * normals)
 
     def samples(self, step: float) -> FloatArray:
-        """Places in m at most a `step` apart.
+        """Places in m at most a `step` apart, with the corners.
 
-        The corners are among them, and some places between two sharp corners.
+        Some places are between two sharp corners.
         """
         sharp = self.ends[self.sharp]
         between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
@@ -440,10 +418,9 @@ class _Rim:
 def _divided(
     rims: Sequence[_Rim], wanted: Sizes, fineness: float, height: float
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Places in m of the nodes on all rims.
+    """Places in m of the nodes on all rims, and distances to their own rim.
 
-    They follow from the local width, the corners and the required sizes. Also returns the distance in m of each node to
-    its own rim.
+    They follow from the local width, the corners and the required sizes.
     """
     whole = sum(rim.length for rim in rims)
     places = [rim.samples(whole / _SAMPLES) for rim in rims]
@@ -522,10 +499,9 @@ def _section(
 
 
 def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apart: FloatArray) -> FloatArray:
-    """Radii in m of the largest touching circles.
+    """Radii in m of the largest circles that touch a rim on its left.
 
-    The circles touch a rim on its left at points (n, 2), by samples of all rims. Samples nearer than `apart` (n,) in
-    m do not count.
+    They touch at points (n, 2), by samples of all rims. Samples nearer than `apart` (n,) in m do not count.
     """
     away = samples[None] - points[:, None]
     squares, height = (away**2).sum(axis=2), np.einsum("nsi,ni->ns", away, normals)
@@ -534,9 +510,9 @@ def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apar
 
 
 def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> FloatArray:
-    """Distances in m from points to the next rim.
+    """Distances in m from points (n, 2) along the normals to the next rim.
 
-    The distances are along the normals. The points (n, 2) are of all rims, `counts` on each.
+    The points are of all rims, `counts` on each.
     """
     after, first = [], 0
     for count in counts:
@@ -553,10 +529,7 @@ def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> F
 
 
 def _graded(points: FloatArray, values: FloatArray, growth: float) -> FloatArray:
-    """Lower values (n,) in m until they grow slowly.
-
-    They are at points (n, 2) and then grow by at most `growth` times the distance.
-    """
+    """Lower values (n,) until they grow by at most `growth` times the distance."""
     return _cone(points, points, values, growth)
 
 
@@ -571,10 +544,7 @@ def _spacing(loop: FloatArray) -> FloatArray:
 
 
 def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: float) -> bool:
-    """Test whether loops moved inwards stay valid.
-
-    They must stay simple, apart, and inside each other as before.
-    """
+    """Test whether loops moved inwards stay simple, apart and nested."""
     outer, *holes = moved = [loop + depth * way for loop, way in zip(loops, ways, strict=True)]
     flat = all(
         (_areas(np.concatenate((loop, inner)), _band(np.arange(len(loop)) + len(loop), np.arange(len(loop)))) > 0).all()
@@ -683,10 +653,7 @@ def _band(upper: IntArray, lower: IntArray) -> IntArray:
 
 
 def _cap(loop: FloatArray, step: float, sizes: Sizes) -> tuple[FloatArray, FloatArray]:
-    """Points and weights of a hole's integration rule.
-
-    The rule is of the second degree over the hole's area, with weights in m².
-    """
+    """Points and weights in m² of a rule of second degree over a hole."""
     finest = float(sizes(np.concatenate((loop, [loop.mean(axis=0)]))).min())
     points, triangles = _lattice([loop], step, finest, sizes)
     together = np.concatenate((loop, points))
@@ -701,9 +668,6 @@ def _areas(points: FloatArray, triangles: IntArray) -> FloatArray:
 
 
 def _loop_area(loop: FloatArray) -> float:
-    """Area to the left of a loop in m².
-
-    It is negative for a hole.
-    """
+    """Area to the left of a loop in m², negative for a hole."""
     x, y = loop.T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)

@@ -97,10 +97,7 @@ class ModelError:
         )
 
     def or_worse(self, other: ModelError) -> ModelError:
-        """Return the larger of each error.
-
-        The thickness is taken from the plate with the larger error of ΔR.
-        """
+        """Return the larger of each error, with the depths of the larger of ΔR."""
         return ModelError(
             max(self.whole, other.whole),
             max(self.inductance, other.inductance),
@@ -110,12 +107,11 @@ class ModelError:
 
 
 def model_error(material: Material, thickness: float, frequency: float, taken: float, kappa: float) -> ModelError:
-    """Errors of the reflection by an infinite plate.
+    """Errors of the reflection by an infinite plate for the wavenumber `kappa`.
 
-    They are due to λ at the κ `taken`, for the wavenumber `kappa`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1
-    + 2κλ/(µ0 (1 ± e))), as each face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ + 1) by
-    `coilarray.metal.magnetic_plates`, and its errors are the errors of |R|, of the whole |ΔL − jΔR/ω|. The error by its
-    edges comes with its solution.
+    They are due to λ at the κ `taken`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))), as each
+    face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and
+    its errors are the errors of |R|, of the whole |ΔL − jΔR/ω|. The error by its edges comes with its solution.
     """
     if math.isinf(material.conductivity):
         return ModelError()
@@ -136,9 +132,9 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
 
 
 def own_share(material: Material, thickness: float, frequency: float, kappa: float) -> float:
-    """Share of a current's own field in its driving field.
+    """Share of the field of currents at κ in 1/m in their driving field.
 
-    The current has the wavenumber κ in 1/m. The share is 1 for a perfect conductor.
+    The share is 1 for a perfect conductor.
     """
     if math.isinf(material.conductivity):
         return 1.0
@@ -161,10 +157,7 @@ def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: flo
 
 
 def _faces(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:
-    """Impedances λ in H for even and odd fields.
-
-    κ is in 1/m.
-    """
+    """Impedances λ in H for even and odd fields at κ in 1/m."""
     k2 = 2j / material.skin_depth(frequency) ** 2
     own, tanh_own = kappa * t / 2, math.tanh(kappa * t / 2)
     if abs(k2) < _WEAK * (kappa**2 + 4 / t**2):

@@ -32,46 +32,15 @@ def target_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> tuple[ComplexArray, PlateError | None]:
-    """Change of the impedance matrix by a target, in H.
+    """Change of the impedance matrix by a target, in H, and errors of a plate.
 
-    The change is a complex inductance.
-
-    Parameters
-    ----------
-    source : Source
-        The coils.
-    target : Target
-        The body. Its own places and distances are not used.
-    places : ndarray, shape (p, 2)
-        Places of its centre on the board in m.
-    distances : sequence of float, length d
-        Distances in m of its nearest point from the upper face of the sheets, or from the board without sheets.
-    frequencies : ndarray, shape (f,)
-        Frequencies in Hz, rising.
-    sheets : sequence of Sheet
-        Sheets on the board, upwards.
-    plates : sequence of Plate or FinitePlate
-        Fixed metal.
-    accuracy : {"full", "screen"}
-        Accuracy of an infinite target, see `coilarray.metal.flat_plates.plate_inductance`.
-    fineness : float
-        Fineness of the mesh of a finite plate, see `coilarray.metal.finite_plates.moving_plate`.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray of complex, shape (d, p, f, n, n)
-        ΔZ/(jω) = ΔL − jΔR/ω in H, with the target minus without.
-    PlateError or None
-        Errors of a finite plate. None for other bodies.
-
-    Raises
-    ------
-    MetalError
-        A sphere beside plates above the coils, and cases that the solver of the body refuses.
-    GeometryError
-        A target that reaches into metal, sheets or copper, and cases that the solver of the body refuses.
+    The change (d, p, f, n, n) is ΔZ/(jω) = ΔL − jΔR/ω, with the target minus without. Errors are None for bodies that
+    are not finite plates. The target's own places and distances are not used: its centre is at `places` (p, 2) in m on
+    the board, its nearest point at `distances` in m from the upper face of the sheets, or from the board without
+    sheets. `frequencies` (f,) in Hz rise. `plates` are fixed metal. `accuracy` is of an infinite target, see
+    `coilarray.metal.flat_plates.plate_inductance`, and `fineness` of the mesh of a finite plate, see
+    `coilarray.metal.finite_plates.moving_plate`. Raises MetalError for a sphere beside plates above the coils,
+    GeometryError for a target that reaches into metal, sheets or copper, and the errors of the body's solver.
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]

@@ -26,11 +26,10 @@ def _corner_cell(
     x_end: float, y_end: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
 ) -> float:  # fmt: skip
-    """Integrate a weighted kernel over a corner cell.
+    """Integrate (ax + bx x)(ay + by y) K from the origin to (x_end, y_end).
 
-    The integrand is (ax + bx x)(ay + by y) K over the rectangle from the origin to (x_end, y_end). K is the filament
-    integral at the lateral distance √(x² + y²). In polar coordinates there are two triangles on either side of the
-    diagonal, each with dθ/cos θ as variable, and r = R τ³ so that r ln r becomes smooth.
+    K is the filament integral at the lateral distance √(x² + y²). In polar coordinates there are two triangles on
+    either side of the diagonal, each with dθ/cos θ as variable, and r = R τ³ so that r ln r becomes smooth.
     """
     if x_end == 0.0 or y_end == 0.0:
         return 0.0
@@ -70,10 +69,7 @@ def _cell(
     x0: float, x1: float, y0: float, y1: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
 ) -> float:  # fmt: skip
-    """Integrate a weighted kernel over a cell.
-
-    The integrand is (ax + bx x)(ay + by y) K over the rectangle [x0, x1] × [y0, y1].
-    """
+    """Integrate (ax + bx x)(ay + by y) K over [x0, x1] × [y0, y1]."""
     near_x = max(0.0, x0, -x1)
     near_y = max(0.0, y0, -y1)
     if math.hypot(near_x, near_y) < 0.75 * max(x1 - x0, y1 - y0):
@@ -99,9 +95,9 @@ def _cell(
 def _offset_density(
     start_1: float, size_1: float, start_2: float, size_2: float, edges: FloatArray, lines: FloatArray
 ) -> None:
-    """Density of x2 − x1 for two uniform variables.
+    """Density of x2 − x1 for variables that are uniform on two intervals.
 
-    They are uniform on two intervals. The density has 4 edges and the 3 lines a + b x between them.
+    It has 4 edges and the 3 lines a + b x between them.
     """
     d = start_2 - start_1
     small, large = min(size_1, size_2), max(size_1, size_2)
@@ -121,10 +117,9 @@ def parallel_bars(
     length_2: float, width_2: float, thickness_2: float,
     dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
-    """Mean of ∬ dz dz'/R over two parallel bars.
+    """Mean of ∬ dz dz'/R over the cross-sections of two bars along z.
 
-    The mean is over both cross-sections, and the bars lie along z. Bar 1 is [0, width_1] × [0, thickness_1] × [0,
-    length_1]. Bar 2 starts at (dx, dy, dz).
+    Bar 1 is [0, width_1] × [0, thickness_1] × [0, length_1]. Bar 2 starts at (dx, dy, dz).
     """
     x_edges, x_lines = np.empty(4), np.empty((3, 2))
     y_edges, y_lines = np.empty(4), np.empty((3, 2))

@@ -1,8 +1,8 @@
-"""Flux density B of polylines on an NVIDIA GPU.
+"""Flux density B of polylines on an NVIDIA GPU, through `numba.cuda`.
 
-It runs through `numba.cuda`, as the sum of `kernels.segments` with a thread per point. If the package numba-cuda is
-installed (extra ``cuda``), ``numba.cuda`` is its target. Otherwise it is numba's own target, which is deprecated. It
-was never run on a GPU, only in numba's simulator.
+It is the sum of `kernels.segments` with a thread per point. If the package numba-cuda is installed (extra ``cuda``),
+``numba.cuda`` is its target. Otherwise it is numba's own target, which is deprecated. It was never run on a GPU, only
+in numba's simulator.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ def _sum_segments(
 def magnetic_field_on_gpu(
     points: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray
 ) -> FloatArray:
-    """Compute the flux density B of polylines in T.
+    """Compute the flux density B of polylines at points (n, 3), in T.
 
-    The points (n, 3) are in m. The arguments are as in `kernels.segments.add_magnetic_field`. If numba finds no usable
-    GPU, a MissingDependencyError is raised.
+    The arguments are as in `kernels.segments.add_magnetic_field`. If numba finds no usable GPU, a
+    MissingDependencyError is raised.
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(

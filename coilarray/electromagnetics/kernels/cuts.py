@@ -11,9 +11,9 @@ from coilarray.compute.arrays import FloatArray, IntArray
 
 
 def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Horizontal unit vectors across the segments, shape (n, 3).
+    """Horizontal unit vectors u × z across segments (n, 3), and a mask of them.
 
-    They are u × z. A mask (n,) of the segments that are not vertical is returned as well.
+    The mask (n,) is of the segments that are not vertical.
     """
     steps = np.diff(vertices, axis=0)
     across = np.hypot(steps[:, 0], steps[:, 1])
@@ -25,11 +25,10 @@ def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_
 def gauss_points(
     vertices: FloatArray, widths: FloatArray, segments: IntArray, rules: Sequence[tuple[float, int]]
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Gauss points along segments.
+    """Gauss points along segments: segment (n,), length in m (n,), point (n, 3).
 
-    The segment and the length in m of each point have shape (n,), the points (n, 3). `rules` has (least length in
-    widths, points), rising. The points keep half a width away from the corners. There the field of the next segment's
-    centre line, though not of its copper, has no bound.
+    `rules` has (least length in widths, points), rising. The points keep half a width away from the corners. There the
+    field of the next segment's centre line, though not of its copper, has no bound.
     """
     steps = np.diff(vertices, axis=0)
     lengths = np.linalg.norm(steps, axis=1)

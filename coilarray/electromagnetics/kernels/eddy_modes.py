@@ -22,17 +22,12 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.electromagnetics.kernels.sections import pair_logs
 
-Trace = tuple[float, float, float, float]
-"""Centre x and z, width and thickness."""
-Basis = tuple[FloatArray, FloatArray, FloatArray]
-"""Cells, √area and currents of one trace (`response_basis`)."""
+Trace = tuple[float, float, float, float]  # centre x and z, width and thickness
+Basis = tuple[FloatArray, FloatArray, FloatArray]  # cells, √area and currents of one trace (`response_basis`)
 
 
 def cosine_edges(size: float, count: int) -> FloatArray:
-    """Cell edges from −size/2 to size/2, finest at both ends.
-
-    The shape is (count + 1,).
-    """
+    """Cell edges (count + 1,) from −size/2 to size/2, finest at both ends."""
     return -0.5 * size * np.cos(np.pi * np.arange(count + 1) / count)
 
 
@@ -47,20 +42,14 @@ def cell_counts(width: float, thickness: float, longer: int, shorter: int) -> tu
 
 
 def mesh(x_edges: FloatArray, z_edges: FloatArray) -> FloatArray:
-    """Cells of a grid, shape (cells, 4).
-
-    The rows are x, z, width, thickness.
-    """
+    """Cells of a grid, (cells, 4) with x, z, width, thickness."""
     x, z = 0.5 * (x_edges[1:] + x_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
     columns = np.meshgrid(x, z, indexing="ij") + np.meshgrid(np.diff(x_edges), np.diff(z_edges), indexing="ij")
     return np.ascontiguousarray(np.column_stack([column.ravel() for column in columns]))
 
 
 def _without_net_current(M: FloatArray, uniform: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenpairs of M on the space orthogonal to `uniform`.
-
-    The coupling M `uniform` on this space is returned as well.
-    """
+    """Eigenpairs of M orthogonal to `uniform`, and M `uniform` there."""
     coupling = M @ uniform
     coupling -= uniform * (uniform @ coupling)
     # P M P, P = 1 − u uᵀ, from P M u = coupling
@@ -109,12 +98,11 @@ def isolated_modes(
 def response_basis(
     width: float, thickness: float, longer: int, shorter: int, betas: FloatArray, tolerance: float
 ) -> Basis:
-    """Cells, √area and current basis of one trace.
+    """Cells (n, 4), √area (n,) and orthonormal currents (n, basis) of a trace.
 
-    The basis is orthonormal. Its first column is the uniform current. The others span, to `tolerance`, the trace's
-    response at the frequencies `betas` to its own current and to incident potentials Re and Im (x + jz)^k, k = 1..4,
-    which fade as 2^−k. These are the Taylor series of the field of outside sources. Shapes (cells, 4), (cells,),
-    (cells, basis).
+    The first current is uniform. The others span, to `tolerance`, the trace's response at the frequencies `betas` to
+    its own current and to incident potentials Re and Im (x + jz)^k, k = 1..4, which fade as 2^−k. These are the Taylor
+    series of the field of outside sources.
     """
     nx, nz = cell_counts(width, thickness, longer, shorter)
     cells = mesh(cosine_edges(width, nx), cosine_edges(thickness, nz))
@@ -137,10 +125,7 @@ def response_basis(
 
 
 def _logs(first: FloatArray, second: FloatArray, x: float, z: float) -> FloatArray:
-    """Mean logarithms between the cells of two traces.
-
-    The second trace is at (x, z) from the first, and the shape is (cells, cells).
-    """
+    """Mean logarithms between the cells of two traces (x, z) apart."""
     logs = np.empty((len(first), len(second)))
     pair_logs(first, np.ascontiguousarray(second.T), x, z, logs)
     return logs
@@ -165,28 +150,19 @@ class Section:
     z: FloatArray
 
     def answer(self, sources: FloatArray, beta: FloatArray) -> ComplexArray:
-        """Amplitudes −jβ/(1 + jβM) s of sources (modes, n).
-
-        The shape is (frequencies, modes, n).
-        """
+        """Amplitudes −jβ/(1 + jβM) s of sources (modes, n), (frequencies, modes, n)."""
         modal = self.vectors.T @ sources
         factor = -1j * beta[:, None] / (1.0 + 1j * beta[:, None] * self.values)
         amplitude = self.vectors @ (factor[:, :, None] * modal).transpose(1, 0, 2).reshape(len(modal), -1)
         return np.asarray(amplitude.reshape(len(modal), len(beta), -1).transpose(1, 0, 2), dtype=np.complex128)
 
     def losses(self, sources: FloatArray, beta: FloatArray) -> FloatArray:
-        """Sum |y|² of the eddy currents of each trace.
-
-        The shape is (frequencies, traces, n).
-        """
+        """Sum |y|² of the eddy currents of each trace, (frequencies, traces, n)."""
         return np.asarray(np.add.reduceat(np.abs(self.answer(sources, beta)) ** 2, self.first[:-1], axis=1))
 
 
 def interaction(first: Basis, second: Basis, x: float, z: float) -> FloatArray:
-    """Matrix M between the currents of two traces.
-
-    The second trace is at (x, z) from the first.
-    """
+    """Matrix M between the currents of two traces (x, z) apart."""
     (cells, root, V), (other_cells, other_root, other_V) = first, second
     return np.asarray(-(root[:, None] * V).T @ _logs(cells, other_cells, x, z) @ (other_root[:, None] * other_V))
 
@@ -225,12 +201,12 @@ def bundle_factors(
     bundle: Section, alone: Sequence[Section], x: FloatArray, z: FloatArray, sign: FloatArray, mean: FloatArray,
     delta: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Heat ratio of each trace in a bundle and alone.
+    """Heat by filaments of each trace in a bundle over the heat alone.
 
-    The heat by filaments in the bundle is divided by the heat of the trace alone in the same field. The shape is (3,
-    frequencies, traces), for the current `sign` in all, for a uniform field along z, and for a uniform field along x.
-    `mean` (traces, 2) is the true field of unit current along x (for `sign` 1, reversed with the current) and z at each
-    trace. The bundle gets the difference to its own field as an incident field. `alone` has each trace as a section.
+    The trace alone is in the same field. The shape is (3, frequencies, traces), for the current `sign` in all, for a
+    uniform field along z, and for a uniform field along x. `mean` (traces, 2) is the true field of unit current along x
+    (for `sign` 1, reversed with the current) and z at each trace. The bundle gets the difference to its own field as an
+    incident field. `alone` has each trace as a section.
     """
     dx, dz = x[:, None] - x, z[:, None] - z
     r2 = dx**2 + dz**2

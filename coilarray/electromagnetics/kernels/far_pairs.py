@@ -17,29 +17,14 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
-MOST_NODES = 32
-"""Most nodes along one segment.
-
-Pairs that need more are left to the closed forms.
-"""
-APART = 7.6
-"""Distance in widths from which two nodes across suffice.
-
-This holds for each width: ln ρ ≥ 3.45 in the rules of `kernels.paths`.
-"""
-CAPACITY = 4096
-"""Number of nodes that are evaluated together.
-
-Their four arrays fit the caches.
-"""
+MOST_NODES = 32  # along one segment; pairs that need more are left to the closed forms
+APART = 7.6  # distance in widths from which two nodes across suffice, for each width: ln ρ ≥ 3.45 in `kernels.paths`
+CAPACITY = 4096  # nodes that are evaluated together, whose four arrays fit the caches
 _LANES = 8
 
 
 def gauss_tables(most: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights on [−1, 1] of Gauss rules.
-
-    The rules have up to `most` nodes, with the rule of n nodes in row n.
-    """
+    """Gauss nodes and weights on [−1, 1], the rule of n nodes in row n."""
     nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
     for n in range(1, most + 1):
         nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
@@ -50,9 +35,9 @@ _NODES, _WEIGHTS = gauss_tables(MOST_NODES)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:
-    """Least distances for n nodes, in segment lengths.
+    """Least distances in segment lengths for n nodes, entry n.
 
-    Entry n is the distance from which n nodes along a segment keep an error of e^`log_tolerance`.
+    From there n nodes along a segment keep an error of e^`log_tolerance`.
     """
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
@@ -60,9 +45,9 @@ def least_distances(log_tolerance: float) -> FloatArray:
 
 @kernel
 def node_count(distance: float, length: float, least: FloatArray) -> int:
-    """Count the nodes along a segment at a distance.
+    """Count the nodes along a segment by `least_distances`.
 
-    The count follows `least_distances`, and is MOST_NODES + 1 if they are too few.
+    The count is MOST_NODES + 1 if they are too few.
     """
     for n in range(2, MOST_NODES + 1):
         if distance >= least[n] * length:
@@ -74,10 +59,9 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
 def add_nodes(
     count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes along a segment.
+    """Collect the nodes along row `b` of a table, and return their number.
 
-    The segment is row `b` of a table, and starts at (dx, dy, dz) from the source's start. `batch` has the shape (4,
-    CAPACITY): x, y, z and weight. The number of collected nodes is returned.
+    The segment starts at (dx, dy, dz) from the source's start. `batch` (4, CAPACITY) holds x, y, z and weight.
     """
     half = 0.5 * b[6]
     for k in range(n):
@@ -92,10 +76,7 @@ def add_nodes(
 
 @kernel
 def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
-    """Weighted sum of a segment's potential over collected nodes.
-
-    The segment is row `a` of a table.
-    """
+    """Weighted sum of the potential of row `a` over collected nodes."""
     x, y, z, weight = batch[0], batch[1], batch[2], batch[3]
     padded = (count + _LANES - 1) // _LANES * _LANES
     for i in range(count, padded):

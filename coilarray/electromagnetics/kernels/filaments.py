@@ -17,16 +17,8 @@ from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 Point = tuple[float, float, float]
 
-PARALLEL_SIN2 = 1e-9
-"""Limit of sin² of the angle for panels.
-
-Below it the panel rule replaces the skew form, which errs like 1e-17/sin².
-"""
-COLLINEAR = 1e-13
-"""Relative distance of parallel lines that count as one.
-
-It is a fraction of the lengths.
-"""
+PARALLEL_SIN2 = 1e-9  # sin² of the angle below which the panel rule replaces the skew form, which errs like 1e-17/sin²
+COLLINEAR = 1e-13  # of the lengths: distance of parallel lines that count as one
 _NEAR = 1e-3  # of the distances to the ends; nearer, r1 + r2 − length would lose more than three digits
 _ON_LINE = 1e-32  # of the distances to the ends; least r1 + r2 − length, so that its logarithm is finite
 
@@ -71,30 +63,23 @@ def parallel_filaments(rho: float, offset: float, length_1: float, length_2: flo
 
 @kernel
 def _is_near(r1: float, r2: float, length: float) -> bool:
-    """Check whether a point is near a segment.
-
-    The point is at r1 and r2 from the ends. If it is near, `_line_potential` would lose digits.
-    """
+    """Check whether `_line_potential` would lose digits at r1, r2 from the ends."""
     return r1 + r2 - length < _NEAR * (r1 + r2)
 
 
 @kernel
 def _line_potential(r1: float, r2: float, length: float) -> float:
-    """Potential ∫ dl/R of a segment at a distant point.
-
-    The point is at r1 and r2 from the ends.
-    """
+    """Potential ∫ dl/R of a segment at r1 and r2 from its ends."""
     total = r1 + r2
     return log_of_ratio(total + length, total - length, length / total)
 
 
 @kernel
 def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
-    """Potential ∫ dl/R of a segment at a near point.
+    """Potential ∫ dl/R of a segment at a point near or on it.
 
-    The segment runs from the origin along the unit vector u, and the point (x, y, z) is near or on it. With ρ from the
-    line and a, b along it from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is a sum of two positive parts, each
-    ρ²/(r + a) for a > 0. So nothing cancels.
+    The segment runs from the origin along the unit vector u. With ρ from the line and a, b along it from the ends, r1 +
+    r2 − length = (r1 − a) + (r2 − b) is a sum of two positive parts, each ρ²/(r + a) for a > 0. So nothing cancels.
     """
     cx, cy, cz = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
     rho2 = cx * cx + cy * cy + cz * cz
@@ -177,10 +162,7 @@ def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2:
 
 @kernel
 def _angle_between(x1: float, y1: float, x2: float, y2: float) -> float:
-    """Difference atan2(y1, x1) − atan2(y2, x2).
-
-    It holds for x1, x2 > 0 and a difference below π.
-    """
+    """Angle atan2(y1, x1) − atan2(y2, x2) below π, for x1, x2 > 0."""
     return math.atan2(y1 * x2 - y2 * x1, x1 * x2 + y1 * y2)
 
 
@@ -284,9 +266,9 @@ def filament_pair_far(
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
     nodes: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip
-    """Compute `filament_pair` by a Gauss rule along both.
+    """Compute `filament_pair` by a Gauss rule on [−1, 1] along both.
 
-    The rule is on [−1, 1]. The filaments must be farther apart than they are long.
+    The filaments must be farther apart than they are long.
     """
     cosine = ux * vx + uy * vy + uz * vz
     h1, h2 = 0.5 * length_1, 0.5 * length_2

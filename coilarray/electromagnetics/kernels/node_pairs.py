@@ -1,7 +1,4 @@
-"""Sums over pairs of nodes that carry currents.
-
-They are Σ W_p·W'_q / |x_p − x'_q|.
-"""
+"""Sums Σ W_p·W'_q / |x_p − x'_q| over pairs of nodes that carry currents."""
 
 from __future__ import annotations
 
@@ -18,10 +15,10 @@ def add_node_sums(
     nodes: FloatArray, currents: FloatArray, other_nodes: FloatArray, other_currents: FloatArray, shifts: FloatArray,
     sums: FloatArray,
 ) -> None:  # fmt: skip
-    """Add the sum of two sets of nodes.
+    """Add the sum of two sets of nodes to `sums` (m,).
 
-    It is added to `sums` (m,), with the second set moved by each of `shifts` (m, 3). `nodes` and `currents` have the
-    shape (n, 3), the others (3, k), so that the processor takes several at once.
+    The second set is moved by each of `shifts` (m, 3). `nodes` and `currents` have the shape (n, 3), the others (3, k),
+    so that the processor takes several at once.
     """
     x, y, z = other_nodes[0], other_nodes[1], other_nodes[2]
     wx, wy, wz = other_currents[0], other_currents[1], other_currents[2]

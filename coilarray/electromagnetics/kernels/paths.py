@@ -36,32 +36,16 @@ from coilarray.electromagnetics.kernels.filaments import filament_pair, filament
 
 Vector = tuple[float, float, float]
 
-MAX_NODES = 16
-"""Largest Gauss rule in the tables."""
+MAX_NODES = 16  # of the Gauss rules in the tables
+# most filament pairs of a pair of bars, from three Gauss rules, and four signs or pieces
 RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
-"""Most filament pairs of one pair of bars.
-
-They come from three Gauss rules, and four signs or pieces.
-"""
 # The following numbers in widths are no round numbers. Distances are round, and rounding would decide on them as a coil
 # is turned.
-NODE_PAIR = 12.3
-"""Distance in widths from which two nodes suffice.
-
-It applies to parallel bars. The two nodes have the variance of the cross-section.
-"""
-THICK = 6.2
-"""Distance in widths beyond which thickness does not count.
-
-It applies to bars at an angle.
-"""
-TOUCHING = 0.47
-"""Distance in widths within which bars at an angle meet."""
+NODE_PAIR = 12.3  # widths of distance from which two nodes, of the cross-section's variance, suffice for parallel bars
+THICK = 6.2  # widths of distance beyond which thickness does not count for bars at an angle
+TOUCHING = 0.47  # widths of distance within which bars at an angle meet
+# sin² of the angle of bars that share their lateral direction (turns of a spiral are tilted by 3e-3)
 PARALLEL_SIN2 = 4e-4
-"""Limit of sin² of the angle of nearly parallel bars.
-
-Bars below it share their lateral direction (turns of a spiral are tilted by 3e-3).
-"""
 _SHORT = 30.7  # widths; the corners of longer sides change a single turn by less than 1e-5
 _WIDE_ANGLE = 0.97  # cosine of 14°; below it both kinks of a corner are nearly one
 _WIDE_NODES, _WIDE_LAYERS = 8, 6  # most nodes of a wide corner, 6 · 8 · 3 · 8 · 6 · 2 in all
@@ -71,17 +55,13 @@ _LOG_TOLERANCE_THICKNESS = -11.5  # ln 1e-5: the thickness changes a pair by abo
 _LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant thin filaments, exact otherwise
 _LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
 _NO_SHIFT = np.zeros(3)
-INNER = 0.5 / math.sqrt(3.0)
-"""Nodes of the two-point Gauss rule across a width.
-
-They are relative to the width.
-"""
+INNER = 0.5 / math.sqrt(3.0)  # of a width: nodes of the two-point Gauss rule across it
 
 
 def _triangle_tables() -> tuple[FloatArray, FloatArray]:
-    """Gauss rules for the density 1 − |x|.
+    """Gauss rules on [−1, 1] for the density 1 − |x|.
 
-    They are on [−1, 1] and follow from Stieltjes' recurrence and Golub & Welsch (1969).
+    They follow from Stieltjes' recurrence and Golub & Welsch (1969).
     """
     half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for the integrands of the recurrence
     x = np.concatenate((0.5 * (half - 1.0), 0.5 * (half + 1.0)))
@@ -111,18 +91,15 @@ def _normal(a: FloatArray) -> Vector:
 
 @kernel
 def _same_side(a: FloatArray, b: FloatArray) -> float:
-    """Relative sign of two lateral directions.
-
-    It is 1 if the lateral directions of two nearly parallel bars agree, and −1 if they oppose each other.
-    """
+    """Return 1 if the lateral directions of two bars agree, else −1."""
     return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
 
 
 @kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
-    """Vector from start to start of two bars, and distance.
+    """Vector from start to start of two bars, and distance of their middles.
 
-    The second bar is moved. The distance is between their middles.
+    The second bar is moved.
     """
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
     first, second = 0.5 * a[6], 0.5 * b[6]
@@ -132,10 +109,7 @@ def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, fl
 
 @kernel
 def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
-    """Shortest vector from the first segment to the second.
-
-    (dx, dy, dz) leads from start to start.
-    """
+    """Shortest vector between segments whose starts are (dx, dy, dz) apart."""
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     du = dx * a[3] + dy * a[4] + dz * a[5]
     dv = dx * b[3] + dy * b[4] + dz * b[5]
@@ -151,9 +125,9 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
 
 @kernel
 def _log_bernstein(x: float, y: float) -> float:
-    """Logarithm ln ρ of a Bernstein ellipse.
+    """Logarithm ln ρ of the Bernstein ellipse of [−1, 1] through x + iy.
 
-    The ellipse belongs to [−1, 1] and passes through x + iy. A Gauss rule of n nodes errs like ρ^(−2n).
+    A Gauss rule of n nodes errs like ρ^(−2n).
     """
     return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
         max(0.25 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) ** 2 - 1.0, 0.0)
@@ -178,12 +152,11 @@ def _set_offset(
 def _parallel_rule(
     a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
-    """Offsets of (nearly) parallel bars of equal size.
+    """Offsets of (nearly) parallel bars of equal size, none if they touch.
 
-    The nearest places are (gx, gy, gz) apart. The result is 0 if the bars touch. The lateral offset of two filaments
-    has a triangular density on [−width, width]. The same applies across the thickness. Its direction is the mean of the
-    two, so that a tilt counts in second order. Offsets up and down are equal for bars that lie `level` with each other.
-    Then one offset represents both.
+    The nearest places are (gx, gy, gz) apart. The lateral offset of two filaments has a triangular density on [−width,
+    width], and likewise across the thickness. Its direction is the mean of the two, so that a tilt counts in second
+    order. Offsets up and down are equal for bars that lie `level` with each other. Then one offset represents both.
     """
     width, thickness = a[10], a[11]
     normal = _normal(a)
@@ -216,8 +189,7 @@ def _parallel_rule(
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     """Offset to both sides that represents distant parallel bars.
 
-    The bars are far apart against their size. In the plane across the bars the kernel is harmonic, so only the
-    difference of the two variances counts.
+    In the plane across the bars the kernel is harmonic, so only the difference of the two variances counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     step = math.sqrt(abs(variance))
@@ -229,10 +201,7 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
 
 @kernel
 def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
-    """Offsets of distant parallel bars.
-
-    See `_two_node_offset`.
-    """
+    """Offsets of distant parallel bars, see `_two_node_offset`."""
     offset = _two_node_offset(a, b)
     for k in range(2):
         _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
@@ -241,10 +210,10 @@ def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
 
 @kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of two bars at an angle.
+    """Offsets of bars at an angle, or parallel bars of different size.
 
-    It also treats parallel bars of different size. Across the thickness there are two nodes with the variance of the
-    offset. One node suffices if the bars are too far apart or `level` with each other, so that up and down are equal.
+    Across the thickness there are two nodes with the variance of the offset. One node suffices if the bars are too far
+    apart or `level` with each other, so that up and down are equal.
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
@@ -268,10 +237,7 @@ def _add_layers(
     rule: FloatArray, count: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, thickness: float,
     sides: int, n_z: int, normal: Vector,
 ) -> int:  # fmt: skip
-    """Add the offsets across the thickness.
-
-    They are at s and t across the widths, and follow their triangular density.
-    """
+    """Add the offsets at s and t across the thickness, by their triangular density."""
     for c in range(n_z):
         z = 0.5 * (1.0 + _NODES[n_z, c])
         for side in range(sides):
@@ -283,11 +249,11 @@ def _add_layers(
 
 @kernel
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of two bars that meet at an angle.
+    """Offsets of two bars that meet at an angle, as neighbours in a path do.
 
-    Neighbours in a path meet in this way. The integrand has a kink where the two filaments meet end to end, at equal
-    lateral offsets, so the second width is cut there. The thickness rounds the kink off and enters by its triangular
-    offset density. One half of the density represents both if the bars lie `level` with each other.
+    The integrand has a kink where the two filaments meet end to end, at equal lateral offsets, so the second width is
+    cut there. The thickness rounds the kink off and enters by its triangular offset density. One half of the density
+    represents both if the bars lie `level` with each other.
     """
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)
@@ -348,9 +314,9 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
 
 @kernel
 def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
-    """Exact integral of touching parallel bars.
+    """Exact integral of touching parallel bars, without their tilt.
 
-    It is in the first bar's frame, without the tilt. (dx, dy, dz) leads from start to start.
+    (dx, dy, dz) leads from start to start.
     """
     sign = 1.0 if cosine > 0.0 else -1.0
     # The start of the second bar that comes first along the first bar, and its middle.
@@ -370,10 +336,7 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
 
 @kernel
 def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, tolerance: float) -> bool:
-    """Check whether ends of two segments meet.
-
-    They meet if an end of one segment is within `tolerance` of an end of the other.
-    """
+    """Check whether ends of two segments are within `tolerance`."""
     for i in range(2):
         for j in range(2):
             s, t = i * a[6], j * b[6]
@@ -451,10 +414,10 @@ def bar_pair(
 def _collect(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, count: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes of distant bars.
+    """Collect the nodes of distant bars, or return −1 if they do not lie apart.
 
-    See `kernels.far_pairs`. The result is −1 if the bars do not lie apart. The mean over the cross-sections is the mean
-    over two lateral offsets of each bar. Parallel bars need two offsets in all, as in `bar_pair` at this distance.
+    The mean over the cross-sections is the mean over two lateral offsets of each bar. Parallel bars need two offsets in
+    all, as in `bar_pair` at this distance.
     """
     dx, dy, dz, centre_distance = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
@@ -495,10 +458,7 @@ def _rows_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, near_widths: float, extra: int,
     own: bool,
 ) -> float:  # fmt: skip
-    """Sum rows start:stop of `first` with all of `second`.
-
-    For one path's `own` pairs, it sums the pairs i < j.
-    """
+    """Sum rows start:stop of `first` with `second`, or `own` pairs i < j."""
     rule = np.empty((RULE_SIZE, 4))
     batch = np.empty((4, CAPACITY))
     total = 0.0
@@ -527,18 +487,15 @@ def _rows_sum(
 def mutual_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, near_widths: float, extra: int
 ) -> float:
-    """Sum `bar_pair` over rows start:stop of `first`.
-
-    All rows of `second` moved by `shift` are taken.
-    """
+    """Sum `bar_pair` over rows start:stop of `first` and all moved by `shift`."""
     return _rows_sum(first, second, shift, start, stop, near_widths, extra, False)
 
 
 def own_mutual_sum(
     path: FloatArray, start: int, stop: int, near_widths: float, extra: int, shift: FloatArray = _NO_SHIFT
 ) -> float:
-    """Twice the sum of `bar_pair` over one path's pairs.
+    """Twice the sum of `bar_pair` over one path's pairs i < j.
 
-    The pairs are i < j with start ≤ i < stop, and j is moved by `shift`.
+    start ≤ i < stop, and j is moved by `shift`.
     """
     return 2.0 * _rows_sum(path, path, shift, start, stop, near_widths, extra, True)

@@ -19,19 +19,12 @@ from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
-NEAR = 6.0
-"""Distance up to which the closed form is used.
-
-It is in sides of the larger cell.
-"""
+NEAR = 6.0  # sides of the larger cell up to which the closed form is used
 
 
 @kernel
 def _antiderivative(x: float, z: float) -> float:
-    """Return −24 F of the module's text.
-
-    It is even in x and z, and zero at the origin.
-    """
+    """Return −24 F of the module's text, even in x and z."""
     x, z = abs(x), abs(z)
     x2, z2 = x * x, z * z
     r2 = x2 + z2
@@ -56,9 +49,9 @@ def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
 
 @kernel
 def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
-    """Mean of ln r between distant cells by `_moments`.
+    """Mean of ln r between distant cells (x, z) apart by `_moments`.
 
-    The cells are (x, z) apart. Without a branch, many are computed at once.
+    Without a branch, many are computed at once.
     """
     r2 = x * x + z * z
     inverse = 1.0 / r2
@@ -69,10 +62,7 @@ def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
 
 @kernel
 def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
-    """Mean of ln r between two cells in closed form.
-
-    The cells are w1 × t1 and w2 × t2, and are (x, z) apart.
-    """
+    """Mean of ln r between cells w1 × t1 and w2 × t2 in closed form."""
     total = 0.0
     for i in range(4):
         xi = x + (0.5 * w1 if i & 1 else -0.5 * w1) + (0.5 * w2 if i & 2 else -0.5 * w2)
@@ -86,11 +76,10 @@ def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: floa
 
 @kernel
 def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
-    """Mean of ln r between the cells of two traces.
+    """Mean of ln r between the cells of two traces (x, z) apart.
 
     `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4, m) holds the same
-    for the other trace, one per row, so that the processor takes several at once. The second trace lies at (x, z) from
-    the first. `out` has shape (n, m).
+    for the other trace, one per row, so that the processor takes several at once. `out` has shape (n, m).
     """
     xs, zs, ws, ts = second[0], second[1], second[2], second[3]
     for i in range(first.shape[0]):
@@ -109,12 +98,12 @@ def transverse_fields(
     points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, starts: IntArray,
     out: FloatArray,
 ) -> None:  # fmt: skip
-    """Field H of unit current in every polyline in 1/m.
+    """Field H of unit current in every polyline along two axes, in 1/m.
 
-    It is resolved along two axes, at points on segments. `points`, `lateral` and `normal` have shape (n, 3). `own` (n,)
-    is the row of `vertices` where the point's own segment begins, which adds nothing. `vertices` (m, 3) holds all
-    polylines, polyline c being rows starts[c]:starts[c + 1]. `out` (n, polylines, 2) receives H·lateral and H·normal in
-    1/m. The formula is from `coilarray.electromagnetics.kernels.segments`.
+    `points` on segments, `lateral` and `normal` have shape (n, 3). `own` (n,) is the row of `vertices` where the
+    point's own segment begins, which adds nothing. `vertices` (m, 3) holds all polylines, polyline c being rows
+    starts[c]:starts[c + 1]. `out` (n, polylines, 2) receives H·lateral and H·normal. The formula is from
+    `kernels.segments`.
     """
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

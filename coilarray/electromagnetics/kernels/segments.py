@@ -18,11 +18,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import kernel
 
-ON_WIRE = 1e-12
-"""Relative distance of points that count as on a segment.
-
-It is a fraction of the segment's length. The segment then adds nothing.
-"""
+ON_WIRE = 1e-12  # of the segment's length: a point nearer than this counts as on the segment, which then adds nothing
 _LN_2 = math.log(2.0)
 
 
@@ -33,8 +29,8 @@ def add_magnetic_field(
 ) -> None:  # fmt: skip
     """Add the B of polylines at a block of points.
 
-    `x`, `y`, `z`, `bx`, `by`, `bz`, `norm` have shape (n,). `vertices` (m, 3) holds all polylines in sequence, polyline
-    c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π in `weights`. `norm` is scratch.
+    `x`, `y`, `z`, `bx`, `by`, `bz` and the scratch `norm` have shape (n,). `vertices` (m, 3) holds all polylines in
+    sequence, polyline c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π in `weights`.
     """
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
@@ -71,11 +67,11 @@ def add_magnetic_field(
 
 @kernel
 def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
-    """Compute ln(top/bottom) without a branch.
+    """Compute ln(top/bottom) without a branch, so that many are computed at once.
 
-    Many are then computed at once. `ratio` is tanh of half of the result. With top/bottom = 2^k m, m near one, the
-    result is k ln 2 + 2 atanh((m − 1)/(m + 1)). For k = 0 the argument of atanh is `ratio`, known without the rounding
-    of m − 1. Far from a segment it keeps its relative accuracy.
+    `ratio` is tanh of half of the result. With top/bottom = 2^k m, m near one, the result is k ln 2 + 2 atanh((m −
+    1)/(m + 1)). For k = 0 the argument of atanh is `ratio`, known without the rounding of m − 1. Far from a segment it
+    keeps its relative accuracy.
     """
     # The difference of two floating-point numbers' bits is near the difference of their logarithms to base 2, times
     # 2^52.
@@ -94,10 +90,7 @@ def add_vector_potential(
     x: FloatArray, y: FloatArray, z: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray,
     ax: FloatArray, ay: FloatArray, az: FloatArray, norm: FloatArray,
 ) -> None:  # fmt: skip
-    """Add the A of polylines at a block of points.
-
-    The arguments are as in `add_magnetic_field`.
-    """
+    """Add the A of polylines, with the arguments of `add_magnetic_field`."""
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
         weight = weights[c]

@@ -37,11 +37,11 @@ _RULE = np.array(
 
 @kernel
 def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals: FloatArray) -> None:
-    """Write the integrals of triangle pairs in m³.
+    """Write the integrals (k, n) in m³ of triangle pairs.
 
-    The triangles are `corners` (k, 3, 3) and `other` (n, 3, 3), and the result has shape (k, n). The integrals are
-    symmetric if `corners` are the triangles of `other` from number `first` on, or their mirror images. Then only the
-    integrals up to the diagonal are written. If `first` is n, all are written.
+    The triangles are `corners` (k, 3, 3) and `other` (n, 3, 3). The integrals are symmetric if `corners` are the
+    triangles of `other` from number `first` on, or their mirror images. Then only the integrals up to the diagonal are
+    written. If `first` is n, all are written.
     """
     n = other.shape[0]
     moments, areas = np.empty((n, 10)), np.empty(n)
@@ -174,11 +174,11 @@ def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> flo
 def double_layers(
     corners: FloatArray, other: FloatArray, nodes: IntArray, factor: float, integrals: FloatArray
 ) -> None:
-    """Add double-layer integrals over triangles in m².
+    """Add `factor` times double-layer integrals over triangles, (k, n) in m².
 
-    `factor` times the integrals over triangles `corners` (k, 3, 3) of layers on the `other` triangles is added, (k, n).
-    `nodes` (l, 3) are the numbers of the other triangles' corners, at one of which each linear function is 1. Normals
-    point to the side from which the corners are seen anticlockwise.
+    The integrals are over triangles `corners` (k, 3, 3) of layers on the `other` triangles. `nodes` (l, 3) are the
+    numbers of the other triangles' corners, at one of which each linear function is 1. Normals point to the side from
+    which the corners are seen anticlockwise.
     """
     radii = np.empty(other.shape[0])
     centres = np.empty((other.shape[0], 3))

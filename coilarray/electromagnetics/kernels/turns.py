@@ -34,11 +34,11 @@ _STEP = 1e-10  # of the path's size; evenness of the steps
 
 @cache
 def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Rules for sums over equidistant indices, one per row.
+    """Rules for sums over n = 1 … `longest` equidistant indices, one per row.
 
-    The sums are over n = 1 … `longest` indices. The rules have members, weights, check, counts. Of the `counts[n]`
-    members (indices from 0) the weights are exact for polynomials of degree 4. The weights `check` are exact for degree
-    3 without the middle member. All except the counts have the shape (longest + 1, 5).
+    They are members, weights, check, counts. Of the `counts[n]` members (indices from 0) the weights are exact for
+    polynomials of degree 4. The weights `check` are exact for degree 3 without the middle member. All except the counts
+    have the shape (longest + 1, 5).
     """
     members = np.zeros((longest + 1, _MEMBERS), dtype=np.int64)
     weights, check = np.zeros((longest + 1, _MEMBERS)), np.zeros((longest + 1, _MEMBERS))
@@ -59,11 +59,10 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 
 
 def find_series(path: FloatArray) -> IntArray:
-    """Cut a path into series of evenly stepping segments.
+    """Cut a path (rows of `kernels.paths`) into series of evenly stepping segments.
 
-    The path is rows of `coilarray.electromagnetics.kernels.paths`. Rows of the result are first row, stride and number
-    of rows of a series, whose starts and ends step evenly. Every segment is in one series, and a single segment is a
-    series of its own.
+    Rows of the result are first row, stride and number of rows of a series, whose starts and ends step evenly. Every
+    segment is in one series, and a single segment is a series by itself.
     """
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
@@ -90,10 +89,7 @@ def _step_evenly(
     places: FloatArray, sizes: FloatArray, free: BoolArray, i: IntArray | int, j: IntArray, k: IntArray,
     tolerance: float,
 ) -> BoolArray:  # fmt: skip
-    """Mask of the triples of segments that step evenly.
-
-    They are free, have one cross-section, and have their starts and ends on equidistant points.
-    """
+    """Mask of the triples of free, alike segments on equidistant points."""
     alike = (sizes[i] == sizes[j]).all(axis=-1) & (sizes[j] == sizes[k]).all(axis=-1)
     bend = np.abs(places[i] - 2.0 * places[j] + places[k]).max(axis=-1)
     return np.asarray(alike & (bend <= tolerance) & free[i] & free[j] & free[k])
@@ -102,10 +98,7 @@ def _step_evenly(
 def series_members(
     series: IntArray, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray
 ) -> tuple[IntArray, FloatArray]:
-    """Rows and weights that represent a whole path.
-
-    Both have shape (n,).
-    """
+    """Rows and weights (n,) that represent a whole path."""
     rows = [first + step * members[n, : counts[n]] for first, step, n in series]
     return np.concatenate(rows), np.concatenate([weights[n, : counts[n]] for n in series[:, 2]])
 
@@ -131,10 +124,9 @@ def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
-    """Sum of two series.
+    """Sum of two series, or of the pairs i < j of one series (`own`).
 
-    For one series' `own` pairs, the pairs i < j are summed. The sum is cut into lines of pairs (i + t·di, j + t·dj), 0
-    ≤ t < n, and a line is halved if its two rules disagree.
+    The sum is cut into lines of pairs (i + t·di, j + t·dj), 0 ≤ t < n, and a line is halved if its two rules disagree.
     """
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
