@@ -121,7 +121,7 @@ def has_screen() -> bool:
 class _Answer:
     """Result of the test.
 
-    It is a problem, or the class of VTK's render window. The window that the user chose is stored too.
+    It is a problem, or the class of VTK's render window.
     """
 
     problem: str | None
@@ -175,10 +175,7 @@ def _probe() -> _Answer:
 
 
 def _run_probe(environment: dict[str, str]) -> _Answer:
-    """Render a sphere in a child process.
-
-    A failure is described in a few words.
-    """
+    """Render a sphere in a child process."""
     try:
         child = subprocess.run(
             [sys.executable, "-P", "-c", _PROBE],  # without the working folder

@@ -72,10 +72,7 @@ class CurveLook(TypedDict):
 
 
 def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-    """Give each name a colour.
-
-    If there are more names than colours, the colours repeat.
-    """
+    """Give each name a colour."""
     return {name: colours[k % len(colours)] for k, name in enumerate(names)}
 
 
@@ -120,7 +117,7 @@ def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> 
 def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
     """Choose a different colour for each place.
 
-    The colours are the first of `MANY`. Near places have colours far from each other.
+    The colours are the first of `MANY`.
     """
     red, green, blue = np.array([[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in MANY]).T
     # Lightness, and each of the two differences of colour that remain if one kind of cones is missing.

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,13 +23,14 @@ from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
 from coilarray.report.figures import draw
 from coilarray.report.page import now, render_page
+from coilarray.studies.optimize.goal import Objective
 from coilarray.studies.optimize.importance import importance
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.space import Axis
 from coilarray.studies.optimize.trials import Trial
 from coilarray.studies.optimize.write import design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
-from coilarray.viz import boards_figure, plot_importance, plot_pareto, plot_search
+from coilarray.viz import boards_figure, plot_convergence, plot_front, plot_importance
 
 _CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page always shows
 _MOST_REASONS = 5
@@ -251,14 +252,26 @@ def reason_table(result: Optimization) -> Table:
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
     """Draw the convergence of the search."""
-    return [
-        draw(
-            f"convergence_{k}",
-            f"Score of every trial in turn: {objective.wish}. Points that break a bound may lie outside.",
-            plot_search(result, k),
+    trials, start = result.trials, result.start.scores
+    pictures = []
+    for k, objective in enumerate(result.goal.objectives):
+        axes = plot_convergence(
+            [trial.scores[k] if trial.scores else math.nan for trial in trials],
+            [trial.feasible for trial in trials],
+            label=_axis_label(objective),
+            maximized=objective.maximized,
+            polished_from=next((n for n, trial in enumerate(trials) if trial.kind == "polish"), None),
+            start=start[k] if start else None,
+            log=objective.target is not None,
         )
-        for k, objective in enumerate(result.goal.objectives)
-    ]
+        caption = f"Score of every trial in turn: {objective.wish}. Points that break a bound may lie outside."
+        pictures.append(draw(f"convergence_{k}", caption, axes))
+    return pictures
+
+
+def _axis_label(objective: Objective) -> str:
+    """Quantity of a score, whose name contains the unit."""
+    return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
 
 
 def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, float]]) -> list[Picture]:
@@ -276,12 +289,24 @@ def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, floa
 
 def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Picture]:
     """Draw the front by pairs of objectives."""
-    if not any(trial.scores for trial in result.trials):
+    possible = [trial for trial in result.trials if trial.scores]
+    if not possible:
         return []
+    place = {trial.name: k for k, trial in enumerate(possible)}
+    objectives, start = result.goal.objectives, result.start.scores
     pictures = []
-    for i, j in list(itertools.combinations(range(len(result.goal.objectives)), 2))[:_MOST_FRONTS]:
-        axes = plot_pareto(result, (i, j), named={one.trial.name: one.label for one in chosen})
-        wishes = " and ".join(result.goal.objectives[k].wish for k in (i, j))
+    for i, j in list(itertools.combinations(range(len(objectives)), 2))[:_MOST_FRONTS]:
+        ahead: Literal["pre", "post"] = "pre" if objectives[i].maximized else "post"
+        axes = plot_front(
+            [(trial.scores[i], trial.scores[j]) for trial in possible],
+            [trial.feasible for trial in possible],
+            [place[trial.name] for trial in result.front],
+            labels=(_axis_label(objectives[i]), _axis_label(objectives[j])),
+            start=(start[i], start[j]) if start else None,
+            named={place[one.trial.name]: one.label for one in chosen},
+            stairs=ahead if len(objectives) == 2 else None,
+        )
+        wishes = " and ".join(objectives[k].wish for k in (i, j))
         pictures.append(draw(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the given design.", axes))
     return pictures
 

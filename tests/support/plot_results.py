@@ -9,7 +9,6 @@ import xarray as xr
 import coilarray.studies.calibrate.calibration as calibration_module
 from coilarray import calibrate, load_design
 from coilarray.circuit.coupling import couple
-from coilarray.design.model import load_design_file
 from coilarray.hardware.record.stability import stability
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
@@ -17,17 +16,10 @@ from coilarray.paper.ellipse import fit_ellipses
 from coilarray.paper.ellipse_model import ellipse_model
 from coilarray.paper.published import published_model
 from coilarray.studies.calibrate.plan import check_plan
-from coilarray.studies.optimize import Optimization, Trial, front_of, parse_goal
 from support.localize_boards import ROW
 from support.localize_boards import board as row_of_bells
 
 NAMES = ["coil1", "coil2", "coil3"]
-GOAL = """
-schema = 1
-title = "small and far apart"
-variable = [{entry = "array.pitch_mm", low = 8, high = 13}]
-objective = [{quantity = "worst_k", direction = "minimize"}, {quantity = "span_mm", direction = "maximize"}]
-"""
 
 
 def curves(ax):
@@ -251,19 +243,6 @@ def grid_sweep():
             "array.columns": ("array.columns", [2, 3, 6], {"units": "1"}),
         },
     )
-
-
-def optimization(scores=((0.3, 40.0), (0.2, 30.0), (0.4, 35.0), (0.25, 50.0))):
-    """Search with two objectives: worst_k small, span_mm large; and one point that could not be."""
-    goal = parse_goal(GOAL)
-    trials = [
-        Trial("search", k, {"array.pitch_mm": 8.0 + k}, {"worst_k": a, "span_mm": b}, (a, b), {})
-        for k, (a, b) in enumerate(scores)
-    ]
-    trials.append(Trial("search", len(trials), {}, {}, (), {}, "no board"))
-    start = Trial("start", 0, {}, {"worst_k": 0.35, "span_mm": 20.0}, (0.35, 20.0), {})
-    found = (tuple(trials), front_of(trials, goal), 0, "several objectives")
-    return Optimization(load_design_file("starter"), goal, (), start, False, *found)
 
 
 def tolerances():

@@ -6,7 +6,7 @@ import xarray as xr
 from support.plot_results import calibration, curves
 
 from coilarray import viz
-from coilarray.viz.plots import calibration as drawing
+from coilarray.viz.plots import measurement as drawing
 
 
 @pytest.mark.slow

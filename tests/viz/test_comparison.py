@@ -6,7 +6,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.patches import Polygon
 from support.plot_results import comparison
 
-from coilarray.viz.plots.comparison import comparison_figure, plot_centres, plot_readings, plot_residual
+from coilarray.viz.plots.measurement import comparison_figure, plot_centres, plot_readings, plot_residual
 
 
 def mesh(ax):

@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 
 from coilarray.viz import palette
 from coilarray.viz.palette import DIVERGING, SEQUENTIAL, coil_colours, curve_look
-from coilarray.viz.plots.coupling import plot_matrix
+from coilarray.viz.plots.circuit import plot_matrix
 
 # rows give red, green and blue as they are seen
 VISIONS = {

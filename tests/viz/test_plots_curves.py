@@ -9,11 +9,10 @@ from support import plot_results as results
 from support.plot_results import curves, legend
 
 from coilarray.compute.display_units import DisplayUnit
-from coilarray.viz.plots import sweep_grid as sweeps
-from coilarray.viz.plots.optimize import plot_pareto, plot_search
-from coilarray.viz.plots.response import plot_bell_curve, plot_response, response_figure
+from coilarray.viz.plots import circuit as circuits
+from coilarray.viz.plots import sweep as sweeps
+from coilarray.viz.plots.response import plot_bell_curve, plot_response, plot_target, response_figure, target_figure
 from coilarray.viz.plots.style import axis_unit
-from coilarray.viz.plots.target import plot_target, target_figure
 
 
 @given(st.floats(1e-22, 1e22), st.sampled_from(["H", "ohm", "T", "Hz", "N"]))
@@ -46,7 +45,7 @@ def test_units_of_axes_and_a_map_with_gaps():
 )
 def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
     sweep = results.frequency_sweep()
-    ax = sweeps.plot_frequency_sweep(sweep, quantity)
+    ax = circuits.plot_frequency_sweep(sweep, quantity)
     assert ax.get_xscale() == "log"
     assert list(curves(ax)) == ["a", "b"]
     for name, line in curves(ax).items():
@@ -64,7 +63,7 @@ def test_of_many_states_three_curves_stand_out_and_the_range_of_all_is_shown():
     share = xr.DataArray(1 + np.random.default_rng(0).permutation(16) / 100, dims="state")
     many = (one * share).assign_coords(state=[f"coil{k + 1}" for k in range(16)])
     many.apparent_inductance.attrs = one.apparent_inductance.attrs
-    ax = sweeps.plot_frequency_sweep(many)
+    ax = circuits.plot_frequency_sweep(many)
     order = share.values.argsort()
     assert set(curves(ax)) == {f"coil{order[k] + 1}" for k in (0, 8, 15)}
     (band,) = ax.collections
@@ -79,7 +78,7 @@ def test_resonances_are_marked_on_every_curve():
     scan = xr.Dataset(
         {"frequency": ("state", [1e6, 2e6]), "state_self_resonance": ("state", [8e6, 9e7])}, {"state": states}
     )
-    inductance, resistance, quality = sweeps.frequency_figure(sweep, scan).axes
+    inductance, resistance, quality = circuits.frequency_figure(sweep, scan).axes
     for ax in (inductance, resistance, quality):
         drawn = [line for line in ax.lines if len(line.get_xdata())]  # the legend's own have no points
         dots = [line for line in drawn if line.get_marker() == "o"]
@@ -91,7 +90,7 @@ def test_resonances_are_marked_on_every_curve():
     assert (resistance.get_legend(), quality.get_legend()) == (None, None)  # they would say the same
     assert float(next(line for line in inductance.lines if line.get_marker() == "o").get_ydata()[0]) == 50.0  # µH
     assert resistance.get_yscale() == "log"
-    far = sweeps.plot_frequency_sweep(sweep, scan=scan.assign(state_self_resonance=9 * scan.state_self_resonance))
+    far = circuits.plot_frequency_sweep(sweep, scan=scan.assign(state_self_resonance=9 * scan.state_self_resonance))
     labels = [text.get_text() for text in far.get_legend().get_texts()]
     assert labels == ["a", "b", "with the tank"]  # nothing is named that is not drawn
 
@@ -99,21 +98,21 @@ def test_resonances_are_marked_on_every_curve():
 @pytest.mark.lowest
 def test_a_pole_is_cut_off_at_four_times_the_first_value():
     sweep = results.frequency_sweep()
-    assert sweeps.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
-    assert sweeps.plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
+    assert circuits.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
+    assert circuits.plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
     beyond = sweep.assign(apparent_inductance=sweep.apparent_inductance * xr.where(sweep.frequency > 1e6, -1, 1))
-    line = next(iter(curves(sweeps.plot_frequency_sweep(beyond)).values()))
+    line = next(iter(curves(circuits.plot_frequency_sweep(beyond)).values()))
     assert np.isnan(line.get_ydata()).sum() == 1  # no line through zero where the winding resonates by itself
     steep = sweep.copy(deep=True)
     steep.apparent_inductance[-1] *= 0.1  # of b from 760 to 90 µH; the axis ends at 240 µH
-    line = curves(sweeps.plot_frequency_sweep(steep))["b"]
+    line = curves(circuits.plot_frequency_sweep(steep))["b"]
     assert np.isnan(line.get_ydata()).sum() == 1  # nor one from above the axis to a sample on the steep fall
     flat = sweep.isel(state=[0])
-    assert sweeps.plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
-    single = sweeps.plot_frequency_sweep(sweep.isel(frequency=[0]))
+    assert circuits.plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
+    single = circuits.plot_frequency_sweep(sweep.isel(frequency=[0]))
     assert all(line.get_marker() == "o" for line in single.lines)
     with pytest.raises(ValueError, match=r"quantity must be one of apparent_inductance, .*; got 'Q'"):
-        sweeps.plot_frequency_sweep(sweep, "Q")
+        circuits.plot_frequency_sweep(sweep, "Q")
 
 
 def test_coupling_over_pitch_has_its_zeros():
@@ -216,32 +215,6 @@ def test_a_bell_curve_goes_along_y_around_gaps_and_over_the_middle():
     shifted["coil_x"] = shifted.coil_x + 5e-3
     right = shifted.isel(x=slice(8, None))  # its middle is over coil2
     assert plot_bell_curve(right).get_title(loc="left") == "Bell curve of coil2"
-
-
-def test_a_pareto_front_and_a_search_are_those_of_the_result():
-    """Small k and large span: (0.2, 30) has the least k, (0.25, 50) the largest span; the others are beaten."""
-    result = results.optimization()
-    ax = plot_pareto(result, named={result.front[0].name: "least k"})
-    drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
-    np.testing.assert_allclose(drawn["Pareto front"], [[0.2, 30], [0.25, 50]])
-    np.testing.assert_allclose(drawn["keeps all bounds"], [[0.3, 40], [0.2, 30], [0.4, 35], [0.25, 50]])
-    np.testing.assert_allclose(drawn["given design"], [[0.35, 20]])
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("worst_k", "span_mm")
-    (text,) = ax.texts
-    assert (text.get_text(), text.xy) == ("least k", (0.2, 30.0))
-    turned = plot_pareto(result, (1, 0))
-    np.testing.assert_allclose(turned.collections[1].get_offsets(), [[30, 0.2], [50, 0.25]])
-    # of a small k the step is after the point, of a large span before it: between points nobody is better
-    assert (ax.lines[0].get_drawstyle(), turned.lines[0].get_drawstyle()) == ("steps-post", "steps-pre")
-    with pytest.raises(ValueError, match="one of the goal's 2, counted from 0; got 2"):
-        plot_pareto(result, (0, 2))
-    ax = plot_search(results.optimization(), 1)
-    drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
-    np.testing.assert_allclose(drawn["keeps all bounds"], [[0, 40], [1, 30], [2, 35], [3, 50]])
-    np.testing.assert_allclose(curves(ax)["best so far"].get_ydata(), [40, 40, 40, 50, 50])  # larger is better
-    assert ax.get_ylabel() == "span_mm"
-    with pytest.raises(ValueError, match="got -1"):
-        plot_search(results.optimization(), -1)
 
 
 def test_a_target_is_drawn_against_its_distance():

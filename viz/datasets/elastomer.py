@@ -163,8 +163,7 @@ def _rays(
 ) -> tuple[FloatArray, FloatArray]:
     """Directions over three quarters, and ray lengths in m.
 
-    The directions include the corners. Rays end at the edge of the extent or of the body. The edge of the body is at
-    the radius `end` or, for a plane body, at |x| equal to `end`.
+    The edge of the body is at the radius `end` or, for a plane body, at |x| equal to `end`.
     """
     (x, y), (x_min, y_min, x_max, y_max) = centre, extent
     if not (x_min < x < x_max and y_min < y < y_max):

@@ -113,10 +113,7 @@ def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
 
 
 def flux_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, B: npt.ArrayLike) -> pyvista.RectilinearGrid:
-    """Put B in T on a grid as `field_grid` does.
-
-    The magnitude is a second point array.
-    """
+    """Put B in T on a grid as `field_grid` does."""
     grid = field_grid(x, y, z, B)
     grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
     return grid
@@ -239,10 +236,7 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Choose axis values at least a distance apart.
-
-    Their indices are returned. The axis ascends. The indices are centred as far as possible.
-    """
+    """Choose axis values at least a distance apart."""
     kept = _apart(axis, 0, distance)
     return _apart(axis, (len(axis) - 1 - kept[-1]) // 2, distance)
 
@@ -250,7 +244,7 @@ def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
 def _apart(axis: npt.NDArray[np.float64], first: int, distance: float) -> list[int]:
     """Choose axis values from `first` on, a distance apart.
 
-    Their indices are returned. Each is the next index whose value is at least the distance away.
+    Each is the next index whose value is at least the distance away.
     """
     kept = [first]
     for k in range(first + 1, len(axis)):
@@ -287,7 +281,7 @@ def _followed(
 def _first_round(line: npt.NDArray[np.float64]) -> int | None:
     """Count the points until a line returns to its seed.
 
-    It returns through the plane across it. The count is None if the line does not return.
+    The count is None if the line does not return.
     """
     if len(line) < 2:
         return None

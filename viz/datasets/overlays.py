@@ -219,10 +219,7 @@ def draped_outlines(
 
 
 def semi_axis_factor(confidence: float) -> float:
-    """Semi-axes of an ellipse in standard deviations.
-
-    They are √q with q the quantile of χ² for two degrees of freedom.
-    """
+    """Semi-axes of an ellipse in standard deviations."""
     return math.sqrt(-2 * math.log1p(-confidence))
 
 

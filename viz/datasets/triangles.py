@@ -44,10 +44,7 @@ def solid_mesh(solid: trimesh.Trimesh) -> pyvista.PolyData:
 
 
 def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
-    """Surface of a grid with its arrays.
-
-    A surface stays unchanged.
-    """
+    """Surface of a grid with its arrays."""
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 
     from coilarray.viz.extra_3d import pyvista

@@ -50,13 +50,6 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
         Board that is drawn.
     layer : str
         Name of the copper layer.
-    ax : Axes, optional
-        Axes to draw into, in mm.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -92,13 +85,6 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     ----------
     array : CoilArray
         Board that is drawn.
-    ax : Axes, optional
-        Axes to draw into, in mm.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -136,10 +122,7 @@ def _draw_holes(ax: Axes, holes: tuple[Drill, ...]) -> None:
 
 
 def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
-    """Patch in mm of a polygon in m.
-
-    Its holes stay open.
-    """
+    """Patch in mm of a polygon in m."""
     rings = [shape.exterior, *shape.interiors]
     signs = [1, *[-1] * len(shape.interiors)]  # holes run the other way round, so that they stay open
     paths = [
@@ -160,10 +143,7 @@ def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
 
 
 def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
-    """Write the names of coils over their centres.
-
-    The letters are as large as the distance of neighbours allows.
-    """
+    """Write the names of coils over their centres."""
     x_min, y_min, x_max, y_max = array.bounds
     inches = (figure_size(x_max - x_min, y_max - y_min)[0] - 1.2) / (x_max - x_min)  # of one metre of the board
     size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.least_distance * inches * 72))
@@ -174,10 +154,7 @@ def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
 
 @dataclass(frozen=True)
 class _Mark:
-    """Circle on one layer.
-
-    It holds the numbers of the margins at this place, and the worst of them.
-    """
+    """Circle on one layer."""
 
     numbers: tuple[int, ...]
     worst: Margin
@@ -261,10 +238,7 @@ def _circle(ax: Axes, mark: _Mark) -> None:
 
 
 def _numbers(mark: _Mark) -> str:
-    """Text of the numbers of a mark.
-
-    Runs of three and more are shortened: 1, 4–7.
-    """
+    """Text of the numbers of a mark."""
     runs: list[list[int]] = []
     for number in mark.numbers:
         if runs and number == runs[-1][-1] + 1:

@@ -29,15 +29,8 @@ def plot_field_lines(
     ----------
     fields : mapping of str to xarray.Dataset
         Results of `coilarray.operating_field` along x, with one y and one z, by their texts in the legend.
-    ax : Axes, optional
-        Axes to draw into, mm across.
     coil : tuple of float, optional
         Ends of the coil along x in m. The coil is shaded.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -79,19 +72,14 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
 
     The outlines of the coils are drawn too.
 
+    The colours are symmetric about zero.
+
     Parameters
     ----------
     field : xarray.Dataset
         Result of `coilarray.operating_field` with one z.
-    ax : Axes, optional
-        Axes to draw into, in mm. The colours are symmetric about zero.
     outlines : sequence of array_like
         As in `coilarray.viz.plot_response`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------

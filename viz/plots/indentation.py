@@ -36,13 +36,6 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     ----------
     indentation : xarray.Dataset
         Result of `coilarray.indent`.
-    ax : Axes, optional
-        Axes to draw into, mm across.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -83,13 +76,6 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
         As in `plot_force_depth`.
     indenter, depth : Indenter and int
         Body that made the dent, and index of the depth in the dataset. The default is the deepest.
-    ax : Axes, optional
-        Axes to draw into, in mm with equal scales.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -141,11 +127,6 @@ def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
     ----------
     indentation, indenter
         As in `plot_dent`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
     """
     width, height = _dent_size(indentation)
     heights = [height] if indentation.sizes["depth"] == 1 else [height, _FORCE_HEIGHT]

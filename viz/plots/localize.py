@@ -52,15 +52,8 @@ def plot_ellipse_parameters(
         Polynomials through these fits.
     state : str
         Name of the coil.
-    ax : Axes, optional
-        Axes to draw into, mm over 10⁻³.
     published : EllipseModel, optional
         Another model, drawn in grey if it has the coil.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -112,11 +105,6 @@ def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: E
     ----------
     fits, model, published
         As in `plot_ellipse_parameters`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
     """
     columns = min(len(model.coils), 3)
     rows = math.ceil(len(model.coils) / columns)
@@ -151,13 +139,6 @@ def plot_ellipses(
         Position where two of them meet, drawn as dots at y and −y and a line at x.
     real : tuple of float, optional
         Real x and y in m, drawn as a cross.
-    ax : Axes, optional
-        Axes to draw into, in mm.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -214,26 +195,13 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     error : xarray.DataArray
         Determined minus real x in m, with the dimensions y and x and their coordinates in m. Places without a position
         are NaN.
-    ax : Axes, optional
-        Axes to draw into, in mm.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m, first point not repeated.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
         If there are fewer than two x or y, or no error at all.
-
-    Examples
-    --------
-    >>> error = xr.DataArray([[0.0, 1e-4], [-3e-4, 0.0]], {"y": [0.0, 2e-3], "x": [0.0, 2e-3]}, ("y", "x"))
-    >>> plot_x_error(error).get_title(loc="left")
-    'Error of x, at most 0.30 mm'
     """
     values = _plane(error, "an error", "one value")
     ax = ax or style.new_axes(*_size(error))
@@ -256,28 +224,11 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         Result of `coilarray.paper.distortion.distortion`.
     state : str
         Name of the coil.
-    ax : Axes, optional
-        Axes to draw into, mm over 10⁻³.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
         If the dataset has no such state.
-
-    Examples
-    --------
-    >>> x0 = (("neighbours", "state", "delta"), [[[1e-4, 0.0]], [[0.0, 0.0]]])
-    >>> published = (("state", "delta"), [[5e-4, 2e-4]])
-    >>> axes = {"neighbours": ["grounded", "open"], "state": ["coil2"], "delta": [1e-4, 1e-3]}
-    >>> result = xr.Dataset({"x0": x0, "published_x0": published, "centre": ("state", [0.0])}, axes)
-    >>> marks = {"undetermined": result.x0 > 1, "published_undetermined": result.published_x0 > 4e-4}
-    >>> [line.get_label() for line in plot_distortion(result.assign(marks), "coil2").lines]
-    ['neighbours grounded', 'neighbours open', 'Table A1', 'undetermined', 'centre of the coil']
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
@@ -316,21 +267,6 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     ----------
     distortion, state
         As in `plot_distortion`, with the same errors.
-    ax : Axes, optional
-        Axes to draw into, mm over 10⁻³.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
-
-    Examples
-    --------
-    >>> effect = (("cause", "state", "delta"), [[[2e-4, 2e-4]], [[5e-4, 5e-4]]])
-    >>> axes = {"cause": ["window", "all neighbours"], "state": ["coil2"], "delta": [1e-4, 1e-3]}
-    >>> result = xr.Dataset({"effect": effect, "rms": (("cause", "state"), [[2e-4], [5e-4]])}, axes)
-    >>> [text.get_text() for text in plot_causes(result, "coil2").get_legend().get_texts()]
-    ['all neighbours, 0.50', 'window, 0.20']
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
@@ -363,11 +299,6 @@ def distortion_figure(distortion: xr.Dataset) -> Figure:
     ----------
     distortion
         As in `plot_distortion`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
     """
     states = distortion.state.values.tolist()
     figure = style.new_figure(12.5, 3.7 * len(states))
@@ -392,27 +323,13 @@ def plot_identifiability(
         Result of `coilarray.localize.identifiability.identifiability`.
     quantity : str
         Name of a variable: ``sigma_x``, ``sigma_y`` or ``sigma_h``.
-    ax : Axes, optional
-        Axes to draw into, in mm.
     outlines : sequence of array_like
         As in `plot_x_error`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
         If the dataset has no such quantity, fewer than two x or y, or no finite value.
-
-    Examples
-    --------
-    >>> sigma = xr.DataArray([[1e-5, 2e-5], [5e-5, np.inf]], {"y": [0.0, 2e-3], "x": [0.0, 2e-3]}, ("y", "x"))
-    >>> bounds = xr.Dataset({"sigma_x": sigma}, attrs={"depth": 1e-3, "noise": 1e-5})
-    >>> plot_identifiability(bounds).child_axes[0].get_ylabel()
-    'σ of x (mm)'
     """
     there = [name for name in _SIGMAS if name in bounds]
     if quantity not in there:
@@ -451,11 +368,6 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     ----------
     bounds, outlines
         As in `plot_identifiability`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
     """
     there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
     if not there:

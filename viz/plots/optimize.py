@@ -6,7 +6,7 @@ Its convergence, the importance of its variables, its Pareto front, and boards.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,124 +19,6 @@ from coilarray.geometry.array import CoilArray
 from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
 from coilarray.viz.plots.board import plot_board
 from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, new_figure, styled
-
-if TYPE_CHECKING:
-    from coilarray.studies.optimize.run import Optimization
-
-
-@styled
-def plot_search(result: Optimization, objective: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw one score over the trials of a search.
-
-    It is drawn by `plot_convergence`.
-
-    Parameters
-    ----------
-    result : Optimization
-        Result of `coilarray.studies.optimize.optimize_design`.
-    objective : int
-        Index of the goal's objective.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
-
-    Raises
-    ------
-    ValueError
-        If the goal has no such objective.
-
-    Examples
-    --------
-    >>> from coilarray.design.model import load_design_file
-    >>> from coilarray.studies.optimize import Optimization, Trial, derive_goal, front_of
-    >>> design = load_design_file("gast2020")
-    >>> goal = derive_goal(["worst_k", "position_error"], design).goal
-    >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
-    >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
-    >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
-    >>> ax = plot_search(result)
-    >>> ax.get_ylabel(), ax.lines[0].get_label(), ax.lines[0].get_ydata().tolist()
-    ('worst_k', 'best so far', [0.05, 0.04, 0.04])
-    """
-    _check_objectives(result, objective)
-    wanted = result.goal.objectives[objective]
-    return plot_convergence(
-        [trial.scores[objective] if trial.scores else np.nan for trial in result.trials],
-        [trial.feasible for trial in result.trials],
-        label=_label(result, objective),
-        maximized=wanted.maximized,
-        polished_from=next((k for k, trial in enumerate(result.trials) if trial.kind == "polish"), None),
-        start=result.start.scores[objective] if result.start.scores else None,
-        log=wanted.target is not None,
-        ax=ax,
-    )
-
-
-@styled
-def plot_pareto(
-    result: Optimization,
-    objectives: tuple[int, int] = (0, 1),
-    ax: Axes | None = None,
-    named: Mapping[str, str] | None = None,
-) -> Axes:
-    """Draw two scores of all trials.
-
-    The scores are drawn against each other, with the Pareto front and the given design.
-
-    Parameters
-    ----------
-    result : Optimization
-        As in `plot_search`.
-    objectives : tuple of int
-        Indices of the goal's objectives, across and up. The front is a staircase if the goal has two.
-    ax : Axes, optional
-        Axes to draw into.
-    named : mapping of str to str, optional
-        Texts beside trials, by the trials' names.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
-
-    Raises
-    ------
-    ValueError
-        If the goal has no such objective, or no trial has scores.
-
-    Examples
-    --------
-    >>> from coilarray.design.model import load_design_file
-    >>> from coilarray.studies.optimize import Optimization, Trial, derive_goal, front_of
-    >>> design = load_design_file("gast2020")
-    >>> goal = derive_goal(["worst_k", "position_error"], design).goal
-    >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
-    >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
-    >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
-    >>> plot_pareto(result).collections[1].get_offsets().tolist()  # the front
-    [[0.04, 0.4], [0.05, 0.3]]
-    """
-    _check_objectives(result, *objectives)
-    possible = [trial for trial in result.trials if trial.scores]
-    if not possible:
-        raise ValueError("a Pareto front needs a trial with scores; got none.")
-    i, j = objectives
-    place = {trial.name: k for k, trial in enumerate(possible)}
-    ahead: Literal["pre", "post"] = "pre" if result.goal.objectives[i].maximized else "post"
-    return plot_front(
-        [(trial.scores[i], trial.scores[j]) for trial in possible],
-        [trial.feasible for trial in possible],
-        [place[trial.name] for trial in result.front],
-        labels=(_label(result, i), _label(result, j)),
-        start=(result.start.scores[i], result.start.scores[j]) if result.start.scores else None,
-        named={place[name]: text for name, text in (named or {}).items()},
-        stairs=ahead if len(result.goal.objectives) == 2 else None,
-        ax=ax,
-    )
 
 
 @styled
@@ -167,13 +49,6 @@ def plot_convergence(
         Index of the first trial of the local solver.
     start : float, optional
         Score of the given design, drawn as a dashed line.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -223,13 +98,6 @@ def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None =
         Importance from 0 to 1 by the name of the variable, at least one.
     title : str
         Title of the axes: the quantity that the variables decide.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -276,13 +144,6 @@ def plot_front(
     stairs : {"pre", "post"}, optional
         Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it is maximized. None
         draws no line, as for two out of more scores.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -325,11 +186,6 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     ----------
     boards : mapping of str to CoilArray
         Boards by their titles, at least one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
     """
     edges = np.array([array.bounds for array in boards.values()])
     (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
@@ -342,27 +198,8 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     return figure
 
 
-def _check_objectives(result: Optimization, *asked: int) -> None:
-    count = len(result.goal.objectives)
-    for objective in asked:
-        if not 0 <= objective < count:
-            raise ValueError(f"an objective must be one of the goal's {count}, counted from 0; got {objective}.")
-
-
-def _label(result: Optimization, k: int) -> str:
-    """Label of a score.
-
-    It is the quantity, whose name contains the unit.
-    """
-    objective = result.goal.objectives[k]
-    return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
-
-
 def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
-    """Show all trials that keep the bounds.
-
-    Trials that break them may lie far outside.
-    """
+    """Show all trials that keep the bounds."""
     if log and values.min() > 0:
         ax.set_yscale("log")
         ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
@@ -372,10 +209,7 @@ def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
 
 
 def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
-    """Show the front and the start.
-
-    The view has the same room again, and distant points are left out.
-    """
+    """Show the front and the start."""
     low, high = wanted.min(axis=0), wanted.max(axis=0)
     room = np.where(high > low, high - low, np.abs(high) + 1e-12)
     near = np.clip(others, low - 0.15 * room, high + 1.0 * room)

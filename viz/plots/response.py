@@ -1,7 +1,4 @@
-"""Flat figures of the sensor response.
-
-Maps of δ over the position of the indenter, profiles, and bell curves.
-"""
+"""Figures of the sensor response: maps of δ, profiles, bell curves, and readings over the distance of a target."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.response.answering import answering_states, main_line, middle_state
 from coilarray.response.coordinates import as_depths, depth_words
 from coilarray.viz.datasets.overlays import at_depth, of_state
-from coilarray.viz.palette import INK, PALE, curve_look, signed_colours
+from coilarray.viz.palette import GREY, INK, PALE, curve_look, signed_colours
 from coilarray.viz.plots import style
 
 MOST_MAPS = 16
@@ -40,6 +37,14 @@ _NOTHING = 0.01  # share of the largest δ below which a map is white and has no
 _GRID_SHAPE = 1.4  # width over height of all maps together
 _PROFILE = (7.5, 3.6)  # inches
 _SMOOTH = 400  # points of a curve between the samples
+_SHOWN = {
+    "delta": "|δ|",
+    "effective_inductance": "effective inductance",
+    "quality_factor": "quality factor",
+    "frequency": "resonance frequency",
+}
+_MOST_STATES = 8  # curves of a panel of a target
+_LOGARITHMIC = 30.0  # last over first distance above which their axis is logarithmic
 
 
 @style.styled
@@ -59,32 +64,13 @@ def plot_response(
         Response with ``delta`` (depth, y, x, state) and the coordinates in m, with at least two x and two y.
     state, depth : str and int
         Name of the state, and index of the depth in the dataset.
-    ax : Axes, optional
-        Axes to draw into, in mm.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m from the same origin as x and y, first point not repeated.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
         If the dataset has no such state or depth, or the map has a single row.
-
-    Examples
-    --------
-    >>> import numpy as np, xarray as xr
-    >>> x, y = np.linspace(-20e-3, 20e-3, 21), np.linspace(-6e-3, 6e-3, 7)
-    >>> bell = 1e-3 * np.exp(-(x**2 + y[:, None] ** 2) / 8e-3**2)
-    >>> coil = {"state": ["coil1"], "coil": ["coil1"], "coil_x": ("coil", [0.0]), "coil_y": ("coil", [0.0])}
-    >>> axes = {"depth": [1e-3], "y": y, "x": x}
-    >>> response = xr.Dataset({"delta": (("depth", "y", "x", "state"), bell[None, :, :, None])}, axes | coil)
-    >>> ax = plot_response(response, "coil1")
-    >>> ax.get_title(loc="left"), ax.child_axes[0].get_ylabel()
-    ('Response of coil1, 1 mm deep', 'δ (10⁻³)')
     """
     delta = _delta(response, state=state, depth=depth).transpose("y", "x")
     style.require_plane(delta)
@@ -109,38 +95,22 @@ def plot_response_profile(
 
     There is a curve for each state and depth that is not fixed.
 
+    Dotted lines mark the centres of the coils.
+
     Parameters
     ----------
     response : xarray.Dataset
         As in `plot_response`. A single position is drawn as a dot.
     state, depth : str and int, optional
         Name of the only state and index of the only depth that are drawn. None draws all.
-    ax : Axes, optional
-        Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
         Direction of the line. It is the line with the largest |δ| of the state, or of the middle state if all states
         are drawn. States without a response on it are left out.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
         If the dataset has no such state or depth.
-
-    Examples
-    --------
-    >>> import numpy as np, xarray as xr
-    >>> x = np.linspace(-20e-3, 20e-3, 21)
-    >>> delta = 1e-3 * np.exp(-((x / 8e-3) ** 2))[None, None, :, None]
-    >>> coil = {"state": ["coil1"], "coil": ["coil1"], "coil_x": ("coil", [0.0]), "coil_y": ("coil", [0.0])}
-    >>> axes = {"depth": [1e-3], "y": [0.0], "x": x}
-    >>> ax = plot_response_profile(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, axes | coil))
-    >>> round(float(ax.lines[0].get_ydata().max()), 3), ax.get_ylabel()
-    (1.0, 'δ (10⁻³)')
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
@@ -186,6 +156,8 @@ def plot_bell_curve(
     curves are cubic splines through the positions with a value. A bar marks the width at half the peak. The legend
     gives both, without the width if δ does not fall to half on both sides.
 
+    A dotted line marks the centre of the coil.
+
     Parameters
     ----------
     response : xarray.Dataset
@@ -193,29 +165,13 @@ def plot_bell_curve(
         line.
     state : str, optional
         Name of the state of a map. The default is the state that responds nearest to the middle of the map.
-    ax : Axes, optional
-        Axes to draw into, mm across. A dotted line marks the centre of the coil.
     along : {"x", "y"}
         Direction of the line. On a map the other coordinate is the value nearest to the centre of the coil.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
     ValueError
         If the map has no such state, or fewer than two positions have a value.
-
-    Examples
-    --------
-    >>> import numpy as np, xarray as xr
-    >>> x = np.linspace(-20e-3, 20e-3, 21)
-    >>> bell = xr.DataArray(1e-3 * np.exp(-((x / 8e-3) ** 2))[None], {"depth": [1e-3], "x": x}, ("depth", "x"))
-    >>> ax = plot_bell_curve(xr.Dataset({"delta": bell}))
-    >>> [text.get_text() for text in ax.get_legend().get_texts()]  # the width is 2 √(ln 2) 8 mm
-    ['1 mm: 1 × 10⁻³, 13.3 mm']
     """
     rows, centre, name = _bell(response, state, along)
     at = MM.of(rows[along])
@@ -263,11 +219,6 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     ----------
     response, outlines
         As in `plot_response`, with any number of x and y.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
     """
     response = as_depths(response)
     names = response.state.values.tolist()
@@ -304,10 +255,7 @@ class _Look:
 
 
 def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) -> Figure:
-    """Draw one map of the deepest dent per state.
-
-    They share one colour bar.
-    """
+    """Draw one map of the deepest dent per state."""
     names = response.state.values.tolist()
     deepest = _delta(response, state=None, depth=-1)
     look = _look(response, deepest, outlines)
@@ -338,8 +286,7 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
 def _columns(count: int, shape: float) -> int:
     """Choose the number of columns of a grid of maps.
 
-    With this number the shape of the grid is nearest to `_GRID_SHAPE`. Each map has the given width over height. Empty
-    cells count against a number.
+    With this number the shape of the grid is nearest to `_GRID_SHAPE`. Empty cells count against a number.
     """
 
     def misfit(columns: int) -> float:
@@ -350,10 +297,7 @@ def _columns(count: int, shape: float) -> int:
 
 
 def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) -> QuadContourSet:
-    """Draw δ (y, x) with its zero line in mm.
-
-    The coils are drawn with their names. Places that cannot be read are hatched.
-    """
+    """Draw δ (y, x) with its zero line in mm."""
     x, y = MM.of(delta.x), MM.of(delta.y)
     values = look.unit.of(delta)
     bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
@@ -389,10 +333,7 @@ def _lower_end(outlines: Sequence[npt.ArrayLike], x: float, y: float) -> float |
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
-    """Choose the look of a map.
-
-    It shows the whole map and, in height, the coils that the map touches, in bands of colour about zero.
-    """
+    """Choose the look of a map."""
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
     low, high = (x.min(), y.min()), (x.max(), y.max())
@@ -419,7 +360,7 @@ def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.
 def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataArray, float | None, str]:
     """δ (depth, along) of a state near its coil.
 
-    The line is the nearest to the coil. The coil's place on it in m and the name are returned too.
+    The coil's place on it in m and the name are returned too.
     """
     if "state" not in response.dims:  # the two-dimensional model has one coil
         return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
@@ -435,7 +376,7 @@ def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataA
 def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[float, float]:
     """Places where a curve falls to half its peak.
 
-    The places are left and right of the peak. They are NaN if the curve does not fall to half on both sides.
+    They are NaN if the curve does not fall to half on both sides.
     """
     values = delta(fine)
     peak, half = int(values.argmax()), float(values.max()) / 2
@@ -444,3 +385,102 @@ def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[floa
     if half <= 0 or not left.size or not right.size:
         return math.nan, math.nan
     return float(left.max()), float(right.min())
+
+
+@style.styled
+def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None = None) -> Axes:
+    """Draw a quantity against the distance of a target.
+
+    There is a curve per state, at the place where the target changes it the most. Values that no converter can read are
+    crossed.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        Result of `coilarray.target_map`.
+    quantity : str
+        ``delta``, whose magnitude is drawn on a logarithmic axis beside the noise, or ``effective_inductance``,
+        ``quality_factor`` or ``frequency``, with a dotted line for each value without the target.
+
+    Raises
+    ------
+    ValueError
+        If the quantity is none of these.
+
+    Examples
+    --------
+    >>> from coilarray import load_design, target_map
+    >>> ax = plot_target(target_map(load_design("proximity"), distances=[4e-3, 8e-3]))
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('distance (mm)', '|δ|')
+    """
+    if quantity not in _SHOWN:
+        raise ValueError(f"quantity must be one of {', '.join(_SHOWN)}; got {quantity!r}.")
+    states = answering_states(as_depths(response), _MOST_STATES)
+    values = np.stack([_along(response, quantity, state) for state in states], axis=-1)
+    base = None if quantity == "delta" else response[f"base_{quantity.removeprefix('effective_')}"].values[states]
+    names = response.state.values[states].tolist()
+    shown = style.axis_unit(response[quantity])
+    ax = ax or style.new_axes(6.5, 3.6)
+    distance, colours = MM.of(response.distance), style.state_colours(response, names)
+    crossed, marked = False, "readable" in response
+    for k, name in enumerate(names):
+        look = curve_look(k) | {"color": colours[name]}
+        drawn = np.abs(values[:, k]) if quantity == "delta" else shown.of(values[:, k])
+        ax.plot(distance, drawn, label=name, marker="o", markersize=3.0, **look)
+        unread = np.array(
+            [not one for one in _along(response, "readable", states[k])] if marked else [], dtype=np.bool_
+        )
+        if marked and unread.any():
+            ax.plot(distance[unread], drawn[unread], "x", color=GREY, markersize=9.0, zorder=5)
+            crossed = True
+        if base is not None:
+            ax.axhline(float(shown.of(base[k])), color=colours[name], linewidth=0.8, linestyle=":", zorder=0)
+    if crossed:
+        ax.plot([], [], "x", color=GREY, markersize=9.0, label="not readable")
+    if base is not None:
+        ax.plot([], [], color=GREY, linewidth=0.8, linestyle=":", label="without the target")
+    if quantity == "delta":
+        ax.set_yscale("log")
+        noise = float(response.attrs.get("sigma", response.attrs["noise"]))
+        ax.axhline(noise, color=GREY, linewidth=1.2, linestyle=":", label="noise")
+    else:
+        ax.ticklabel_format(axis="y", useOffset=False)
+    if distance[-1] > _LOGARITHMIC * distance[0]:
+        ax.set_xscale("log")
+        style.logarithmic_ticks(ax.xaxis, math.log10(distance[-1] / distance[0]))
+    style.faint_grid(ax)
+    label = _SHOWN[quantity] if quantity == "delta" else shown.label(_SHOWN[quantity])
+    ax.set(xlabel=MM.label("distance"), ylabel=label)
+    style.legend_beside(ax)
+    return ax
+
+
+@style.styled
+def target_figure(response: xr.Dataset) -> Figure:
+    """Draw all quantities against the distance of a target.
+
+    These are |δ|, inductance, quality factor and frequency. `response` is the result of `coilarray.target_map`. Every
+    state is shown where the target changes it the most. If there are many states, the nearest to the middle of the map
+    are shown.
+    """
+    figure = style.new_figure(9.5, 6.4)
+    panels = figure.subplots(2, 2, sharex=True).ravel().tolist()
+    for ax, quantity in zip(panels, _SHOWN, strict=True):
+        plot_target(response, quantity, ax)
+    for ax in panels[:2]:
+        ax.set_xlabel("")
+    style.one_legend(figure)
+    words = f"{response.attrs['material'].replace('_', ' ')} {response.attrs['target']}"
+    style.main_title(figure, f"Target: {words}")
+    return figure
+
+
+def _along(response: xr.Dataset, quantity: str, state: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Values (distance,) of a state at its best place.
+
+    The state is given by its index.
+    """
+    of = response.isel(state=state)
+    at = of[quantity].sel(x=float(of.best_x), y=float(of.best_y))
+    return np.asarray(at.transpose("distance").values)

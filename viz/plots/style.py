@@ -92,9 +92,7 @@ class NotebookFigure(Figure):
 def new_figure(width: float, height: float, layout: Literal["compressed"] | None = None) -> Figure:
     """Make a figure with sizes in inches.
 
-    ``pyplot.show()`` and notebooks display it. They display figures of pyplot only. It is used if the program has
-    imported it or somebody types at a prompt. Figures of commands, reports and the studio belong to no window, and are
-    freed with their last name.
+    ``pyplot.show()`` and notebooks display it. They display figures of pyplot only.
     """
     prompt = hasattr(sys, "ps1")  # of Python, IPython and notebooks
     if (prompt or "matplotlib.pyplot" in sys.modules) and threading.current_thread() is threading.main_thread():
@@ -127,19 +125,13 @@ def close(figure: Figure) -> None:
 
 
 def figure_size(width: float, height: float) -> tuple[float, float]:
-    """Size in inches of a figure of equal scales.
-
-    It has room for labels, and long pictures stay readable.
-    """
+    """Size in inches of a figure of equal scales."""
     scale = min(8.0 / width, 6.0 / height)
     return max(width * scale, 2.5) + 1.2, max(height * scale, 1.5) + 1.0
 
 
 def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
-    """Draw a colour bar exactly as high as the axes.
-
-    The height of a colour band is proportional to its values.
-    """
+    """Draw a colour bar exactly as high as the axes."""
     figure = ax.get_figure(root=True)
     if figure is None:
         raise ValueError("ax must belong to a figure.")
@@ -156,10 +148,7 @@ def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:
 
 
 def legend_beside(ax: Axes, title: str | None = None) -> None:
-    """Draw a legend at the right of the axes.
-
-    It hides no curve there. Without named curves there is no legend.
-    """
+    """Draw a legend at the right of the axes."""
     if named := ax.get_legend_handles_labels()[0]:
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(named) / _ROWS), title=title)
 
@@ -183,7 +172,7 @@ def legend_above(
 ) -> None:
     """Draw a legend above the axes, beside the title.
 
-    It hides no curve there. `look` goes to Matplotlib.
+    `look` goes to Matplotlib.
     """
     anchor = ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0)
     look = {"loc": f"lower {side}", "borderaxespad": 0.2, "columnspacing": columnspacing, **look}
@@ -214,10 +203,7 @@ def zero_line(ax: Axes) -> None:
 
 
 def state_colours(response: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
-    """Colour of each state.
-
-    It is the colour of the coil with its name in every picture.
-    """
+    """Colour of each state."""
     known = {"coil", "coil_x", "coil_y"} <= set(response.coords)
     if not known or not set(names) <= set(response.coil.values.tolist()):
         return coil_colours(names)
@@ -246,7 +232,7 @@ def draw_outlines(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
 def finish_map(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
     """Draw the coils on a map in mm.
 
-    The limits stay as they are. Places without a value are grey.
+    Places without a value are grey.
     """
     limits = ax.get_xlim(), ax.get_ylim()
     draw_outlines(ax, outlines)
@@ -267,8 +253,7 @@ def signed_map(
 ) -> QuadMesh:
     """Draw values (y, x) in colours symmetric about zero.
 
-    The axes are in mm, and the coordinates of `at` are in m. The coils' outlines lie above the map. Places without a
-    value are grey.
+    The axes are in mm, and the coordinates of `at` are in m. Places without a value are grey.
     """
     limit = largest(values) if limit is None else limit
     shown = np.ma.masked_invalid(values)
@@ -279,10 +264,7 @@ def signed_map(
 
 
 def plan_axes(ax: Axes) -> None:
-    """Label the axes of a plan in mm.
-
-    Both axes have equal scales.
-    """
+    """Label the axes of a plan in mm."""
     ax.set(aspect="equal", xlabel=MM.label("x"), ylabel=MM.label("y"))
     ax.xaxis.set_major_locator(MaxNLocator(_MOST_TICKS, steps=_STEPS))
 
@@ -307,10 +289,7 @@ def main_title(figure: Figure, title: str) -> None:
 
 
 def largest(values: npt.NDArray[np.float64]) -> float:
-    """Largest magnitude of the finite values.
-
-    It is 1 for zero, and is the limit of colours symmetric about zero.
-    """
+    """Largest magnitude of the finite values."""
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max(initial=0.0)) or 1.0
 
@@ -338,10 +317,7 @@ def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> 
 
 
 def logarithmic_ticks(axis: Axis, decades: float) -> None:
-    """Write plain numbers on a logarithmic axis.
-
-    If there are few decades, each has 1, 2 and 5.
-    """
+    """Write plain numbers on a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -35,11 +35,6 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
     outputs : sequence of str, optional
         Names of the outputs, all by default. The first six have a histogram.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure, which its method `savefig` writes to a file.
-
     Raises
     ------
     ValueError
@@ -72,22 +67,6 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
     ----------
     result : xarray.Dataset
         Result of `coilarray.studies.tolerance.analyse`.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
-
-    Examples
-    --------
-    >>> kinds = {"table": ("contributor", ["etch", "copper"]), "part": ("contributor", ["board", "board"])}
-    >>> shares = {"share": (("contributor", "output"), [[0.75], [0.25]]), "linear_deviation": ("output", [1e-3])}
-    >>> axes = {"output": ["worst_k"], "contributor": ["etch, board", "copper, board"]}
-    >>> result = xr.Dataset(shares, axes | kinds)
-    >>> [float(bar.get_width()) for bar in plot_shares(result).patches]
-    [75.0, 25.0, 0.0]
     """
     names = result.output.values.tolist()
     ax = ax or new_axes(*_shares_size(len(names)))
@@ -127,21 +106,6 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
         Result of `coilarray.studies.tolerance.analyse` with samples.
     output : str
         Name of the output.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
-
-    Examples
-    --------
-    >>> spread = {"nominal": ("output", [0.05]), "linear_deviation": ("output", [0.01])}
-    >>> boards = {"value": (("sample", "output"), [[0.04], [0.05], [0.06]])}
-    >>> ax = plot_boards(xr.Dataset(boards | spread, {"output": ["worst_k"]}), "worst_k")
-    >>> ax.get_xlabel(), ax.get_legend().get_texts()[0].get_text()
-    ('worst_k', '3 boards')
     """
     ax = ax or new_axes(4.0, 3.0)
     at = result.sel(output=output)

@@ -72,10 +72,7 @@ def board_scene(
 
 
 def scene_of_lifted_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> Scene:
-    """Scene of a board with its sheets lifted.
-
-    The sheets are lifted off the board and off each other.
-    """
+    """Scene of a board with its sheets lifted."""
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     lift = (array.bounds[3] - array.bounds[1]) * math.tan(direction("oblique").elevation)
     above = scene_of_sheets(array, sheets, lift, lift / 3)
@@ -93,12 +90,10 @@ def scene_of_board(
 ) -> Scene:
     """Scene of a board.
 
-    It has laminate, copper with a group per layer, barrels, names of the coils and rulers.
-
-    `layers` are the copper layers that are shown, all by default. `colours` of the coils replace the layers' colours. A
-    `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names. `name_heights` in m, a
-    number or an array over the coils, lift the names above anything that covers the coils. A layer that the board lacks
-    raises a GeometryError.
+    It has laminate, copper with a group per layer, barrels, names of the coils and rulers. `layers` are the copper
+    layers that are shown, all by default. `colours` of the coils replace the layers' colours. A `box` x_min, y_min,
+    x_max, y_max in m shows this part, without rulers, barrels and names. `name_heights` in m, a number or an array over
+    the coils, lift the names above anything that covers the coils. A layer that the board lacks raises a GeometryError.
     """
     parts = board_solids(array)
     copper = copper_parts(array, layers, colours, box, parts)
@@ -194,10 +189,7 @@ def coil_names(array: CoilArray, heights: npt.ArrayLike = 0.0) -> tuple[Text, ..
 
 
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
-    """Cut a mesh upright to a rectangle in m.
-
-    The rectangle is x_min, y_min, x_max, y_max. Without a rectangle nothing is cut. The mesh is open at the cuts.
-    """
+    """Cut a mesh upright to a rectangle in m."""
     if box is None or not mesh.n_cells:
         return mesh
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in box)
@@ -215,17 +207,14 @@ def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, s
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
-    """Edges of a mesh's bounding box.
-
-    They are equal to the edges of a board or sheet.
-    """
+    """Edges of a mesh's bounding box."""
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
 
 
 def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
     """Upright lines from the board's far corners.
 
-    They end at the height `top` in mm. Sheets are lifted along them.
+    They end at the height `top` in mm.
     """
     from coilarray.viz.extra_3d import pyvista
 

@@ -23,10 +23,7 @@ FILLED = 0.88
 
 @dataclass(frozen=True)
 class Direction:
-    """Direction from the scene to the camera in rad.
-
-    It has an elevation and an azimuth. Azimuth 0 is +x, and −π/2 is the front.
-    """
+    """Direction from the scene to the camera in rad."""
 
     elevation: float
     azimuth: float
@@ -58,8 +55,8 @@ def aim(
 ) -> Camera:
     """Aim a camera at the centre of a box.
 
-    All of the box is visible. `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares `left`, `right`
-    and `bottom` of the picture's width and height stay free at its edges, for a legend, colour bars and notes.
+    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares `left`, `right` and `bottom` of the
+    picture's width and height stay free at its edges, for a legend, colour bars and notes.
     """
     sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
     out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
@@ -76,7 +73,7 @@ def aim_again(
 ) -> Camera:
     """Aim a camera at the centre of another box.
 
-    The direction stays the same. The other arguments are the same as for `aim`.
+    The other arguments are the same as for `aim`.
     """
     out = np.array(camera.position) - camera.focus
     along = np.cross(camera.up, out)
@@ -94,7 +91,7 @@ def _aimed(
 ) -> Camera:
     """Aim from a direction.
 
-    `along` is the direction from left to right. Both directions have length 1.
+    `along` is the direction from left to right.
     """
     up = np.cross(out, along)
     corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))

@@ -107,10 +107,7 @@ def scene_of_dent(
 
 
 def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> npt.NDArray[np.float64]:
-    """Heights of the coils' names in m.
-
-    They are on top of dented sheets, and on the board in the open quarter.
-    """
+    """Heights of the coils' names in m."""
     open_ = (array.centres < centre).all(axis=1)
     return np.where(open_, 0.0, thickness)
 

@@ -160,10 +160,7 @@ def text_name(group: str, height: float, bold: bool, always: bool = False) -> st
 
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
-    """Camera that shows all of a scene.
-
-    The scene is above its notes and beside its colour bars, legend or panel.
-    """
+    """Camera that shows all of a scene."""
     bars, towards = BAR_WIDTH * len(scene.scales), direction(side)
     notes = (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0
     camera = aim(scene.bounds, size, towards, right=bars, bottom=notes)
@@ -178,10 +175,7 @@ def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
-    """Size of a scene's legend over the picture.
-
-    The width and height include its rim.
-    """
+    """Size of a scene's legend over the picture."""
     pixel = pixel_of(size)
     longest = max((len(group) for group in scene.groups), default=0)
     width, height = _RIM + _SIGN + _LETTER * longest, _RIM + _LINE * len(scene.groups)
@@ -228,10 +222,7 @@ def _legend(view: Any, scene: Scene) -> None:
 
 
 def _bar(view: Any, scale: Scale, place: int) -> None:
-    """Draw a colour bar at the right edge.
-
-    Each next bar is to the left of the bar before.
-    """
+    """Draw a colour bar at the right edge."""
     from coilarray.viz.extra_3d import pyvista
 
     factor, title = shown_units(scale)
@@ -275,7 +266,7 @@ def shown_units(scale: Scale) -> tuple[float, str]:
 def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
     """Title, colours and numbers of a colour bar.
 
-    The bar is for a web page. The colours ``#rrggbb`` are at equal steps. Colours and numbers go from below upwards.
+    The colours ``#rrggbb`` are at equal steps.
     """
     factor, title = shown_units(scale)
     ticks = [true_minus(f"{value * factor:.3g}") for value in scale.values(_TICKS).tolist()]
@@ -283,18 +274,12 @@ def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
 
 
 def gradient(colours: Sequence[str], towards: str = "right") -> str:
-    """CSS background that shows colours along a direction.
-
-    It goes from one side to the other.
-    """
+    """CSS background that shows colours along a direction."""
     return colours[0] if len(colours) == 1 else f"linear-gradient(to {towards}, {', '.join(colours)})"
 
 
 def font_file(bold: bool = False) -> str:
-    """Font file of all texts.
-
-    It is the font of the plots, which has Greek letters.
-    """
+    """Font file of all texts."""
     import matplotlib
 
     return f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans{'-Bold' if bold else ''}.ttf"

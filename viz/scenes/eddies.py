@@ -44,10 +44,7 @@ class WorkingPoint:
 
 
 def working_point(design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool) -> WorkingPoint:
-    """Operation in which a coil is measured.
-
-    The coil carries a current in A, and there is no target.
-    """
+    """Operation in which a coil is measured."""
     currents = current * operating_currents(design, coupling, coil, terminated=terminated)
     return WorkingPoint(currents, current, float(coupling.frequency.sel(coil=coil)))
 
@@ -69,7 +66,7 @@ def eddies_of_target(
 ) -> list[Phasors | None]:
     """Eddy currents of the target at several distances.
 
-    The target is over a place on the board. All lengths are in m. The result is None for a ball.
+    All lengths are in m. The result is None for a ball.
     """
     found: list[Phasors | None] = []
     for distance in distances:
@@ -91,7 +88,7 @@ def eddies_of_target(
 def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
     """Refuse infinite plates beside plates with an outline.
 
-    Each kind changes the currents of the other. Both together raise a MetalError.
+    Both together raise a MetalError.
     """
     kinds = {isinstance(plate, FinitePlate) for plate in plates}
     if len(kinds) > 1:
@@ -102,10 +99,7 @@ def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
 
 
 def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint) -> list[Phasors]:
-    """Eddy currents of plates with an outline.
-
-    They flow through the thickness of the plates, and are given at the triangles of the upper faces.
-    """
+    """Eddy currents of plates with an outline."""
     outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
     if not outlined:
         return []
@@ -150,7 +144,7 @@ def _endless(
 def at_their_largest(all_phasors: Sequence[Phasors]) -> tuple[list[Eddies], str]:
     """Eddy currents at the instant of their largest strength.
 
-    The instant is named too. It is either the instant of the coil's largest current, or a quarter of a period before.
+    It is either the instant of the coil's largest current, or a quarter of a period before.
     """
     in_phase, before = (
         sum(float((part(density) ** 2).sum()) for *_, density in all_phasors) for part in (np.real, np.imag)

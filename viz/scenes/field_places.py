@@ -25,10 +25,7 @@ _RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # rings of seeds: radius in
 
 @dataclass(frozen=True)
 class Span:
-    """Points of one axis from `low` to `high` in m.
-
-    They are at most a spacing apart.
-    """
+    """Points of one axis from `low` to `high` in m."""
 
     low: float
     high: float
@@ -57,7 +54,7 @@ def count_of(places: Iterable[Spans]) -> int:
 def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
     """Level and upright plane for a coil's field.
 
-    The level plane is at the design's field height. The upright plane is along x through the centre of the coil.
+    The level plane is at the design's field height.
     """
     x_min, y_min, x_max, y_max = design.array.bounds
     z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
@@ -67,10 +64,7 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
 
 
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
-    """Box about a coil.
-
-    Its centre is on the top of the board.
-    """
+    """Box about a coil."""
     (x, y), _, radius = _middle_and_radii(design.array, coil)
     wide, tall = _WIDE * radius, _TALL * radius
     bottom = -design.array.stackup.thickness - tall
@@ -78,11 +72,7 @@ def field_box(design: Design, coil: str, spacing: float) -> Spans:
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
-    """Axes of a box without points in the copper.
-
-    In the copper, B of thin wires differs from B of the traces. B_z is continuous across the copper, so interpolation
-    between the points above and below is right.
-    """
+    """Axes of a box without points in the copper."""
     x, y, z = box
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
     below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]
@@ -92,9 +82,7 @@ def points_of_box(design: Design, box: Spans) -> Axes:
 def beside_faces(design: Design, heights: FloatArray, frequency: float) -> FloatArray:
     """Heights in m with added points at infinite plates.
 
-    The added heights are at the faces of plates between them and in their skin. All heights ascend. Below its face the
-    field of a plate changes over a skin depth, at a frequency in Hz. Between two points of a grid it would continue
-    into the metal.
+    Below its face the field of a plate changes over a skin depth, at a frequency in Hz.
     """
     found = [heights]
     for plate in design.plates:
@@ -124,10 +112,7 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
 
 
 def _middle_and_radii(array: CoilArray, coil: str) -> tuple[FloatArray, float, float]:
-    """Centre and radii of a coil's outline in m.
-
-    The radii are half its smaller and larger extent.
-    """
+    """Centre and radii of a coil's outline in m."""
     place = array.placements[array.names.index(coil)]
     outline = place.to_board(place.coil.outline)
     low, high = outline.min(axis=0), outline.max(axis=0)

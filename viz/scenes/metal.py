@@ -54,7 +54,7 @@ def around_board(array: CoilArray) -> Box:
 def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene:
     """Scene of the plates of a design.
 
-    They are translucent with clear edges. Infinite plates are cut to `within` in m.
+    Infinite plates are cut to `within` in m.
     """
     colours = cycled(METALS, [plate.name for plate in plates])
     parts: list[Part] = []
@@ -67,8 +67,8 @@ def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene
 def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
     """Scene of a target with a slider of its distance.
 
-    Each position has its lines and eddy currents. Infinite plates are cut to `within` in m. `scale` belongs to the eddy
-    currents if they are shown. `first` is the first position of the slider.
+    Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if they are shown. `first` is the
+    first position of the slider.
     """
     group = f"target: {_body_words(body)}"
     parts: list[Part] = []
@@ -86,8 +86,7 @@ def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scal
 def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
     """Eddy currents of a body as coloured arrows.
 
-    The colours are from a scale. Below the scale there are no arrows. `within` is the rectangle in m that is shown, and
-    its size limits how small an arrow may be.
+    `within` is the rectangle in m that is shown, and its size limits how small an arrow may be.
     """
     x_min, y_min, x_max, y_max = within
     least = max(x_max - x_min, y_max - y_min) / _MOST_ARROWS
@@ -99,10 +98,7 @@ def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Pa
 
 
 def scale_of_eddies(all_eddies: Sequence[Eddies]) -> Scale:
-    """Logarithmic scale of current densities.
-
-    It reaches up to the largest densities.
-    """
+    """Logarithmic scale of current densities."""
     amounts = [np.linalg.norm(one.density, axis=1) for one in all_eddies]
     largest = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0)
     high = largest if largest > 0 else 1.0
@@ -123,10 +119,7 @@ def _at(part: Part, step: int) -> Part:
 
 
 def _body_words(body: Body) -> str:
-    """Material and size of a body for a legend.
-
-    The size is its thickness or diameter.
-    """
+    """Material and size of a body for a legend."""
     if isinstance(body, Ball):
         return f"sphere of {body.material.words}, {body.radius * 2e3:g} mm"
     kind = "infinite plate of " if isinstance(body, Plate) else ""

@@ -69,10 +69,7 @@ def save_movie(
 
 
 def check_movie(path: Path, size: tuple[int, int] = SIZE, rate: float = 12.0) -> None:
-    """Refuse a film that `save_movie` would refuse.
-
-    It is refused before its scenes are computed, with the same arguments and errors.
-    """
+    """Refuse a film that `save_movie` would refuse."""
     suffix = path.suffix.lower()
     if suffix not in (".gif", ".mp4"):
         raise OutputError(f"a film must end in .gif or .mp4; got {path}.")

@@ -132,8 +132,7 @@ class View:
 def board_and_metal(design: Design) -> tuple[Item, ...]:
     """Default items to show of a design.
 
-    They are its board, and its plates and target if it has any. With metal the sheets are shown too, because the
-    distances of a target begin on them.
+    With metal the sheets are shown too, because the distances of a target begin on them.
     """
     plates: tuple[Item, ...] = ("plates",) if design.plates else ()
     target: tuple[Item, ...] = ("target",) if design.target is not None else ()
@@ -233,10 +232,7 @@ class _Making:
 
     @cached_property
     def _with_target(self) -> Design:
-        """Design whose field is shown.
-
-        If the target is shown too, it is one of the plates.
-        """
+        """Design whose field is shown."""
         shown = set(self.view.show)
         if "target" not in shown or not shown & _OF_B:
             return self.design
@@ -314,10 +310,7 @@ class _Making:
         return overlays.scene_of_response(response, state, depth, outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
-        """First state that measures the coil.
-
-        The coil is known by the plan of the design or by its name.
-        """
+        """First state that measures the coil."""
         states = [str(name) for name in response.state.values]
         for wanted in (first_states(self.design).get(self._coil), self._coil):
             if wanted in states:
@@ -355,10 +348,7 @@ class _Making:
         )
 
     def _require_field(self) -> None:
-        """Refuse a field that cannot be computed.
-
-        It is refused before anything is computed.
-        """
+        """Refuse a field that cannot be computed."""
         shown = set(self.view.show)
         if shown & _OF_B:
             require_endless(self._with_target)
@@ -410,10 +400,7 @@ class _Making:
 
     @property
     def _surroundings(self) -> str:
-        """Describe the surroundings that B includes.
-
-        Shown parts that B leaves out are named too.
-        """
+        """Describe the surroundings that B includes."""
         design, metal = self._with_target, []
         if design.target is None and self.design.target is not None:
             metal.append(f"the target at {MM.text(self._distance, '.3')}")

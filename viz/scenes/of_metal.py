@@ -121,7 +121,7 @@ def target_at(
 ) -> xr.Dataset:
     """Compute the effect of a target at several distances.
 
-    The target is at one place on the board. All lengths are in m.
+    All lengths are in m.
     """
     x, y = (value - origin for value, origin in zip(place, target_of(design).origin_point, strict=True))
     return target_map(design, distances=distances, x=[x], y=[y], progress=progress)
@@ -157,11 +157,7 @@ def percent(delta: xr.DataArray) -> str:
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:
-    """Distances of the target in m for a slider.
-
-    If the design has few distances, others are put between them. The wanted distance is added. A plate with an outline
-    over magnetic sheets or beside plates takes seconds for each distance, so no distances are put in between.
-    """
+    """Distances of the target in m for a slider."""
     target = target_of(design)
     given, wanted = target.distances, [] if distance is None else [distance]
     layers = any(sheet.magnetic for sheet in design.sheets) or bool(design.plates)

@@ -45,10 +45,7 @@ _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of 
 
 
 def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
-    """Logarithmic scale of |B|.
-
-    It reaches up to the largest |B| on all the meshes.
-    """
+    """Logarithmic scale of |B|."""
     largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
     high = largest if largest > 0 else 1.0
     return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
@@ -57,7 +54,7 @@ def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
     """Scene of planes of `flux_density` coloured by |B|.
 
-    Arrows point along B. The planes are empty if |B| is below the scale.
+    The planes are empty if |B| is below the scale.
     """
     parts = []
     for k, plane in enumerate(slices):
@@ -100,8 +97,7 @@ def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], sc
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     """Scene of arcs between all pairs of coils.
 
-    The thickness of an arc is proportional to |k|, and its colour shows k. Strong arcs have numbers. `coupling` is a
-    result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
+    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
     """
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values
@@ -129,8 +125,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
     """Colour the passive coils by their currents.
 
-    The colour is the part of the current in phase with the measured coil, which is black. `currents`, complex of shape
-    (coils,), are in A per A of the measured coil, whose index is `active`.
+    `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
@@ -160,8 +155,7 @@ def scene_of_response(
 ) -> Scene:
     """Scene of δ of one state draped over the board.
 
-    The surface is higher where δ is larger. The outlines of the coils lie on it. The arguments are the same as for
-    `coilarray.viz.draped_outlines`.
+    The surface is higher where δ is larger. The arguments are the same as for `coilarray.viz.draped_outlines`.
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
     surface = meshes.response_surface(response, state, depth, height=_OVER, relief=relief)
@@ -183,12 +177,8 @@ def scene_of_location(
 ) -> Scene:
     """Scene of the possible positions of an indentation.
 
-    Each position has a pin and a 95 % ellipse of x and y. There are notes too.
-
     All lengths are in m and all places on the board. These are the `location`, the `bounds` of the board (x_min, y_min,
-    x_max, y_max), the height `top` of the pins, and the real place `truth`, which gets a cross. An ellipse ends at the
-    edge of the board, and is left out if it is longer than the board. An ellipse that is too small to be visible is
-    enlarged by the factor in the legend. The notes have position, standard deviations and verdict.
+    x_max, y_max), the height `top` of the pins, and the real place `truth`, which gets a cross.
     """
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
@@ -236,10 +226,7 @@ def _summary(location: Location) -> str:
 
 
 def _magnification(modes: Sequence[Mode], length: float) -> float:
-    """Least factor with which the largest ellipse is visible.
-
-    It is one of 1, 2, 5, 10, 20, …. The board has the given length.
-    """
+    """Least factor with which the largest ellipse is visible."""
     semi_axes = [_semi_axis(mode) for mode in modes if _is_finite(mode)]
     wanted = _SEEN * length / max(semi_axes) if semi_axes else 0.0
     if wanted <= 1:

@@ -64,8 +64,7 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
 def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique") -> str:
     """Make a web page with a scene to turn.
 
-    It has a switch for every group, and a slider if the scene has one. The page contacts no host. Making it needs
-    neither a screen nor a graphics driver. If trame-vtk is not installed, it raises a MissingDependencyError.
+    If trame-vtk is not installed, it raises a MissingDependencyError.
     """
     from jinja2 import Environment, PackageLoader
     from markupsafe import escape
@@ -104,10 +103,7 @@ def check_page() -> None:
 
 
 def _viewer() -> str:
-    """Page of trame-vtk that shows scenes of vtk.js.
-
-    It contains the library and loads nothing.
-    """
+    """Page of trame-vtk that shows scenes of vtk.js."""
     tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="3d")
     text = Path(tools.HTML_VIEWER_PATH).read_text(encoding="utf-8")
     if text.count("</body>") != 1 or "OfflineLocalView" not in text:
@@ -173,10 +169,7 @@ def _view(scene: Scene, side: Side) -> dict[str, Any]:
 
 
 def _bar(scale: Scale) -> dict[str, Any]:
-    """Title, colours and numbers of a colour bar.
-
-    The colours go from the bottom up.
-    """
+    """Title, colours and numbers of a colour bar."""
     title, colours, numbers = bar_of(scale, _STOPS)
     places = np.linspace(0.0, 100.0, len(numbers)).tolist()
     ticks = [{"at": at, "text": text} for at, text in zip(places, numbers, strict=True)]

@@ -145,10 +145,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Slider:
-    """Positions of a slider.
-
-    Each position shows its own parts and lines of text.
-    """
+    """Positions of a slider."""
 
     title: str  # name of the moving thing, without the value
     labels: tuple[str, ...]  # value of every position, with its unit

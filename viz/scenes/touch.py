@@ -86,10 +86,9 @@ def touch_along(
     """Compute δ along a path of the indenter.
 
     The path has `count` places at equal steps along its `corners` on the board in m. The default is a straight line
-    along x over all coils through the middle coil. `depth` in m is by default the deepest of the design.
-
-    A design without an indenter or an impossible indentation raises an ElastomerError. A path that leaves the board or
-    has no length, or fewer than two places, raises a GeometryError.
+    along x over all coils through the middle coil. `depth` in m is by default the deepest of the design. A design
+    without an indenter or an impossible indentation raises an ElastomerError. A path that leaves the board or has no
+    length, or fewer than two places, raises a GeometryError.
     """
     setup = indentation_of(design)
     if count < 2:
@@ -111,18 +110,14 @@ def touch_along(
 
 
 def first_states(design: Design) -> dict[str, str]:
-    """First state of the plan that measures each coil.
-
-    The states are keyed by the name of the coil.
-    """
+    """First state of the plan that measures each coil."""
     return {state.measured[0][0]: state.name for state in reversed(design.plan)}
 
 
 def off_middle(setup: Indentation) -> tuple[float, float]:
     """Place on the board off the map's centre in m.
 
-    It is an eighth and a quarter of the map off the centre along x and y. On the middle line of a symmetric board δ
-    does not depend on the position to first order, so that it has no ellipse.
+    On the middle line of a symmetric board δ does not depend on the position to first order, so that it has no ellipse.
     """
     x, y = (np.add(axis, origin) for axis, origin in zip((setup.x, setup.y), setup.origin_point, strict=True))
     return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)

@@ -74,8 +74,7 @@ def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
 def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
     """Put a switch for every group into a window.
 
-    The scene is drawn already. The switches go from the top left downwards. The function of each switch is returned by
-    group. True shows the group, and False hides it.
+    True shows the group, and False hides it.
     """
     from matplotlib.colors import to_rgb
 

@@ -183,7 +183,7 @@ def _picture(found: SweepResult | xr.Dataset) -> tuple[str, str]:
 
     If it has no picture, the reason is given in one line.
     """
-    from coilarray.viz.plots.sweep_grid import sweep_figure
+    from coilarray.viz.plots.sweep import sweep_figure
     from coilarray.viz.plots.tolerance import tolerance_figure
 
     try:

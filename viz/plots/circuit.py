@@ -1,12 +1,9 @@
-"""Figures of a coupling.
-
-The matrices of k and L, the effect of the neighbours on each coil, and the currents in them.
-"""
+"""Figures of coils in their circuit: k and L, effective inductance, currents, and impedance over frequency."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -14,34 +11,40 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from coilarray.compute.display_units import PLAIN, number_text, true_minus
-from coilarray.viz.palette import BLUE, PALE, SEQUENTIAL, UNKNOWN, VERMILLION, signed_colours
-from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, legend_above, new_axes, styled
+from coilarray.viz.palette import BLUE, GREY, PALE, SEQUENTIAL, UNKNOWN, VERMILLION, curve_look, signed_colours
+from coilarray.viz.plots import style
 
 _MOST_NUMBERED = 12  # coils whose matrix has room for its numbers
 _MOST_NAMED = 32  # coils whose names all fit along the edges of a matrix
 _LARGEST = 11.0  # inches
 _DARK = 0.179  # relative luminance with equal contrast to black and white, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
 
+_NAMES = {
+    "apparent_inductance": "apparent inductance Im Z/ω",
+    "impedance_real": "effective resistance Re Z",
+    "impedance_imag": "reactance Im Z",
+    "quality_factor": "quality factor Im Z/Re Z",
+}
+_POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # with a pole at the self-resonance
+_MANY = 10.0  # largest over least resistance on an axis of equal steps; it spans decades near a self-resonance
+_CEILING, _HEADROOM = 4.0, 1.08  # height of the axis over a pole's value at the lowest frequency, and over all values
+_MOST_CURVES = 9  # number of curves that can be distinguished if coils are alike
+_RANGE = 0.35  # opacity of the range of all curves
 
-@styled
+
+@style.styled
 def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the coupling coefficients k of all pairs.
 
-    The matrix is drawn by `plot_matrix`. Its diagonal, 1, is left out.
+    The matrix is drawn by `plot_matrix`, without its diagonal.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         Result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
-    ax : Axes, optional
-        Axes to draw into. The colours are symmetric about zero.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -55,7 +58,7 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     return plot_matrix(k, names, title=title, quantity="k", scale="diverging", mask_diagonal=True, ax=ax)
 
 
-@styled
+@style.styled
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the inductance matrix.
 
@@ -66,13 +69,6 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
-    ax : Axes, optional
-        Axes to draw into. The prefix is chosen from the largest value.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -90,7 +86,7 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     )
 
 
-@styled
+@style.styled
 def plot_matrix(
     values: npt.ArrayLike,
     names: Sequence[str],
@@ -123,13 +119,6 @@ def plot_matrix(
     digits, mask_diagonal : int, bool
         Number of digits after the decimal point, and whether to leave the diagonal out. Without it the colours spread
         over the neighbours.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Raises
     ------
@@ -146,14 +135,14 @@ def plot_matrix(
     if matrix.shape != (len(names), len(names)):
         raise ValueError(f"a matrix of {len(names)} coils must have shape {(len(names),) * 2}; got {matrix.shape}.")
     hidden = np.eye(len(names), dtype=np.bool_) if mask_diagonal else np.zeros_like(matrix, dtype=np.bool_)
-    shown = axis_unit(matrix[~hidden], unit) if unit else PLAIN
+    shown = style.axis_unit(matrix[~hidden], unit) if unit else PLAIN
     numbers = np.ma.array(shown.of(matrix), mask=hidden)
     texts = [[number_text(number, digits) for number in row] for row in numbers.data.tolist()]
     label = shown.label(quantity) if quantity else shown.symbol
     return _heat_map(numbers, texts, names, title, label, scale, ax)
 
 
-@styled
+@style.styled
 def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the effective inductance of each coil.
 
@@ -164,13 +153,6 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
-    ax : Axes, optional
-        Axes to draw into.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -181,8 +163,8 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     """
     names = coupling.coil.values.tolist()
     before, after = coupling.open_effective_inductance.values, coupling.effective_inductance.values
-    shown = axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
-    ax = ax or new_axes(6.0, min(1.3 + 0.35 * len(names), _LARGEST))
+    shown = style.axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
+    ax = ax or style.new_axes(6.0, min(1.3 + 0.35 * len(names), _LARGEST))
     rows = np.arange(len(names))
     closed = "grounded" if (coupling.termination.values == "short").all() else "as terminated"
     ax.hlines(rows, shown.of(before), shown.of(after), color=PALE, linewidth=3, zorder=1)
@@ -195,31 +177,24 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
         ax.annotate(true_minus(f"{percent:+.2f} %"), (low, row), **look)
     ax.set_yticks(rows, names, fontsize=min(9.0, 280.0 / len(names)))
     ax.margins(x=0.25)
-    faint_grid(ax, "x")
+    style.faint_grid(ax, "x")
     label = f"{shown.label('inductance')}; the axis does not start at zero"
     ax.set(ylim=(len(names) - 0.5, -0.5), xlabel=label, title="Effective inductance")
-    legend_above(ax, 2)
+    style.legend_above(ax, 2)
     return ax
 
 
-@styled
+@style.styled
 def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the currents that an active coil induces.
 
-    The magnitude in the other coils is a colour, with the phase written below.
+    Each column has the currents per ampere in an active coil. The magnitude in the other coils is a colour, with the
+    phase written below.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
-    ax : Axes, optional
-        Axes to draw into, with a column per active coil and a row per passive coil. Currents are per ampere in the
-        active coil. The diagonal, 1, is left out.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The given axes, or new axes by default.
 
     Examples
     --------
@@ -231,7 +206,7 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     names = coupling.coil.values.tolist()
     currents = (coupling.current_real + 1j * coupling.current_imag).transpose("other", "coil").values
     hidden = np.eye(len(names), dtype=np.bool_)
-    shown = axis_unit(np.abs(currents[~hidden]), "A")  # per A
+    shown = style.axis_unit(np.abs(currents[~hidden]), "A")  # per A
     numbers = np.ma.array(shown.of(np.abs(currents)), mask=hidden)
     texts = [
         [f"{magnitude:.3g}\n{number_text(phase, 0)}°" for magnitude, phase in zip(*row, strict=True)]
@@ -243,6 +218,157 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@style.styled
+def plot_frequency_sweep(
+    sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None, *, scan: xr.Dataset | None = None
+) -> Axes:
+    """Draw a quantity over frequency, one curve per state.
+
+    If there are many states, three of them and the range of all are drawn. A quantity with a pole is drawn up to four
+    times its value at the lowest frequency.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        Result of `coilarray.circuit.impedance.sweep_design`.
+    quantity : str
+        Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
+    scan : xarray.Dataset, optional
+        Result of `coilarray.circuit.impedance.scan_design` of the same states. A dot marks the resonance with the tank
+        on each curve, and a dotted line the self-resonance.
+
+    Raises
+    ------
+    ValueError
+        If the sweep has no such quantity.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.circuit.impedance import sweep_design
+    >>> ax = plot_frequency_sweep(sweep_design(load_design("gast_fem"), [1e5, 1e6]))
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('frequency (MHz)', 'apparent inductance Im Z/ω (µH)')
+    """
+    there = [name for name in _NAMES if name in sweep]
+    if quantity not in there:
+        raise ValueError(f"quantity must be one of {', '.join(there)}; got {quantity!r}.")
+    values = sweep[quantity].transpose("frequency", "state").values
+    top = _HEADROOM * float(values.max())
+    if quantity in _POLES:
+        top = min(_CEILING * float(values[0].max()), top)
+    unit = str(sweep[quantity].attrs["units"])
+    shown = PLAIN if unit == "1" else style.axis_unit(top, unit)
+    of_frequency = style.axis_unit(sweep.frequency)
+    f = of_frequency.of(sweep.frequency)
+    ax = ax or style.new_axes(6.5, 3.6)
+    names = sweep.state.values.tolist()
+    chosen = _chosen(sweep)
+    if len(chosen) < len(names):
+        within = (values > 0).all(axis=1)  # no range beyond a pole of some states
+        low, high = (shown.of(edge) for edge in (values.min(axis=1), values.max(axis=1)))
+        ax.fill_between(f, low, high, where=within, color=GREY, alpha=_RANGE, lw=0, label=f"all {len(names)} states")
+    for k in chosen:
+        name, curve = names[k], shown.of(values[:, k])
+        # Losses turn a pole of the inductance into a steep fall, and a sample on it may lie within the axis.
+        falls = (np.diff(values[:, k]) < 0) & ((values[:-1, k] > top) | (np.diff(np.sign(values[:, k])) < 0))
+        pole = np.flatnonzero(falls & (quantity == "apparent_inductance")) + 1
+        drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
+        ax.plot(*drawn, label=name, marker="o" if f.size == 1 else "", **curve_look(k))
+        if scan is not None:
+            _mark_resonances(ax, scan, name, of_frequency.of, f, curve, curve_look(k)["color"])
+    if scan is not None:
+        for mark, label, own in (("o", "with the tank", "frequency"), (":", "self-resonance", "state_self_resonance")):
+            at = of_frequency.of(scan[own])
+            if ((f[0] <= at) & (at <= f[-1])).any():
+                ax.plot([], [], mark, color=GREY, label=label)
+    if top > 0:
+        ax.set_ylim(0.0, float(shown.of(top)))
+    ax.set_xscale("log")
+    if f.size > 1:
+        ax.set_xlim(f[0], f[-1])
+    style.logarithmic_ticks(ax.xaxis, math.log10(f[-1] / f[0]))
+    style.faint_grid(ax)
+    ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
+    style.legend_beside(ax)
+    return ax
+
+
+def _chosen(sweep: xr.Dataset) -> list[int]:
+    """Choose the states that are drawn.
+
+    If there are many, they are the states with the least, the middle and the most inductance.
+    """
+    count = sweep.sizes["state"]
+    if count <= _MOST_CURVES:
+        return list(range(count))
+    first = sweep["apparent_inductance"].transpose("frequency", "state").values[0]
+    order = first.argsort(kind="stable")
+    return sorted(int(order[k]) for k in (0, count // 2, count - 1))
+
+
+@style.styled
+def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
+    """Draw impedance quantities over frequency.
+
+    These are apparent inductance, resistance and quality factor, with the resonances of every state.
+
+    Parameters
+    ----------
+    sweep, scan : xarray.Dataset
+        Results of `coilarray.circuit.impedance.sweep_design` and `coilarray.circuit.impedance.scan_design`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.circuit.impedance import scan_design, sweep_design
+    >>> design = load_design("gast_fem")
+    >>> figure = frequency_figure(sweep_design(design, [1e5, 1e6]), scan_design(design, elastomer=False))
+    >>> [ax.get_ylabel().split(" Im")[0] for ax in figure.axes]
+    ['apparent inductance', 'effective resistance Re Z (Ω)', 'quality factor']
+    """
+    names = ("apparent_inductance", "impedance_real", "quality_factor")
+    figure = style.new_figure(6.5, 3.2 * len(names))
+    for k, name in enumerate(names):
+        ax = figure.add_subplot(len(names), 1, k + 1)
+        plot_frequency_sweep(sweep, name, ax, scan=scan)
+        if k and (legend := ax.get_legend()) is not None:
+            legend.remove()  # it repeats the first legend
+        if name == "impedance_real":
+            _logarithmic(ax, sweep[name].values)
+    return figure
+
+
+def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
+    """Use powers of ten if values span many."""
+    positive = values[values > 0]
+    if positive.size and positive.max() > _MANY * positive.min():
+        ax.set_yscale("log")
+        ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
+        style.logarithmic_ticks(ax.yaxis, math.log10(positive.max() / positive.min()))
+
+
+def _mark_resonances(
+    ax: Axes,
+    scan: xr.Dataset,
+    state: str,
+    shown: Callable[[npt.ArrayLike], npt.NDArray[np.float64]],
+    f: npt.NDArray[np.float64],
+    curve: npt.NDArray[np.float64],
+    colour: str,
+) -> None:
+    """Mark the resonances of a state on its curve.
+
+    The frequencies are in the unit shown.
+    """
+    of_state = scan.sel(state=state)
+    tank, own = (float(shown(of_state[name])) for name in ("frequency", "state_self_resonance"))
+    if f[0] <= tank <= f[-1]:
+        ax.plot(tank, np.interp(tank, f, curve), "o", color=colour, markersize=5)
+    if f[0] <= own <= f[-1]:
+        ax.axvline(own, color=colour, linestyle=":", linewidth=0.9, zorder=0)
+
+
 def _heat_map(
     numbers: np.ma.MaskedArray[tuple[int, int], np.dtype[np.float64]],
     texts: Sequence[Sequence[str]],
@@ -252,12 +378,9 @@ def _heat_map(
     scale: Literal["sequential", "diverging"],
     ax: Axes | None,
 ) -> Axes:
-    """Draw a matrix with names and a colour bar.
-
-    The names are along the edges. If there are few coils, every cell has a text. Masked cells are grey.
-    """
+    """Draw a matrix with names and a colour bar."""
     n = len(names)
-    ax = ax or new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))
+    ax = ax or style.new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))
     shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
     if scale == "diverging":
         colours, low, high = signed_colours(shown)
@@ -275,7 +398,7 @@ def _heat_map(
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
     ax.set_title(title)
-    colour_bar(ax, image, label)
+    style.colour_bar(ax, image, label)
     if n > _MOST_NUMBERED:
         return ax
     size, cells = min(9.0, 60.0 / max(len(texts), 1)), image.to_rgba(numbers)

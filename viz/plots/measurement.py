@@ -1,0 +1,371 @@
+"""Figures of measurements beside the model: comparisons, calibrations, and the noise of a board."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from coilarray.compute.display_units import MILLI_DELTA, MM, DisplayUnit, true_minus
+from coilarray.viz.datasets.overlays import of_state
+from coilarray.viz.palette import BLUE, COILS, GREY, INK, VERMILLION, curve_look
+from coilarray.viz.plots import style
+
+MOST_STATES = 6
+"""Largest number of states in `comparison_figure` and `calibration_figure`."""
+
+_SIGMAS = 2.0  # half width of the band around x0
+_STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
+_SOURCES = {"measured": (VERMILLION, "o-"), "simulated": (BLUE, "s--")}
+_WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
+_ROW = 13.0  # inches
+_LOOKS = {"A": ("o", BLUE), "B": ("s", VERMILLION), "x0": ("^", INK)}
+_NAMES = {"A": "A", "B": "B", "x0": "$x_0$"}
+_SECONDS = DisplayUnit("s")
+
+
+@style.styled
+def plot_residual(
+    comparison: xr.Dataset,
+    state: str,
+    depth: int = 0,
+    stage: Literal["before", "after"] = "after",
+    ax: Axes | None = None,
+    outlines: Sequence[npt.ArrayLike] = (),
+) -> Axes:
+    """Draw measured minus simulated δ of one state.
+
+    It is drawn over the position of the indenter, with the outlines of the coils. The colours are symmetric about zero
+    and the same for both stages of a state. Places without a comparison are grey.
+
+    Parameters
+    ----------
+    comparison : xarray.Dataset
+        Result of `coilarray.studies.comparison.compare_responses`, with at least two x and two y.
+    state, depth : str and int
+        Name of the state, and index of the depth in the dataset.
+    stage : {"before", "after"}
+        Simulated map as it is, or scaled and shifted onto the measured map.
+    outlines : sequence of array_like
+        As in `coilarray.viz.plot_response`.
+
+    Raises
+    ------
+    ValueError
+        If the dataset has no such state, or the map has a single row.
+    """
+    of = of_state(comparison.isel(depth=depth), state)
+    style.require_plane(of)
+    ax = ax or style.new_axes(*style.map_size(of))
+    both, shown = _residuals(of)
+    mesh = style.signed_map(ax, of, both[list(_STAGES).index(stage)], outlines, style.largest(both))
+    style.colour_bar(ax, mesh, shown.label("δ"))
+    ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
+    return ax
+
+
+@style.styled
+def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw measured over simulated δ of every state.
+
+    There is a dot per position, and the line of equality.
+
+    Both have the unit 10⁻³.
+
+    Parameters
+    ----------
+    comparison, depth
+        As in `plot_residual`.
+    """
+    at = comparison.isel(depth=depth)
+    ax = ax or style.new_axes(5.0, 4.5)
+    names = at.state.values.tolist()
+    ends: list[float] = []
+    for k, (name, colour) in enumerate(style.state_colours(comparison, names).items()):
+        measured, simulated = (MILLI_DELTA.of(at.delta.sel(state=name, source=source)).ravel() for source in _SOURCES)
+        label = true_minus(f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}")
+        marker = "os^Dv*"[(k // len(COILS)) % 6]
+        ax.plot(simulated, measured, marker, markersize=3.0, markerfacecolor="none", color=colour, label=label)
+        ends += simulated[np.isfinite(simulated)].tolist()
+    if ends:
+        span = min(ends), max(ends)
+        ax.plot(span, span, color=GREY, linewidth=0.8, zorder=0)
+    style.faint_grid(ax)
+    ax.set(xlabel=MILLI_DELTA.label("simulated δ"), ylabel=MILLI_DELTA.label("measured δ"))
+    ax.set_title(f"Readings, {MM.text(at.depth)} deep")
+    style.legend_beside(ax)
+    return ax
+
+
+@style.styled
+def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw x0 of the ellipses of one state over δ.
+
+    The values are measured and simulated, with bands of two standard deviations. Levels whose points do not determine
+    their ellipse are crossed out.
+
+    Parameters
+    ----------
+    comparison, state, depth
+        As in `plot_residual`.
+
+    Raises
+    ------
+    ValueError
+        If the dataset has no such state.
+    """
+    of = of_state(comparison.isel(depth=depth), state)
+    ax = ax or style.new_axes(5.0, 3.5)
+    level = MILLI_DELTA.of(of.level)
+    drawn = [source for source in _SOURCES if np.isfinite(of.x0.sel(source=source)).any()]
+    for source in drawn:
+        colour, look = _SOURCES[source]
+        x0, deviation = (MM.of(of[name].sel(source=source)) for name in ("x0", "x0_std"))
+        ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
+        style.draw_band(ax, level, x0, _SIGMAS * deviation, colour)
+        style.mark_undetermined(ax, level, x0, of.undetermined.sel(source=source), colour)
+    if "coil_x" in of.coords and state in of.coil.values:
+        centre = float(MM.of(of.coil_x.sel(coil=state)))
+        ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    style.faint_grid(ax)
+    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
+    if drawn:
+        style.legend_beside(ax)
+    else:
+        ax.text(0.5, 0.5, "no ellipses", ha="center", va="center", transform=ax.transAxes)
+    return ax
+
+
+@style.styled
+def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
+    """Draw a comparison, one row per state.
+
+    A row has the difference before and after scale and shift, and x0 of both. A response along a single line, or at a
+    single position, is drawn by `plot_readings` alone. The first `MOST_STATES` states are shown.
+
+    Parameters
+    ----------
+    comparison, outlines
+        As in `plot_residual`, with any number of x and y.
+    depth : int
+        Index of the depth in the dataset. The default is the deepest.
+    """
+    if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
+        figure = style.new_figure(7.0, 4.5)
+        plot_readings(comparison, depth, figure.add_subplot())
+        return figure
+    names = comparison.state.values.tolist()[:MOST_STATES]
+    aspect = float(np.ptp(comparison.y.values) / np.ptp(comparison.x.values))
+    height = max(1.9, _ROW / sum(_WIDTHS) * aspect + 0.9)
+    figure = style.new_figure(_ROW, height * len(names) + 0.5)
+    axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
+    for (left, right, curve), state in zip(axes, names, strict=True):
+        of = of_state(comparison.isel(depth=depth), state)
+        both, shown = _residuals(of)
+        for ax, values, stage in zip((left, right), both, _STAGES.values(), strict=True):
+            mesh = style.signed_map(ax, of, values, outlines, style.largest(both))
+            ax.set_title(f"{state}, {stage}")
+        figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
+        right.set_ylabel("")
+        plot_centres(comparison, state, depth, curve)
+    note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
+    style.main_title(figure, f"Measured less simulated δ, {MM.text(comparison.depth[depth])} deep{note}")
+    return figure
+
+
+def _residuals(of: xr.Dataset) -> tuple[npt.NDArray[np.float64], DisplayUnit]:
+    """Residuals of one state and their common unit.
+
+    The residuals before and after scale and shift have shape (2, y, x).
+    """
+    both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
+    shown = style.axis_unit(both, "1")
+    return shown.of(both), shown
+
+
+@style.styled
+def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
+    """Draw measured and fitted numbers, one row per state.
+
+    The residuals are in standard deviations. For ellipses, A, B and x0 are drawn over δ, with a band of one standard
+    deviation of the posterior. For a response, δ is drawn along x, and the residuals as a map if there are several
+    rows. At most six states are shown.
+
+    Parameters
+    ----------
+    calibration : xarray.Dataset
+        Dataset of `coilarray.studies.calibrate.calibrate`. If it has more than six states, the states with the largest
+        measured values are drawn, and the title mentions this.
+    combination : int
+        Index of the combination of choices. The default is the most probable combination.
+    """
+    of = calibration.isel(combination=combination)
+    every = list(dict.fromkeys(of.state.values.tolist()))
+    measured = np.abs(of.measured.values)
+    by_size = sorted(every, key=lambda state: measured[of.state.values == state].max(), reverse=True)
+    states = [state for state in every if state in by_size[:MOST_STATES]]
+    figure = style.new_figure(12.5, 3.4 * len(states))
+    if len(states) < len(every):
+        style.main_title(figure, f"The {len(states)} of {len(every)} states with the largest values")
+    axes = figure.subplots(len(states), 2, squeeze=False)
+    plot = _fitted_ellipses if calibration.attrs["kind"] == "ellipses" else _fitted_response
+    for state, (left, right) in zip(states, axes, strict=True):
+        plot(of.isel(datum=np.flatnonzero(of.state == state)), state, left, right)
+    return figure
+
+
+def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
+    """Draw the ellipses' parameters of a state over δ.
+
+    Parameters that are only predicted are dashed.
+    """
+    known = np.isfinite(of.model.values[of.quantity == "x0"])  # else the window does not show the model's ellipse
+    for name, (marker, colour) in _LOOKS.items():
+        part = of.isel(datum=np.flatnonzero(of.quantity == name))
+        level, model = MILLI_DELTA.of(part.level), np.where(known, MM.of(part.model), np.nan)
+        left.plot(level, MM.of(part.measured), marker, color=colour, markersize=4.0, markerfacecolor="none")
+        left.plot(level, model, "-", color=colour, label=_NAMES[name])
+        style.draw_band(left, level, model, MM.of(part.model_std), colour)
+        line = "-" if (part.weight > 0).any() else "--"
+        remains = np.where(known, part.residual.values, np.nan)
+        right.plot(level, remains, f"{marker}{line}", color=colour, label=_NAMES[name])
+    left.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"{state}: lines fitted")
+    right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: residuals")
+    _finish_pair(left, right)
+
+
+def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
+    """Draw δ of one state along x."""
+    deepest = of.isel(datum=np.flatnonzero(of.depth == of.depth.max()))
+    for k, y in enumerate(np.unique(deepest.y.values)):
+        row = deepest.isel(datum=np.flatnonzero(deepest.y == y)).sortby("x")
+        shown: dict[str, Any] = {"color": INK, "markersize": 3.0, "markerfacecolor": "none"}
+        left.plot(MM.of(row.x), MILLI_DELTA.of(row.measured), "o", label="measured" if not k else None, **shown)
+        left.plot(MM.of(row.x), MILLI_DELTA.of(row.model), "-", color=BLUE, label=None if k else "fitted")
+    dots = right.scatter(
+        MM.of(deepest.x), MM.of(deepest.y), c=deepest.residual.values, cmap="RdBu_r",
+        vmin=-style.largest(deepest.residual.values), vmax=style.largest(deepest.residual.values), s=18.0,
+    )  # fmt: skip
+    style.colour_bar(right, dots, "fitted − measured (noise)")
+    left.set(xlabel=MM.label("x"), ylabel=MILLI_DELTA.label("δ"), title=f"{state}, {MM.text(deepest.depth[0])} deep")
+    right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: residuals")
+    style.faint_grid(left)
+    left.legend(loc="best")
+
+
+def _finish_pair(left: Axes, right: Axes) -> None:
+    style.zero_line(right)
+    for ax in (left, right):
+        style.faint_grid(ax)
+        style.legend_beside(ax)
+
+
+@style.styled
+def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
+    """Draw the posterior of the unknowns.
+
+    The diagonal has every unknown alone, and every pair is below it. Crosses are the fitted values.
+
+    Parameters
+    ----------
+    calibration, combination
+        As in `calibration_figure`.
+    """
+    of = calibration.isel(combination=combination)
+    of = of.isel(unknown=np.flatnonzero(np.isfinite(of["value"].values)))
+    labels = [name.rpartition(".")[2] for name in of.unknown.values.tolist()]
+    n = len(labels)
+    side = max(2.0, min(4.0, 12.0 / n))
+    figure = style.new_figure(side * n + 0.8, side * n + 0.4)
+    axes = figure.subplots(n, n, squeeze=False)
+    draws, best = of.posterior.values, of["value"].values
+    for i in range(n):
+        for j in range(n):
+            ax = axes[i, j]
+            if j > i:
+                ax.remove()
+                continue
+            if i == j:
+                ax.hist(draws[:, i], bins=30, color=BLUE, alpha=0.6)
+                ax.axvline(best[i], color=VERMILLION, linewidth=1.0)
+                ax.set_yticks([])
+            else:
+                ax.plot(draws[:, j], draws[:, i], ".", color=BLUE, markersize=1.5, alpha=0.5)
+                ax.plot(best[j], best[i], "+", color=VERMILLION, markersize=9.0)
+                ax.yaxis.set_major_locator(MaxNLocator(3))
+            ax.xaxis.set_major_locator(MaxNLocator(3))
+            if i == n - 1:
+                ax.set_xlabel(labels[j], fontsize=8)
+            if j == 0 and i:
+                ax.set_ylabel(labels[i], fontsize=8)
+    return figure
+
+
+@style.styled
+def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the evidence of every combination of choices.
+
+    It is relative to the best combination, as ln of the odds.
+
+    Parameters
+    ----------
+    calibration : xarray.Dataset
+        As in `calibration_figure`.
+    """
+    names = calibration.combination.values.tolist()
+    ax = ax or style.new_axes(8.0, 0.35 * len(names) + 1.0)
+    evidence = calibration.log_evidence.values
+    relative = np.nan_to_num(evidence - evidence[0], nan=0.0)
+    ax.barh(range(len(names)), relative, color=[BLUE if np.isfinite(one) else GREY for one in evidence])
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.set(xlabel=true_minus("ln evidence - best"), title="Combinations")
+    style.faint_grid(ax, "x")
+    return ax
+
+
+@style.styled
+def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the Allan deviation of every state.
+
+    It is drawn against the averaging time, with its confidence intervals.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        Result of `coilarray.hardware.record.stability.stability`. If it has ``expected``, white noise of the budget is
+        a dotted line.
+
+    Examples
+    --------
+    >>> from coilarray.hardware.record.stability import stability
+    >>> noise = 1e-6 * np.random.default_rng(0).standard_normal((200, 1))
+    >>> ax = plot_stability(stability(0.3 * np.arange(200), noise, ["coil1"], expected=[1e-6]))
+    >>> ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()
+    ('averaging time (s)', 'Allan deviation of δ', 'log')
+    """
+    ax = ax or style.new_axes(6.5, 3.8)
+    tau, names = found.tau.values, found.state.values.tolist()
+    colours = style.state_colours(found, names)
+    for k, name in enumerate(names):
+        one = found.sel(state=name)
+        known = np.isfinite(one.deviation.values)
+        deviation, low, high = (one[key].values[known] for key in ("deviation", "low", "high"))
+        look = curve_look(k) | {"color": colours[name]}
+        bars = (deviation - low, high - deviation)
+        ax.errorbar(tau[known], deviation, bars, label=name, marker="o", markersize=3.0, elinewidth=0.8, **look)
+    ax.set(xscale="log", yscale="log", xlabel=_SECONDS.label("averaging time"), ylabel="Allan deviation of δ")
+    if "expected" in found and np.isfinite(found.expected.values).any():
+        expected = float(np.nanmean(found.expected.values))
+        ax.plot(tau, expected * np.sqrt(tau[0] / tau), color=GREY, linewidth=1.2, linestyle=":", label="budget, white")
+    style.logarithmic_ticks(ax.xaxis, math.log10(tau[-1] / tau[0]) if len(tau) > 1 else 1.0)
+    style.faint_grid(ax)
+    style.legend_beside(ax)
+    return ax
