@@ -22,7 +22,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from support.first_assumed import first_assumed
 from support.lattices import hexagonal
 
-from coilarray.circuit.coupling import bare_network, design_circuit
+from coilarray.circuit.board_circuit import bare_network
+from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation

@@ -12,7 +12,6 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.impedance import scan_design, sweep_design
 from coilarray.circuit.network import resonate
 from coilarray.circuit.state_sensitivity import state_sensitivity
-from coilarray.compute.store import Store
 from coilarray.hardware.emulator.indenter import LIFTED
 from coilarray.hardware.emulator.sensor_world import SensorWorld
 from coilarray.hardware.scan.board_network import board_network
@@ -33,7 +32,7 @@ def test_every_place_shows_the_same_coil(tmp_path):
     state = state_table(scan_design(design, elastomer=False)).records()[0]
     settings = {name: "measure" if name == "coil1" else "ground" for name in design.array.names}
     by_hand = resonate(circuit_of(design).network, state_of(settings))
-    board = SensorWorld(board_network(design, Store(tmp_path)), lambda: None)
+    board = SensorWorld(board_network(design), lambda: None)
     emulated = board.resonator(design.plan[0], LIFTED, 25.0).frequency
     base = response_map(design, x=[0.0], y=[0.0]).base_inductance
     linear = state_sensitivity(design_circuit(design), design.plan).base_inductance

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.circuit.board_circuit import BoardCircuit, board_circuit
 from coilarray.circuit.converter_limits import LARGEST_SHARE_OF_SELF_RESONANCE
-from coilarray.circuit.coupling import circuit_parts, permittivity_above, provenance, swept_circuit
+from coilarray.circuit.coupling import provenance
 from coilarray.circuit.network import (
-    Network,
     StateResult,
     impedances,
     loaded_quality,
@@ -26,7 +26,6 @@ from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
-from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
@@ -127,14 +126,14 @@ def scan_design(
         if progress is not None:
             progress(done, steps)
 
-    parts = circuit_parts(design, accuracy=accuracy)
-    network, ac = parts.network, parts.resistance
+    circuit = board_circuit(design, accuracy=accuracy)
+    network, ac, (capacitance, _) = circuit.network, circuit.resistance, circuit.windings.capacitance
     tell(1)
     results = []
     for k, state in enumerate(plan):
         results.append(resonate(network, state))
         tell(k + 2)
-    direct = [solve_state(parts.direct, r.state, r.frequency).effective_resistance for r in results]
+    direct = [solve_state(circuit.direct, r.state, r.frequency).effective_resistance for r in results]
     grid = ac.frequency.values
     middle = float(np.sqrt(grid[0] * grid[-1]))
     nearest = int(np.abs(grid - middle).argmin())
@@ -148,7 +147,7 @@ def scan_design(
          f"quality factor of the coil{beside_q}"),
         ("loaded_quality_factor", states, [loaded_quality(network, r) for r in results], "1",
          f"quality factor with the tank{beside_q}"),
-        ("state_self_resonance", states, _self_resonances(design, network, results, accuracy), "Hz",
+        ("state_self_resonance", states, _self_resonances(circuit, results), "Hz",
          "self-resonance without the tank"),
         ("parallel_resistance", states, [r.parallel_resistance for r in results], "ohm", "parallel resistance"),
         ("resistance_ratio", states, [r.effective_resistance / d for r, d in zip(results, direct, strict=True)], "1",
@@ -158,20 +157,20 @@ def scan_design(
         ("ac_resistance", coil, np.diag(network.resistance(middle)), "ohm", "AC resistance"),
         ("resistance_model", coil, ac.model.values[nearest].astype(object), "", "model of the AC resistance"),
     ]  # fmt: skip
-    if parts.capacitance is not None:
+    if capacitance is not None:
         own = self_resonance(np.diag(network.inductance), network.winding_capacitance)
         rows += [
             ("winding_capacitance", coil, network.winding_capacitance, "F", "capacitance of the winding"),
             ("self_resonance", coil, own, "Hz", "self-resonance of the coil alone"),
-            ("capacitance", ("coil", "other"), parts.capacitance.capacitance.values, "F", "capacitance matrix"),
+            ("capacitance", ("coil", "other"), capacitance.capacitance.values, "F", "capacitance matrix"),
         ]
     if (counted := part_switches(design)) != design.circuit.switches:
         with_part = [resonate(replace(network, switches=counted), state).frequency for state in plan]
         rows.append(("part_frequency", states, with_part, "Hz", f"with capacitances of {design.circuit.part}"))
-    if elastomer and design.sheets and parts.capacitance is not None:
+    if elastomer and design.sheets and capacitance is not None:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
-        above = permittivity_above(design)
-        effect = kept_dataset(
+        above = circuit.windings.above
+        effect = circuit.windings.keep(
             ("elastomer effect", digest_of(design.array, design.sheets, above, design.circuit.capacitance)),
             lambda: elastomer_effect(design.array, above, design.circuit.capacitance, design.sheets, undisturbed=below),
         )
@@ -195,20 +194,18 @@ def scan_design(
     return scan
 
 
-def _self_resonances(
-    design: Design, network: Network, results: Sequence[StateResult], accuracy: Accuracy
-) -> list[float]:
+def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> list[float]:
     """Self-resonances of the states in Hz.
 
     The effect of plates and copper is evaluated at these frequencies, not at the oscillation of the states.
     """
-    found = [self_resonance_of(network, one) for one in results]
-    for _ in range(_ROUNDS if design.plates else 0):
+    found = [self_resonance_of(circuit.network, one) for one in results]
+    for _ in range(_ROUNDS if circuit.design.plates else 0):
         finite = [one for one in found if math.isfinite(one)]
         if not finite:
             break
         low, high = (1 - _AROUND) * min(finite), (1 + _AROUND) * max(finite)
-        there = swept_circuit(design, np.geomspace(low, high, _SAMPLES), accuracy)
+        there = circuit.swept(np.geomspace(low, high, _SAMPLES))
         found = [self_resonance_of(there, one) for one in results]
         if all(low <= one <= high for one in found if math.isfinite(one)):
             break
@@ -224,7 +221,7 @@ def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
     `coilarray.circuit.readability.readability`, with the same meaning. ``state_self_resonance`` is infinite if it is
     too far above the frequency to count, and leaves out the effect of plates there. NetworkError as in `scan_design`.
     """
-    network = circuit_parts(design, accuracy=accuracy).network
+    network = board_circuit(design, accuracy=accuracy).network
     results = [resonate(network, state) for state in design.plan]
     at = {name: np.array([getattr(one, name) for one in results]) for name in RESONATOR}
     states, within = ("state",), 1 / LARGEST_SHARE_OF_SELF_RESONANCE
@@ -277,7 +274,7 @@ def sweep_design(
     require_memory(
         _BYTES_A_RESISTANCE * len(f) * coils**2, f"the impedance of {coils} coils at {len(f)} frequencies", "take fewer"
     )
-    network = swept_circuit(design, f)
+    network = board_circuit(design).swept(f)
     plan = design.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
     for k, state in enumerate(plan):

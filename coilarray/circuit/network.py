@@ -28,12 +28,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from coilarray.circuit.active_coil import PortImpedance, check_frequency, checked_network
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges
@@ -58,6 +58,8 @@ NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
 # frequency.
 _LEAST_SLOPE, _LONGEST_STEP = 0.1, 0.3
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
+_ASYMMETRY = 1e-9  # of k; a matrix exchanged by hand may have lost digits
+_LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; entries are rounded to 1e-16, their rules err by 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +129,27 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
+class PortImpedance:
+    """Impedance in Ω between two terminals at one frequency.
+
+    The frequency is in Hz.
+    """
+
+    frequency: float
+    impedance: complex
+
+    @property
+    def apparent_inductance(self) -> float:
+        """Im Z/ω in H."""
+        return self.impedance.imag / (2 * math.pi * self.frequency)
+
+    @property
+    def effective_resistance(self) -> float:
+        """R_eff = Re Z in Ω."""
+        return self.impedance.real
+
+
+@dataclass(frozen=True, eq=False)
 class StateResult(PortImpedance):
     """Impedance seen by the converter in one state.
 
@@ -176,6 +199,49 @@ class Resonance(StateResult):
         The converter takes it for the inductance.
         """
         return 1 / ((2 * math.pi * self.frequency) ** 2 * self.tank_capacitance)
+
+
+def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return a valid inductance matrix and resistances.
+
+    The matrix has shape (n, n) in H, the resistances shape (n,) in Ω. Shapes that do not fit, values that are not
+    finite, a diagonal that is not positive, or a negative resistance raise a NetworkError.
+    """
+    L = np.asarray(inductance, dtype=np.float64)
+    if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
+        raise NetworkError(f"an inductance matrix must be square; got shape {L.shape}.")
+    if not np.isfinite(L).all() or not (np.diag(L) > 0).all():
+        raise NetworkError("an inductance matrix must be finite with a positive diagonal.")
+    root = np.sqrt(np.diag(L))
+    k = L / np.outer(root, root)
+    i, j = np.unravel_index(int(np.argmax(np.abs(k - k.T))), k.shape)
+    if abs(k[i, j] - k[j, i]) > _ASYMMETRY:
+        raise NetworkError(
+            f"an inductance matrix must be symmetric; between coils {i + 1} and {j + 1} it has {L[i, j]} H "
+            f"and {L[j, i]} H."
+        )
+    # k and L have the same signs of eigenvalues (Sylvester). The eigenvalues of k do not depend on the size of the
+    # coils.
+    values, vectors = np.linalg.eigh((k + k.T) / 2)
+    if values[0] <= _LEAST_EIGENVALUE:
+        raise NetworkError(
+            f"an inductance matrix must be positive definite; the smallest of the {len(k)} eigenvalues of its "
+            f"coupling coefficients is {values[0]:.6g}, mostly of coil {int(np.argmax(np.abs(vectors[:, 0]))) + 1}: "
+            "two coils are in the same place, or the matrix is not that of real coils."
+        )
+    try:
+        R = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), (len(L),)))
+    except ValueError:
+        raise NetworkError(f"resistance must be one number or {len(L)}; got shape {np.shape(resistance)}.") from None
+    if not (np.isfinite(R).all() and (R >= 0).all()):
+        raise NetworkError(f"resistances must be finite and not negative; got {R.min()} Ω.")
+    return L, R
+
+
+def check_frequency(frequency: float | FloatArray) -> None:
+    """Refuse frequencies in Hz that are not positive and finite."""
+    if not (np.isfinite(frequency) & np.greater(frequency, 0)).all():
+        raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
 
 
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:

@@ -84,7 +84,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
 
     Examples
     --------
-    >>> from coilarray.circuit.coupling import bare_network
+    >>> from coilarray.circuit.board_circuit import bare_network
     >>> from coilarray.design.scan_states import Switches, paper_plan
     >>> L = np.array([[2e-6, 0.2e-6], [0.2e-6, 2e-6]])
     >>> two = bare_network(("a", "b"), L, np.zeros(2), Switches())

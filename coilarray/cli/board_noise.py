@@ -47,7 +47,6 @@ def show_noise(
     """Measure a board for a time in s, or read a recording, and print Allan deviations beside the budget."""
     import numpy as np
 
-    from coilarray.compute.store import open_store
     from coilarray.hardware.record.reference_coil import less_reference
     from coilarray.hardware.record.stability import stability
     from coilarray.hardware.scan.board_network import board_budget
@@ -69,7 +68,7 @@ def show_noise(
     else:
         at_rest = _measured(options, open_design(design, allow_violations=allow_violations), seconds)
     opened = at_rest.design
-    budget = board_budget(opened, at_rest.settings, open_store())
+    budget = board_budget(opened, at_rest.settings)
     delta = {name: values / np.nanmean(values) - 1 for name, values in at_rest.inductance.items()}
     if reference:
         delta, budget = less_reference(delta, reference), budget.referenced(reference)

@@ -152,7 +152,6 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     L_0 is by the design's tank capacitor alone, as a recording has it that is not calibrated; beside one that is, by
     all capacitance there is.
     """
-    from coilarray.compute.store import open_store
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.board_network import board_network
     from coilarray.report.figures import map_outlines
@@ -161,7 +160,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
 
     indentation_of(design)  # refused before the network is computed
     # beside a recording of coils at the channels of a converter there are no switches
-    network = board_network(design, open_store(), wired=beside is not None and bool(beside.attrs.get("wired", False)))
+    network = board_network(design, wired=beside is not None and bool(beside.attrs.get("wired", False)))
     with shared.progress_bar(f"response of {design.name}") as progress:
 
         def at(*axes: FloatArray | None) -> xr.Dataset:

@@ -200,10 +200,9 @@ def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> Noise
     """Return the noise budget of a board with these settings; None if the noise is given, or the states differ."""
     if asked.noise is not None or not {one.name for one in settings.states} <= {one.name for one in design.plan}:
         return None
-    from coilarray.compute.store import open_store
     from coilarray.hardware.scan.board_network import board_budget
 
-    return board_budget(design, settings, open_store(), baseline_scans=asked.baseline)
+    return board_budget(design, settings, baseline_scans=asked.baseline)
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:

@@ -151,11 +151,10 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
 def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
     """Return the table of a design from the store, computed where it is new; OutputError as `open_store`."""
     from coilarray.compute.store import open_store
-    from coilarray.hardware.scan.board_network import board_network
     from coilarray.localize.forward import table_for
 
     store = open_store()
     return store.dataset(
         ("readable positions", design.digest),
-        lambda: table_for(design, network=board_network(design, store), progress=progress),
+        lambda: table_for(design, progress=progress),
     )

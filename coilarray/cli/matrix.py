@@ -39,9 +39,10 @@ def matrix(
     """
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
-    from coilarray.circuit.active_coil import checked_network
-    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance, plate_errors, swept_circuit
+    from coilarray.circuit.board_circuit import board_circuit
+    from coilarray.circuit.coupling import couple_design
     from coilarray.circuit.exchange import exchange_frequencies, export_network, fasthenry_input
+    from coilarray.circuit.network import checked_network
     from coilarray.compute.files import write_text
     from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.report.tables import coil_table, pair_table
@@ -53,7 +54,8 @@ def matrix(
     names = list(opened.array.names)
     with shared.progress_bar("inductance matrix") as progress:
         # two coils in one place are refused here, before any circuit
-        inductance = checked_network(design_inductance(opened, progress=progress)[0], 0.0)[0]
+        inductance = checked_network(board_circuit(opened, progress=progress).inductance, 0.0)[0]
+    circuit = board_circuit(opened)
     data: dict[str, object] = {**shared.design_record(opened), "names": names}
     if as_json or suffix in (".nc", ".csv", ".inp"):  # the matrices alone need no circuit, which takes longer
         coupling = couple_design(opened)
@@ -62,18 +64,18 @@ def matrix(
             "coupling": coupling.coupling.values.tolist(),
             "coils": coil_table(opened, coupling).records(),
             "pairs": pair_table(coupling).records(),
-            **plate_errors(opened),
+            **circuit.plate_error_attributes,
         }
         if suffix == ".inp" and out is not None:
             write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
         elif suffix in (".nc", ".csv"):
             shared.write_numbers(out, coupling, pair_table(coupling).csv)
     if out is not None and suffix not in (".nc", ".csv", ".inp"):
-        network = swept_circuit(opened, exchange_frequencies(design_circuit(opened)))
+        network = circuit.swept(exchange_frequencies(circuit.network))
         export_network(network, out, title=opened.name)
     lines: list[str] = []
     if not as_json:
-        lines = shared.plate_error_lines(plate_errors(opened))
+        lines = shared.plate_error_lines(circuit.plate_error_attributes)
         _print_matrices(names, inductance, coupling_matrix(inductance))
     shared.print_result(data, as_json=as_json, lines=lines, files=[out])
 

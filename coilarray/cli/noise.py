@@ -21,12 +21,10 @@ def noise(
     Example: coilarray noise gast2020 --reference coil6
     """
     from coilarray.circuit.noise_budget import noise_budget
-    from coilarray.compute.store import open_store
-    from coilarray.hardware.scan.board_network import board_network
     from coilarray.report.noise_tables import budget_lines, budget_tables
 
     opened = shared.open_design(design, allow_violations=allow_violations)
-    budget = noise_budget(opened, network=board_network(opened, open_store()))
+    budget = noise_budget(opened)
     if reference:
         budget = budget.referenced(reference)
     shared.print_result(

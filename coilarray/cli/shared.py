@@ -337,11 +337,11 @@ def print_result(
 
 def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> list[str]:
     """Return the line that names the capacitance of windings without a model, none where no quantity needs one."""
-    from coilarray.circuit.coupling import design_capacitance
+    from coilarray.circuit.board_circuit import board_circuit
     from coilarray.studies.quantities import request
 
     needed = any(request(name).quantity.is_read for name in quantities)
-    return left_out_lines(design_capacitance(design)[1] if needed else "")
+    return left_out_lines(board_circuit(design).windings.capacitance[1] if needed else "")
 
 
 def left_out_lines(left_out: str) -> list[str]:

@@ -29,6 +29,10 @@ from coilarray.errors import DamagedError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
+
+Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]
+"""Returns the dataset kept for some parts, as in `content_key`, or computes and keeps it."""
+
 FOLDER_VARIABLE = "COILARRAY_CACHE"
 """Environment variable that names the default folder of the store."""
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import xarray as xr
 
-from coilarray.circuit.plates import plate_errors_by_name
+from coilarray.circuit.board_circuit import board_circuit
 from coilarray.compute.display_units import MM, PERCENT, DisplayUnit
 from coilarray.compute.table import Column, Table, Value, dataset_table
 from coilarray.design.model import Design
@@ -28,7 +28,7 @@ def plate_table(design: Design, frequency: float) -> Table:
     A row for each plate has its place, material, and its skin depth at a frequency in Hz. If there are finite plates,
     it also has the errors of their ΔL and ΔR, by mesh and model.
     """
-    errors = plate_errors_by_name(design, frequency)
+    errors = board_circuit(design).plate_errors(frequency)
     columns: tuple[Column, ...] = (
         *map(Column, ("plate", "outline")),
         Column("z", "lowest point at z", "m", MM),

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_plates
+from coilarray.circuit.board_circuit import board_circuit
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import kept_dataset
 from coilarray.design.bundled import names_with
@@ -447,7 +447,7 @@ def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
     if not middle.any():
         return np.zeros_like(middle)
     heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
-    plates = design_plates(design)
+    plates = board_circuit(design).plates
     beside = [plate for plate in design.plates if isinstance(plate, Plate)]
 
     def level(height: float) -> FloatArray:

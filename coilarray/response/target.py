@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_circuit, provenance, widened
+from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.coupling import provenance
 from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
-from coilarray.circuit.plates import plate_errors_by_name
 from coilarray.circuit.readability import readability
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
@@ -193,7 +193,9 @@ def target_map(
     coils, cases = len(design.array.names), int(np.prod(axes.shape))
     what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
     require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
-    network = design_circuit(design, ideal=ideal, accuracy=accuracy) if network is None else network
+    circuit = board_circuit(design, accuracy=accuracy)
+    if network is None:
+        network = circuit.ideal if ideal else circuit.network
     alone = [resonate(network, state) for state in design.plan]
     resonances = np.array([one.frequency for one in alone])
     middle = float(np.exp(np.log(resonances).mean()))
@@ -207,7 +209,7 @@ def target_map(
         band = _around(np.append(moved, resonances))
         changes, *errors = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
         _require_passive(network, changes, axes)
-        near, network = _cases(band, changes), widened(design, network, band.low, band.high, accuracy)
+        near, network = _cases(band, changes), circuit.widened(network, band.low, band.high)
         solved = [_through_circuit(network, one, near, axes) for one in alone]
         by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
         moved = by_state["frequency"]
@@ -229,7 +231,7 @@ def target_map(
         result = result.assign(readability(design, ("distance", "y", "x", "state"), at, base))
     own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
     result = result.assign_attrs(noise=own).merge(ranges_of(result, sigma), combine_attrs="no_conflicts")
-    stated = list(plate_errors_by_name(design, float(mean.mean())).values())
+    stated = list(circuit.plate_errors(float(mean.mean())).values())
     if isinstance(target.body, FinitePlate):
         depths = target.body.thickness / target.body.material.skin_depth(float(band.nodes.max()))
         in_a_row = [part.reshape(-1, *part.shape[2:]) for part in (changes, *errors)]

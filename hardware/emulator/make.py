@@ -117,7 +117,7 @@ def emulated_board(
             frequency = float(np.mean([resonate(network, state).frequency for state in design.plan]))
         return response_table(design, store, frequency=frequency, progress=progress)
 
-    network = board_network(design, store, wired=bool(wiring.channels))
+    network = board_network(design, wired=bool(wiring.channels))
     if count_parts:
         network = replace(network, switches=wiring.capacitances(network.switches))
     world = SensorWorld(

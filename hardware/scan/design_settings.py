@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
-from coilarray.compute.store import open_store
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
@@ -111,7 +110,7 @@ def design_settings(
     plan = design_plan(design, states)
     if unknown:
         plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
-    network = board_network(design, open_store(), wired=bool(wiring.channels))
+    network = board_network(design, wired=bool(wiring.channels))
     results = [resonate(network, state) for state in plan]
     if not isinstance(drives, int):
         known = dict(drives or {})

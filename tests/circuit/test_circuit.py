@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.active_coil import active_coil
 from support.coil_paths import random_matrix
 
-from coilarray.circuit.active_coil import active_coil, every_active_coil, impedance_matrix
 from coilarray.circuit.coupling import couple
+from coilarray.circuit.network import checked_network
 
 pytestmark = pytest.mark.nojit
 
@@ -40,20 +41,6 @@ def test_identities(n, seed, resistance, short):
     # Kirchhoff in every passive loop
     voltages = 1j * OMEGA * L @ state.currents + (resistance + short) * state.currents
     assert np.abs(voltages[1:]).max() <= 1e-12 * np.abs(voltages[0])
-
-
-@settings(max_examples=40)
-@given(st.integers(1, 7), st.integers(0, 10**6), st.floats(0, 50), st.floats(0, 50))
-def test_every_active_coil_is_each_one_alone(n, seed, resistance, short):
-    L = random_matrix(n, seed)
-    every = every_active_coil(L, resistance, F, short)
-    for a in range(n):
-        alone = active_coil(L, resistance, a, F, short_resistance=short)
-        # two ways through matrices of condition up to 1e3; the resistance of the short is taken off again
-        assert every.impedances[a] == pytest.approx(alone.impedance, rel=1e-11)
-        assert every.apparent_inductance[a] == pytest.approx(alone.apparent_inductance, rel=1e-11)
-        np.testing.assert_allclose(every.currents[:, a], alone.currents, rtol=0, atol=1e-11)
-    assert (every.effective_resistance >= resistance * (1 - 1e-11) - 1e-9).all()
 
 
 def test_ideal_shorts_of_many_coils():
@@ -115,24 +102,16 @@ def test_resonance_of_strongly_coupled_coils(k):
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: active_coil([[1e-6, 0]], 0, 0, F), "must be square"),
-    (lambda: active_coil([[np.nan]], 0, 0, F), "finite with a positive diagonal"),
-    (lambda: active_coil([[-1e-6]], 0, 0, F), "finite with a positive diagonal"),
-    (lambda: active_coil([[1e-6]], -1, 0, F), "resistances must be finite and not negative"),
-    (lambda: active_coil([[1e-6]], [1, 2], 0, F), "resistance must be one number or 1"),
-    (lambda: active_coil([[1e-6]], 0, 1, F), "the active coil must be 0 to 0; got 1"),
-    (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
-    (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
-    (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
-    (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "must be positive definite; .* two coils are in the same place"),
-    (lambda: active_coil([[2, 1], [0, 2]], 0, 0, F), "must be symmetric; between coils 1 and 2 it has"),
+    (lambda: checked_network([[1e-6, 0]], 0), "must be square"),
+    (lambda: checked_network([[np.nan]], 0), "finite with a positive diagonal"),
+    (lambda: checked_network([[-1e-6]], 0), "finite with a positive diagonal"),
+    (lambda: checked_network([[1e-6]], -1), "resistances must be finite and not negative"),
+    (lambda: checked_network([[1e-6]], [1, 2]), "resistance must be one number or 1"),
+    (lambda: checked_network([[1, 1], [1, 1]], 0), "must be positive definite; .* two coils are in the same place"),
+    (lambda: checked_network([[2, 1], [0, 2]], 0), "must be symmetric; between coils 1 and 2 it has"),
     (lambda: couple(["a", "b"], [[1, 2], [2, 1]], 0, 1e-12), "must be positive definite"),
-    (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
     (lambda: couple(["a"], [[1e-6]], 0, -1e-12), "capacitance must be positive and finite"),
     (lambda: couple(["a"], [[1e-6]], 0, 1e-12, ["loose"]), "must be 1 of 'short' or 'open'"),
-    (lambda: every_active_coil([[1, 2], [2, 1]], 0, F), "must be positive definite"),
-    (lambda: every_active_coil([[1e-6]], 0, 0.0), "frequency must be positive and finite; got 0"),
-    (lambda: every_active_coil([[1e-6]], 0, F, -1.0), "short_resistance must be finite"),
     (lambda: couple(["a", "b"], [[1e-6]], 0, 1e-12), "2 names need an inductance matrix"),
     (lambda: couple(["a"], [[1e-5]], 1e4, 100e-12), "state a has no resonance between"),
 ])  # fmt: skip

@@ -21,11 +21,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.active_coil import active_coil
 from support.coil_paths import random_matrix
 
 from coilarray import Conductor, couple_design, dc_resistance, inductance_matrix, load_design
-from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.coupling import bare_network, design_circuit, swept_circuit
+from coilarray.circuit.board_circuit import bare_network, board_circuit
+from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.exchange import (
     exchange_frequencies,
     export_network,
@@ -224,7 +225,7 @@ def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
 def test_ngspice_gives_what_impedance_says(tmp_path, board):
     """The exported coils behind switches of 2.5 Ω, all others grounded, from a fifth to five times the resonance."""
     design = load_design("gast2020")
-    export_network(swept_circuit(design, exchange_frequencies(design_circuit(design))), tmp_path / "array.cir")
+    export_network(board_circuit(design).swept(exchange_frequencies(design_circuit(design))), tmp_path / "array.cir")
     text = (tmp_path / "array.cir").read_text(encoding="utf-8")
     assert all(float(line.split()[-1]) > 0 for line in text.splitlines() if line[0] in "RLC")
     misfit, drift, others = (float(share) / 100 for share in re.findall(r"(\S+) %", text))

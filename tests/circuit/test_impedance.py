@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from support.active_coil import active_coil
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
-from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple, design_circuit, terminations_of
 from coilarray.circuit.impedance import (
     close_channels,
@@ -119,7 +119,7 @@ def test_the_ideal_stands_beside_the_true_circuit(design):
 
 def test_the_network_is_computed_once(design, monkeypatch):
     network = design_circuit(design)
-    monkeypatch.setattr("coilarray.circuit.coupling.resistance_matrix", None)
+    monkeypatch.setattr("coilarray.circuit.board_circuit.resistance_matrix", None)
     assert design_circuit(load_design("starter")) is network
     # a changed design has another one: what its digest does not tell too
     with pytest.raises(TypeError):
@@ -127,8 +127,8 @@ def test_the_network_is_computed_once(design, monkeypatch):
 
 
 def test_many_coils_without_the_copper_of_others(design, monkeypatch):
-    monkeypatch.setattr("coilarray.circuit.coupling._MOST_TOGETHER", 2)
-    monkeypatch.setattr("coilarray.circuit.coupling._PARTS", Recent(1))
+    monkeypatch.setattr("coilarray.circuit.board_circuit._MOST_TOGETHER", 2)
+    monkeypatch.setattr("coilarray.circuit.board_circuit._KEPT", Recent(2))
     many, network = couple_design(design), design_circuit(design)
     assert many.attrs["left_out"] == "losses in the copper of other coils"
     alone = resistance_matrix([design.array.conductors()[1]], float(many.frequency[1])).resistance.values[0, 0, 0]

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
+from support.active_coil import active_coil
 from support.coil_paths import random_matrix
 
-from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.network import (
     Network,
     between_coils,

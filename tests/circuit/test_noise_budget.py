@@ -11,8 +11,8 @@ import pytest
 from support.refusals import refused
 
 from coilarray import load_design
+from coilarray.circuit.board_circuit import bare_network
 from coilarray.circuit.converter_limits import REFERENCE
-from coilarray.circuit.coupling import bare_network
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
 from coilarray.design.model import Circuit, build_design

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 
 import coilarray as ca
-import coilarray.circuit.plates as circuit_plates
-from coilarray.circuit.coupling import design_circuit, design_inductance, design_plates, plate_errors, swept_circuit
+from coilarray.circuit import board_circuit as making
+from coilarray.circuit.board_circuit import PlateEffect, Windings, board_circuit
+from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.exchange import export_network
 from coilarray.circuit.impedance import scan_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of, solve_state
-from coilarray.circuit.plates import plate_effect
 from coilarray.circuit.state_sensitivity import resonances
-from coilarray.compute.store import Store
 from coilarray.errors import MetalError
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.metal.flat_plates import plate_inductance
+from coilarray.metal.over_frequency import FrequencyBand
 
 SHIELD = ca.Plate("shield", -4e-3, 0.1e-3, ca.MATERIALS["stainless_steel"])
 
@@ -46,7 +46,7 @@ def shielded(bare: ca.Design) -> ca.Design:
 def test_a_coil_alone_has_the_impedance_of_coil_and_plate(bare: ca.Design, shielded: ca.Design) -> None:
     f = np.array([0.3e6, 3e6, 30e6])
     added = 2j * np.pi * f[:, None, None] * plate_inductance(bare.array, [SHIELD], f)
-    with_plate, without = (_windings_alone(swept_circuit(design, f)) for design in (shielded, bare))
+    with_plate, without = (_windings_alone(board_circuit(design).swept(f)) for design in (shielded, bare))
     for state in bare.plan:
         k = bare.array.names.index(state.name)
         for one, frequency in zip(added, f.tolist(), strict=True):
@@ -63,7 +63,7 @@ def _windings_alone(network: Network) -> Network:
 
 
 def test_tables_have_the_plates_at_the_working_frequency(bare: ca.Design, shielded: ca.Design) -> None:
-    result, plates = ca.couple_design(shielded), design_plates(shielded)
+    result, plates = ca.couple_design(shielded), board_circuit(shielded).plates
     assert plates is not None
     working = result.attrs["working_frequency_Hz"]
     assert working == pytest.approx(float(result.ideal_frequency.mean()), rel=1e-2)
@@ -79,7 +79,7 @@ def test_tables_have_the_plates_at_the_working_frequency(bare: ca.Design, shield
 
 
 def test_interpolation_over_frequency(shielded: ca.Design) -> None:
-    effect = plate_effect(shielded, 1e5, 1e7)
+    effect = board_circuit(shielded).windings.plate_effect(shielded.plates, 1e5, 1e7)
     f = np.array([1.03e5, 9.37e5, 9.9e6])
     expected = plate_inductance(shielded.array, [SHIELD], f)
     np.testing.assert_allclose(effect.at(f), expected, rtol=0, atol=1e-5 * np.abs(expected).max())
@@ -94,17 +94,21 @@ def test_plates_are_computed_where_the_coils_oscillate(
     """A formula stands in for plates that change every inductance by a factor, at other frequencies by less."""
     L = design_inductance(replace(shielded, plates=()))[0]
 
-    def samples(design: ca.Design, frequencies: np.ndarray, accuracy: str) -> np.ndarray:
+    def samples(frequencies: np.ndarray) -> np.ndarray:
         return (factor - 1) * L * np.exp(-0.01 * np.log(frequencies / 3e6) ** 2)[:, None, None] * (1 - 0.01j)
 
-    monkeypatch.setattr(circuit_plates, "_plate_inductance", samples)
+    def effect(self: Windings, plates: object, low: float, high: float) -> PlateEffect:
+        band = FrequencyBand(low, high)
+        return PlateEffect(band, samples(band.nodes))
+
+    monkeypatch.setattr(Windings, "plate_effect", effect)
     # another digest for each: what is kept in memory is of no other test
     design = replace(shielded, plates=(replace(SHIELD, thickness=factor * 1e-4),))
-    plates, network = design_plates(design), design_circuit(design, ideal=True)
+    plates, network = board_circuit(design).plates, design_circuit(design, ideal=True)
     assert plates is not None
     for one in resonances(network, design.plan):
         k = design.array.names.index(one.state.name)
-        own = L[k, k] + samples(design, np.array([one.frequency]), "full")[0, k, k].real
+        own = L[k, k] + samples(np.array([one.frequency]))[0, k, k].real
         assert one.effective_inductance == pytest.approx(own, rel=1e-3)  # losses of 1 %, and 13 nodes a decade
         assert plates.effect.band.holds(np.array([one.frequency]))
 
@@ -125,12 +129,10 @@ def test_many_coils_together_and_one_by_one(shielded: ca.Design) -> None:
 
 def test_the_emulated_board_and_files_have_the_plates(shielded: ca.Design, tmp_path: Path) -> None:
     network = design_circuit(shielded)
-    for _ in range(2):  # computed, and read from the store
-        kept = board_network(shielded, Store(tmp_path))
-        state = shielded.plan[0]
-        assert solve_state(kept, state, 2.7e6).impedance == solve_state(network, state, 2.7e6).impedance
+    state, board = shielded.plan[0], board_network(shielded)
+    assert solve_state(board, state, 2.7e6).impedance == solve_state(network, state, 2.7e6).impedance
     f = np.geomspace(1e6, 1e7, 5)
-    swept = swept_circuit(shielded, f)
+    swept = board_circuit(shielded).swept(f)
     export_network(swept, tmp_path / "three.cir")
     text = (tmp_path / "three.cir").read_text()
     assert "L is that at the working frequency; the plates change it by up to" in text
@@ -146,15 +148,15 @@ def test_the_emulated_board_and_files_have_the_plates(shielded: ca.Design, tmp_p
 @pytest.mark.slow
 def test_a_plate_with_an_outline(bare: ca.Design, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wide one does what an infinite one does, alone and beside another, but for 1 % of the field beyond its rim."""
-    coarse = partial(circuit_plates.outlined_inductance, fineness=0.6)  # 0.6 % off in all, 0.4 % on the full mesh
-    monkeypatch.setattr(circuit_plates, "outlined_inductance", coarse)
+    coarse = partial(making.outlined_inductance, fineness=0.6)  # 0.6 % off in all, 0.4 % on the full mesh
+    monkeypatch.setattr(making, "outlined_inductance", coarse)
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))
     wide = ca.Plate("wide", 5e-3, 0.5e-3, ca.MATERIALS["copper"])
     disc = ca.FinitePlate("disc", ca.Disc(25e-3), (0, 0, 5.25e-3), 0.5e-3, wide.material)
-    assert 0 < plate_errors(replace(one, plates=(disc,)))["plate_error_inductance"] < 2e-2
+    assert 0 < board_circuit(replace(one, plates=(disc,))).plate_error_attributes["plate_error_inductance"] < 2e-2
     for others in ((), (SHIELD,)):
         endless, found = (
-            plate_effect(replace(one, plates=(*others, plate)), 3e6, 3e6).at(np.array([3e6])).real
+            board_circuit(one).windings.plate_effect((*others, plate), 3e6, 3e6).at(np.array([3e6])).real
             for plate in (wide, disc)
         )
         np.testing.assert_allclose(found, endless, rtol=0.02)
@@ -165,7 +167,7 @@ def test_the_self_resonance_has_the_plates_at_its_own_frequency(shielded: ca.Des
     """Not at that of the states, a quarter of it: 0.1 % lower in a foil that mostly screens there already."""
     state, found = shielded.plan[1], float(scan_design(shielded, elastomer=False).state_self_resonance[1])
     flat = resonate(design_circuit(shielded), state)
-    there = swept_circuit(shielded, found * np.array([0.99, 1.0, 1.01]))
+    there = board_circuit(shielded).swept(found * np.array([0.99, 1.0, 1.01]))
     # 5e-5: linear between samples that are 7 % apart
     assert found == pytest.approx(self_resonance_of(there, flat), rel=5e-5)
     assert self_resonance_of(design_circuit(shielded), flat) < (1 - 5e-4) * found

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.active_coil import active_coil
 
 from coilarray.circuit import state_sensitivity as ways
-from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.coupling import bare_network
+from coilarray.circuit.board_circuit import bare_network
 from coilarray.circuit.network import Network, SampledMatrix, resonances_near, resonate
 from coilarray.circuit.state_sensitivity import resonances, state_sensitivity
 from coilarray.design.scan_states import ScanState, Switches, paper_plan

@@ -410,13 +410,12 @@ def test_the_ellipses_of_a_map_give_places_on_the_board(capsys, maps):
 def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     design, computed = load_design("starter"), []
 
-    def table(given, *, network, progress):
+    def table(given, *, progress):
         computed.append(given.name)
         return board(FIELD).isel(state=slice(3)).assign_attrs(design_hash=given.digest, origin_x=1e-3, origin_y=-2e-3)
 
     monkeypatch.setenv("COILARRAY_CACHE", "cache")
     monkeypatch.setattr(coilarray.localize.forward, "table_for", table)
-    monkeypatch.setattr("coilarray.hardware.scan.board_network.board_network", lambda design, store: None)
     three = {name: value for name, value in reading().items() if name in design.array.names}
     command = ("locate", "--model", "starter", "--table", "t.nc", text_of(three), "--json")
     first, second = run(capsys, *command), run(capsys, *command)

@@ -26,7 +26,6 @@ from coilarray import load_design
 from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.compute.netcdf import load_part, save_dataset
-from coilarray.compute.store import open_store
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import Drift
@@ -245,7 +244,7 @@ def test_simulated_response_of_the_design(path):
     board = open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise)
     board.reader.configure(settings)
     measured = response_of(run(path, campaign, board, settings=settings))
-    network = board_network(DESIGN, open_store())
+    network = board_network(DESIGN)
     computed = response_map(DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, network=network)
     for name in ("depth", "y", "x", "state", "coil"):
         assert measured[name].values.tolist() == computed[name].values.tolist()
@@ -442,7 +441,7 @@ def test_a_place_that_is_not_of_the_campaign(path):
 @pytest.mark.slow
 def test_settings_fit_the_coils():
     settings = design_settings(DESIGN, two_coil_wiring())
-    network = board_network(DESIGN, open_store())
+    network = board_network(DESIGN)
     for state, plan in zip(settings.states, DESIGN.plan, strict=True):
         result = resonate(network, plan)
         assert state.drive == drive_for(result.parallel_resistance).code

@@ -48,7 +48,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def network(folder):
-    return board_network(PAPER, Store(folder))
+    return board_network(PAPER)
 
 
 @pytest.fixture(scope="module")
@@ -336,9 +336,8 @@ def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch
     def never(*arguments, **options):
         raise AssertionError
 
-    monkeypatch.setattr("coilarray.hardware.scan.board_network._circuit", never)
     monkeypatch.setattr("coilarray.hardware.emulator.response_table.inductance_changes", never)
-    again = board_network(PAPER, Store(folder))
+    again = board_network(PAPER)
     assert np.array_equal(again.inductance, network.inductance)
     assert np.array_equal(again.resistance(1.77e6), network.resistance(1.77e6))
     assert np.array_equal(response_table(PAPER, Store(folder), (DEPTH, Y, X)).spline.spline.c, table.spline.spline.c)

@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 from support import browser
+from support.active_coil import active_coil
 from support.contacts import coarse_maps, few_turns
 from support.patience import until
 from support.plot_results import distortion
@@ -25,7 +26,6 @@ from coilarray import (
     parse_design,
     write_report,
 )
-from coilarray.circuit.active_coil import active_coil
 from coilarray.compute.table import Column
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design_file

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import coilarray as ca
-from coilarray.circuit.plates import plate_errors_by_name
+from coilarray.circuit.board_circuit import board_circuit
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
 from coilarray.compute.table import Column, Table, dataset_table, text_table
@@ -131,6 +131,6 @@ def test_plates_with_an_outline_say_what_their_model_errs():
     assert 0.13 < second["resistance_error"] < 0.17
     assert "resistance_error" not in plate_table(replace(design, plates=(back,)), 2e6).records()[0]
     # the commands have both in one line
-    (line,) = shared.plate_error_lines(worst_attributes([plate_errors_by_name(design, 2e6)["coin"]]))
+    (line,) = shared.plate_error_lines(worst_attributes([board_circuit(design).plate_errors(2e6)["coin"]]))
     assert re.search(r"up to [\d.]+ % of ΔL and 1[3456] % of ΔR \(.* 21 skin depths thick\)$", line)
     assert not shared.plate_error_lines({})

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from support.active_coil import active_coil
 from support.contacts import MESH
 from support.lattices import hexagonal
 
 import coilarray.response.map as map_module
 import coilarray.response.near as near_module
 from coilarray import load_design
-from coilarray.circuit.active_coil import every_active_coil
 from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.compute.memory import MemoryLimitError
@@ -150,9 +150,9 @@ def test_large_boards_answer_as_all_their_coils_together():
     # the same currents as of another solution, with the effective inductance in place of the resonance: losses are 2e-3
     middle = int(np.argmax(full[0]))
     frequency = 1 / (2 * np.pi * np.sqrt(states.base_inductance[middle] * design.circuit.capacitance))
-    every = every_active_coil(L, R, frequency, design.circuit.short_resistance)
-    i = every.currents[:, middle]
-    assert full[0, middle] == pytest.approx((i @ change[0] @ i).real / every.apparent_inductance[middle], rel=5e-3)
+    one = active_coil(L, R, int(states.measured[middle]), frequency, short_resistance=design.circuit.short_resistance)
+    i = one.currents
+    assert full[0, middle] == pytest.approx((i @ change[0] @ i).real / one.apparent_inductance, rel=5e-3)
 
 
 def test_tables_give_what_single_offsets_give(row, monkeypatch):

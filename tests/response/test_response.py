@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.active_coil import active_coil
 from support.contacts import MESH, contacts_of, first_coils_design
 
 import coilarray.response.dent_changes as response_module
 import coilarray.response.setup as response_setup
 from coilarray import load_design
-from coilarray.circuit.active_coil import active_coil
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design

@@ -16,7 +16,8 @@ from support.refusals import refused
 
 import coilarray as ca
 import coilarray.response.target as module
-from coilarray.circuit.coupling import bare_network, design_circuit, swept_circuit
+from coilarray.circuit.board_circuit import bare_network, board_circuit
+from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import changed_resonances, resonate, solve_state
 from coilarray.design.model import parse_design
 from coilarray.errors import GeometryError, LocalizeError, MetalError
@@ -74,7 +75,7 @@ def test_a_near_target_has_the_resistance_at_its_own_frequency():
     f, base = float(found.frequency), resonate(design_circuit(design), design.plan[0])
     assert f > 1.2 * base.frequency
     assert float(found.base_quality_factor) == base.quality_factor
-    network = swept_circuit(design, f * np.array([0.999, 1.001]))
+    network = board_circuit(design).swept(f * np.array([0.999, 1.001]))
     loss = network.resistance(f) + found.resistance_change.values
     beside = replace(
         network, inductance=network.inductance + found.inductance_change.values, resistance=lambda frequency: loss

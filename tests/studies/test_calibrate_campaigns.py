@@ -68,7 +68,7 @@ def emulated(tmp_path_factory):
     """The design of a small board as believed, and the emulated physics of the board as it is."""
     believed, store = build_design(small_document(), "two_coils"), open_store(tmp_path_factory.mktemp("store"))
     real = vary(believed, {key: value for key, value in TRUE.items() if key != DRIFT})
-    return believed, SensorWorld(board_network(real, store), lambda: response_table(real, store, TABLE))
+    return believed, SensorWorld(board_network(real), lambda: response_table(real, store, TABLE))
 
 
 def record(path, emulated, seed):

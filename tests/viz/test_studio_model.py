@@ -343,7 +343,7 @@ def test_numbers_are_those_of_the_library_and_the_matrix_needs_no_circuit(starte
     assert [row[2] for row in rows] == [f"{one * 1e6:.3f}" for one in reference.effective_inductance.values]
     assert [row[6] for row in rows] == [f"{one * 1e-6:.4f}" for one in reference.frequency.values]
     for name in ("resistance_matrix", "coil_capacitance"):
-        monkeypatch.setattr(f"coilarray.circuit.coupling.{name}", None)
+        monkeypatch.setattr(f"coilarray.circuit.board_circuit.{name}", None)
     wider = vary(starter, {"array.pitch_mm": 13.1})
     assert numbers_of(wider, "screen").k.shape == (3, 3)
     with pytest.raises(TypeError):

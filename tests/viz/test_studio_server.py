@@ -301,18 +301,17 @@ def test_a_response_is_computed_once(monkeypatch, tmp_path):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
     made = []
 
-    def table_for(design, *, network=None, progress=None):
-        made.append((design.digest, network))
+    def table_for(design, *, progress=None):
+        made.append(design.digest)
         return xr.Dataset({"delta": ("state", [1.0])}, attrs={"design_hash": design.digest})
 
     monkeypatch.setattr("coilarray.localize.forward.table_for", table_for)
-    monkeypatch.setattr("coilarray.hardware.scan.board_network.board_network", lambda design, folder: "network")
     file = load_design_file("starter")
     design = file.design
     for _ in range(2):
         found = command.kept_response(file.document, design.name, lambda done, total: None)
         assert found.attrs["design_hash"] == design.digest
-    assert made == [(design.digest, "network")]
+    assert made == [design.digest]
     monkeypatch.setattr("coilarray.localize.forward.table_for", lambda design, progress: design.name)
     assert compute_table(file.document, "name", lambda done, total: None) == "starter"
     assert Services().response_table is compute_table

@@ -12,9 +12,8 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 
-from coilarray.circuit.active_coil import checked_network
 from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
-from coilarray.circuit.network import Network
+from coilarray.circuit.network import Network, checked_network
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.design.model import Design

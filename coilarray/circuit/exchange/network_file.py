@@ -65,7 +65,7 @@ def export_network(
 
     Examples
     --------
-    >>> from coilarray.circuit.coupling import bare_network
+    >>> from coilarray.circuit.board_circuit import bare_network
     >>> from coilarray.design.scan_states import Switches
     >>> pair = bare_network(("A", "B"), np.array([[2e-6, 1e-6], [1e-6, 2e-6]]), np.ones(2), Switches())
     >>> export_network(pair, "array.txt")

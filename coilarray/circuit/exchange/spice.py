@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.active_coil import checked_network
+from coilarray.circuit.network import checked_network
 from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.inductance import coupling_matrix
 
@@ -110,9 +110,9 @@ def spice_subcircuit(
 
     Notes
     -----
-    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into NAME_1 is positive, as in
-    `coilarray.circuit.active_coil.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every
-    number with 17 digits (the full precision of a double). A set without the small couplings need not be positive
+    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into NAME_1 is positive. All
+    n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits (the full precision of a
+    double). A set without the small couplings need not be positive
     definite. A resistance or capacitance of zero is not an element, since SPICE replaces R = 0 by a default. Between
     two coils there are four capacitors C_ij/4, from each pin of the first to each pin of the second, and C_ij/6 less
     across each coil.

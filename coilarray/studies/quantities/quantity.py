@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from coilarray.circuit.coupling import design_capacitance
+from coilarray.circuit.board_circuit import board_circuit
 from coilarray.errors import GoalError
 from coilarray.studies.quantities.evaluation import Evaluation
 
@@ -161,7 +161,8 @@ class Request:
         """
         number = float(self.quantity.compute(evaluation, self.options))
         if not math.isfinite(number):
-            missing = design_capacitance(evaluation.design)[1] if self.quantity.cost == "circuit" else ""
+            circuit = board_circuit(evaluation.design, accuracy=evaluation.accuracy)
+            missing = circuit.windings.capacitance[1] if self.quantity.cost == "circuit" else ""
             why = f" without the {missing}" if missing else "."
             raise GoalError(f"{self.key} of {evaluation.design.name} is not finite: {number}{why}")
         return number

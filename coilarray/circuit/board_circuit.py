@@ -1,0 +1,466 @@
+"""Circuit of a design, made once and handed down: L, R, C, plates, and the networks with and without losses.
+
+The working frequency of the coils needs the plates, and the plates need the frequencies of the coils. Both are found
+together, see `BoardCircuit.plates`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from threading import RLock
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+import xarray as xr
+
+from coilarray.circuit.network import Network, SampledMatrix
+from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.recent import Recent
+from coilarray.compute.store import kept_dataset
+from coilarray.compute.threads import Progress, serial_algebra
+from coilarray.design.digest import digest_of
+from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.design.scan_states import ScanState, Switches
+from coilarray.electromagnetics.ac_resistance import resistance_matrix, shape_key
+from coilarray.electromagnetics.capacitance import coil_capacitance
+from coilarray.electromagnetics.flat_layer import layer_inductance
+from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.errors import GeometryError, NetworkError
+from coilarray.geometry import CoilArray, FinitePlate, Plate, Sheet
+from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance, worst_attributes
+from coilarray.metal.flat_plates import plate_inductance
+from coilarray.metal.over_frequency import FrequencyBand
+
+if TYPE_CHECKING:
+    from coilarray.compute.store import Keep
+
+LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
+"""Effects that an ideal network leaves out."""
+_OTHERS_COPPER = "losses in the copper of other coils"
+_PLATES_LEFT_OUT = ("change of the losses in the copper by the plates", "capacitance of the plates")
+_RESISTANCE_POINTS = 9
+_MARGIN = 0.05  # relative margin of a frequency; alternating-current resistance shifts a resonance by far less
+_PLATES_MARGIN = 0.2  # relative margin of a frequency; strays seldom lower a resonance by more
+_MOST_TOGETHER = 24  # coils whose currents heat each other's copper, and of which results are kept on disk
+_STEP = 0.0125  # of log f, between samples of the plates' effect and of resistance beyond the resonances
+_ROUNDS = 8
+
+_KEPT: Recent[Any] = Recent(8)  # windings and circuits of the last designs
+
+
+def board_circuit(
+    design: Design | DesignFile,
+    *,
+    accuracy: Accuracy = "full",
+    keep: Keep = kept_dataset,
+    progress: Progress | None = None,
+) -> BoardCircuit:
+    """Return the circuit of a design, the same object for the same design.
+
+    Slow results go through `keep`, by default to the default store. `progress` counts the work on the inductances.
+    """
+    design = design_of(design)
+    above = design.circuit.elastomer_permittivity if design.sheets else 1.0
+    key = (digest_of(design.array, design.sheets, above), accuracy)
+    windings = _KEPT.get(key, lambda: _windings(design, above, accuracy, keep, progress))
+    return _KEPT.get((design.digest, accuracy), lambda: BoardCircuit(design, windings))
+
+
+def _windings(design: Design, above: float, accuracy: Accuracy, keep: Keep, progress: Progress | None) -> Windings:
+    """Compute the inductances of an array under its flat sheets."""
+    array, sheets = design.array, design.sheets
+
+    def compute() -> xr.Dataset:
+        by_sheets = layer_inductance(array.conductors(), sheets, accuracy=accuracy)
+        # Overlapping copper is a rule that a search breaks on its way and that a command may allow.
+        L = inductance_matrix(array.conductors(), accuracy=accuracy, allow_overlaps=True, progress=progress)
+        pair = ("coil", "other")
+        return xr.Dataset({"inductance": (pair, L + by_sheets), "by_sheets": (pair, by_sheets)})
+
+    few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
+    keep_few = keep if few else _not_kept
+    found = keep_few(("inductance", digest_of(array, sheets)), compute)
+    return Windings(
+        array=array, sheets=sheets, above=above, accuracy=accuracy, keep=keep, keep_few=keep_few,
+        inductance=found.inductance.values, by_sheets=found.by_sheets.values,
+    )  # fmt: skip
+
+
+def _not_kept(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
+    return compute()
+
+
+Owner = TypeVar("Owner", bound="_Locked")
+Result = TypeVar("Result")
+
+
+class _computed_once(Generic[Owner, Result]):  # noqa: N801
+    """Property that one thread computes while the others wait."""
+
+    def __init__(self, compute: Callable[[Owner], Result]) -> None:
+        self._compute = compute
+        self.__doc__ = compute.__doc__
+
+    def __set_name__(self, owner: type[Owner], name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Owner, owner: type[Owner]) -> Result:
+        with instance.lock:
+            known = instance.__dict__
+            if self._name not in known:
+                with serial_algebra():
+                    known[self._name] = self._compute(instance)
+            return known[self._name]  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Locked:
+    lock: Any = field(default_factory=RLock, repr=False)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Windings(_Locked):
+    """Coils under flat sheets, which circuits of different switches share.
+
+    `inductance` (n, n) in H is without plates. `by_sheets` is its part due to the magnetic sheets. `above` is the
+    relative permittivity above the board. `keep_few` keeps results of few coils at full accuracy.
+    """
+
+    array: CoilArray
+    sheets: tuple[Sheet, ...]
+    above: float
+    accuracy: Accuracy
+    keep: Keep = field(repr=False)
+    keep_few: Keep = field(repr=False)
+    inductance: FloatArray
+    by_sheets: FloatArray
+
+    @_computed_once
+    def capacitance(self) -> tuple[xr.Dataset | None, str]:
+        """Return the result of `coil_capacitance`, or None and the reason why a coil has no model."""
+        try:
+            return self.keep(
+                ("capacitance", digest_of(self.array, self.sheets, self.above)),
+                lambda: coil_capacitance(self.array, self.sheets, relative_permittivity=self.above),
+            ), ""
+        except GeometryError as error:
+            return None, f"capacitance of the windings: {error}"
+
+    def resistance(self, frequencies: FloatArray, resistivity: float) -> xr.Dataset:
+        """Resistance matrix (f, n, n) in Ω of the copper, as `resistance_matrix` returns it.
+
+        In an array of more than 24 coils each coil is computed alone, without losses in the copper of others.
+        """
+        if len(self.array.names) > _MOST_TOGETHER:
+            return _own_resistance(self.array, frequencies, resistivity)
+        return self.keep_few(
+            ("resistance", digest_of(self.array, frequencies.tolist(), resistivity)),
+            lambda: resistance_matrix(self.array, frequencies, resistivity),
+        )
+
+    def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> PlateEffect:
+        """Effect of plates from a frequency `low` to a frequency `high` in Hz."""
+        band, paths = FrequencyBand(low, high), self.array.conductors()
+        infinite = [plate for plate in plates if isinstance(plate, Plate)]
+        change = plate_inductance(paths, infinite, band.nodes, self.sheets, accuracy=self.accuracy)
+        if len(infinite) < len(plates):
+            change = change + outlined_inductance(paths, plates, band.nodes, self.sheets)
+        return PlateEffect(band, change)
+
+
+@dataclass(frozen=True, eq=False)
+class PlateEffect:
+    """Change of the impedance over jω by plates, (f, n, n) in H at the nodes of a band."""
+
+    band: FrequencyBand
+    samples: ComplexArray
+
+    def at(self, frequencies: FloatArray) -> ComplexArray:
+        """Change (f, n, n) at frequencies (f,) in Hz. A frequency outside the band raises a MetalError."""
+        return np.asarray(np.tensordot(self.band.shares(frequencies), self.samples, axes=1))
+
+    def dispersion(self, frequencies: FloatArray, working: float) -> SampledMatrix:
+        """Inductance less its value at the working frequency, in H."""
+        own = self.at(np.array([working])).real
+        return SampledMatrix(frequencies, self.at(frequencies).real - own)
+
+    def resistance(self, frequencies: FloatArray) -> FloatArray:
+        """Resistance matrices (f, n, n) in Ω at frequencies (f,) in Hz."""
+        return -2 * np.pi * frequencies[:, None, None] * self.at(frequencies).imag
+
+
+@dataclass(frozen=True, eq=False)
+class Plates:
+    """Effect of a design's plates, and the frequency in Hz at which its coils work."""
+
+    effect: PlateEffect
+    working: float
+
+    @property
+    def inductance(self) -> FloatArray:
+        """Change of the inductance matrix in H at the working frequency."""
+        return np.asarray(self.effect.at(np.array([self.working]))[0].real)
+
+    @property
+    def resistance(self) -> FloatArray:
+        """Resistance matrix in Ω of the plates at the working frequency."""
+        return np.asarray(self.effect.resistance(np.array([self.working]))[0])
+
+    @property
+    def grid(self) -> FloatArray:
+        """Frequencies in Hz between which the effect is nearly linear."""
+        return _close_together(self.effect.band.low, self.effect.band.high)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCircuit(_Locked):
+    """Circuit of a design, its parts computed when they are first used.
+
+    A state of the scan plan without a resonance raises a NetworkError.
+    """
+
+    design: Design
+    windings: Windings
+    _errors: dict[float, dict[str, PlateError]] = field(default_factory=dict, repr=False)
+
+    @property
+    def sheet_inductance(self) -> FloatArray:
+        """Part of the inductance matrix (n, n) in H due to the magnetic sheets."""
+        return self.windings.by_sheets
+
+    @property
+    def inductance(self) -> FloatArray:
+        """Inductance matrix (n, n) in H under flat sheets, with plates at the working frequency."""
+        own = self.windings.inductance
+        return own if self.plates is None else own + self.plates.inductance
+
+    @_computed_once
+    def direct_resistance(self) -> FloatArray:
+        """Direct-current resistance (n,) of each coil in Ω."""
+        return dc_resistance(self.design.array.conductors(), self.design.circuit.resistivity)
+
+    @_computed_once
+    def plates(self) -> Plates | None:
+        """Effect of the plates around the frequencies at which the coils oscillate, or None without plates.
+
+        The working frequency is the geometric mean of the resonances of the scan plan without strays.
+        """
+        if not self.design.plates:
+            return None
+        bare, plan = self._bare(self.windings.inductance), self.design.plan
+        middle = math.sqrt(math.prod(_band(bare, plan, 0.0)))
+        # a guess needs no more than screening
+        guess = replace(self.windings, accuracy="screen").plate_effect(self.design.plates, middle, middle)
+        effect, network = self._followed(bare, guess)
+        return Plates(effect, float(np.exp(np.log([one.frequency for one in resonances(network, plan)]).mean())))
+
+    @_computed_once
+    def ideal(self) -> Network:
+        """Network of direct-current copper without strays. The effect of plates remains."""
+        network = self._bare(self.inductance)
+        if self.plates is None:
+            return network
+        return _sampled(network, self.plates.grid, np.diag(self.direct_resistance)[None], self.plates)
+
+    def _bare(self, inductance: FloatArray) -> Network:
+        switches = self.design.circuit.switches
+        return bare_network(self.design.array.names, inductance, self.direct_resistance, switches)
+
+    @_computed_once
+    def _direct(self) -> tuple[Network, Plates | None]:
+        """Network with all strays and direct-current copper, and the plates around its resonances."""
+        names = self.design.array.names
+        winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
+        capacitance, problem = self.windings.capacitance
+        if capacitance is not None:
+            winding, between = capacitance.coil_capacitance.values, -capacitance.capacitance.values
+            between = np.maximum(0.5 * (between + between.T), 0.0)  # removes rounding
+        left_out = (LEFT_OUT[0], *([problem] if problem else []), *(_PLATES_LEFT_OUT if self.plates else ()))
+        constant = SampledMatrix(np.ones(1), np.diag(self.direct_resistance)[None])
+        network = Network(
+            names, self.windings.inductance, constant, winding, between, self.design.circuit.switches, left_out
+        )
+        if self.plates is None:
+            return network, None
+        effect, network = self._followed(network, self.plates.effect, self.plates.working)
+        return network, replace(self.plates, effect=effect)
+
+    @property
+    def direct(self) -> Network:
+        """Network with all strays and the direct-current resistance of the copper."""
+        return self._direct[0]
+
+    @_computed_once
+    def resistance(self) -> xr.Dataset:
+        """Return the result of `resistance_matrix` at the frequencies of the network."""
+        design, direct = self.design, self.direct
+        low, high = _band(direct, design.plan)
+        apart = {_key_of(state): state for state in design.coils_in_turn}
+        for state in design.plan:
+            apart.pop(_key_of(state), None)
+        if apart:
+            lowest, highest = _band(direct, tuple(apart.values()), 0.0)
+            if lowest < low or highest > high:  # coils by themselves far from the states of the plan
+                low, high = min(low, (1 - _MARGIN) * lowest), max(high, (1 + _MARGIN) * highest)
+        return self._resistance_at(np.geomspace(low, high, _RESISTANCE_POINTS))
+
+    def _resistance_at(self, frequencies: FloatArray) -> xr.Dataset:
+        return self.windings.resistance(frequencies, self.design.circuit.resistivity)
+
+    @_computed_once
+    def network(self) -> Network:
+        """Network with all losses and strays. Its resistance is sampled around the resonances of the scan plan."""
+        direct, plates = self._direct
+        others = (_OTHERS_COPPER,) if len(direct.names) > _MOST_TOGETHER else ()
+        network = replace(direct, left_out=(*others, *direct.left_out[1:]))
+        return _sampled(network, self.resistance.frequency.values, self.resistance.resistance.values, plates)
+
+    def swept(self, frequencies: FloatArray) -> Network:
+        """Network sampled at rising frequencies (f,) in Hz, linear between them and constant beyond."""
+        R = self._resistance_at(frequencies).resistance.values
+        return _sampled(self.network, frequencies, R, self._plates_at(frequencies))
+
+    def widened(self, network: Network, low: float, high: float) -> Network:
+        """Add samples of resistance and plates to a network of this board, from `low` to `high` in Hz.
+
+        An ideal network without plates is the same at all frequencies.
+        """
+        own = network.resistance
+        if not isinstance(own, SampledMatrix) or len(own.frequencies) == 1:
+            return network
+        ends = own.frequencies[[0, -1]].tolist()
+        below = _close_together(low, ends[0])[:-1] if low < ends[0] else np.zeros(0)
+        above = _close_together(ends[1], high)[1:] if high > ends[1] else np.zeros(0)
+        more = np.concatenate((below, above))
+        if not len(more):
+            return network
+        ideal = LEFT_OUT[0] in network.left_out
+        R = np.diag(self.direct_resistance)[None] if ideal else self._resistance_at(more).resistance.values
+        beyond = _sampled(network, more, R, self._plates_at(more))
+        dispersion = beyond.dispersion
+        if dispersion is not None and network.dispersion is not None:
+            dispersion = _joined(network.dispersion, dispersion)
+        assert isinstance(beyond.resistance, SampledMatrix)
+        return replace(network, resistance=_joined(own, beyond.resistance), dispersion=dispersion)
+
+    def _plates_at(self, frequencies: FloatArray) -> Plates | None:
+        """Plates over a band of rising frequencies (f,) in Hz and the working frequency."""
+        if self.plates is None:
+            return None
+        low, high = (extreme(*frequencies[[0, -1]].tolist(), self.plates.working) for extreme in (min, max))
+        return replace(self.plates, effect=self.windings.plate_effect(self.design.plates, low, high))
+
+    def _followed(
+        self, network: Network, effect: PlateEffect, working: float | None = None
+    ) -> tuple[PlateEffect, Network]:
+        """Compute the plates around the resonances beside them, from a first guess of their effect.
+
+        The network is returned with the inductance of the plates at the working frequency in Hz, if given, or in the
+        middle of the band. A NetworkError is raised if there are no such resonances.
+        """
+        states = (*self.design.plan, *self.design.coils_in_turn)
+        for _ in range(_ROUNDS):
+            plates = Plates(effect, math.sqrt(effect.band.low * effect.band.high) if working is None else working)
+            dispersion = effect.dispersion(plates.grid, plates.working)
+            beside = replace(network, inductance=network.inductance + plates.inductance, dispersion=dispersion)
+            low, high = _band(beside, states)
+            if working is not None:
+                low, high = min(low, working), max(high, working)
+            if effect.band.holds(np.array([low, high])):
+                return effect, beside
+            low, high = (1 - _PLATES_MARGIN) * low, (1 + _PLATES_MARGIN) * high
+            effect = self.windings.plate_effect(self.design.plates, low, high)
+        raise NetworkError(
+            f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside the {_ROUNDS} bands of "
+            "frequency in which the plates were computed."
+        )
+
+    def plate_errors(self, frequency: float) -> dict[str, PlateError]:
+        """Errors of every plate with an outline by name, each alone, at a frequency in Hz."""
+        design = self.design
+        with self.lock:
+            if frequency not in self._errors:
+                self._errors[frequency] = {
+                    one.name: moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets)
+                    for one in design.plates
+                    if isinstance(one, FinitePlate)
+                }
+            return self._errors[frequency]
+
+    @property
+    def plate_error_attributes(self) -> dict[str, float]:
+        """Attributes for the errors of plates with an outline at the working frequency, see `worst_attributes`."""
+        return worst_attributes([] if self.plates is None else list(self.plate_errors(self.plates.working).values()))
+
+
+def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
+    """Make a network of coils, closed switches and the tank only, which lies across the converter.
+
+    The inductance matrix (n, n) is in H, the resistance of each coil (n,) in Ω. Both are the same at all frequencies.
+    """
+    none = np.zeros_like(inductance)
+    plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
+    constant = SampledMatrix(np.ones(1), np.diag(resistance)[None])
+    return Network(tuple(names), inductance, constant, none[0], none, plain, LEFT_OUT)
+
+
+def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: Plates | None) -> Network:
+    """Replace the resistance of a network by R (f, n, n) in Ω, and add the effect of plates."""
+    if plates is None:
+        return replace(network, resistance=SampledMatrix(frequencies, R), dispersion=None)
+    return replace(
+        network,
+        resistance=SampledMatrix(frequencies, R + plates.effect.resistance(frequencies)),
+        dispersion=plates.effect.dispersion(frequencies, plates.working),
+    )
+
+
+def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
+    """Lowest and highest frequency in Hz at which states oscillate, with a margin."""
+    found = [one.frequency for one in resonances(network, states)]
+    return (1 - margin) * min(found), (1 + margin) * max(found)
+
+
+def _close_together(low: float, high: float) -> FloatArray:
+    """Frequencies in Hz a `_STEP` apart or less.
+
+    A quantity linear between them errs by 2e-5 of its curvature.
+    """
+    return np.geomspace(low, high, math.ceil(math.log(high / low) / _STEP) + 1)
+
+
+def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
+    """Join the samples of two matrices at different frequencies."""
+    frequencies = np.concatenate((one.frequencies, other.frequencies))
+    order = frequencies.argsort()
+    return SampledMatrix(frequencies[order], np.concatenate((one.matrices, other.matrices))[order])
+
+
+def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
+    """Resistance matrix without losses in the copper of others. Equal coils are computed once."""
+    known: dict[bytes, xr.Dataset] = {}
+    own = []
+    for conductor in array.conductors():
+        key = shape_key(conductor)
+        if key not in known:
+            known[key] = resistance_matrix([conductor], grid, resistivity)
+        own.append(known[key])
+    R = np.zeros((len(grid), len(own), len(own)))
+    number = np.arange(len(own))
+    R[:, number, number] = np.concatenate([one.resistance.values[:, 0] for one in own], axis=1)
+    model = np.concatenate([one.model.values for one in own], axis=1)
+    names = list(array.names)
+    return xr.Dataset(
+        {"resistance": (("frequency", "coil", "other"), R), "model": (("frequency", "coil"), model)},
+        coords={"frequency": grid, "coil": names, "other": names},
+    )
+
+
+def _key_of(state: ScanState) -> Hashable:
+    """Key of a state without its name."""
+    exceptions = frozenset((name, passive) for name, passive in state.exceptions.items() if passive != state.others)
+    return state.measured, state.connection, state.others, exceptions, state.load_resistance
