@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 
 import numpy as np
@@ -11,7 +12,7 @@ from speed import Speed
 
 from coilarray import load_design
 from coilarray.compute.threads import cores
-from coilarray.compute.workers import Pool, workers
+from coilarray.compute.workers import open_executor
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.evaluate import evaluate_points
 
@@ -26,22 +27,24 @@ def _candidates(count: int, seed: int) -> list[dict[str, float]]:
     return [{"array.pitch_mm": round(pitch, 6)} for pitch in pitches.tolist()]
 
 
-def _times(pool: Pool, quantities: Sequence[str], count: int, seed: int, accuracy: Accuracy) -> tuple[float, float]:
+def _times(
+    executor: Executor, quantities: Sequence[str], count: int, seed: int, accuracy: Accuracy
+) -> tuple[float, float]:
     """Return the time and this process's processor time in s of candidates, nothing cached; none may fail."""
     design = load_design("gast2020")
     start = time.perf_counter(), time.process_time()
-    points = evaluate_points(design, _candidates(count, seed), quantities, pool, accuracy=accuracy)
+    points = evaluate_points(design, _candidates(count, seed), quantities, executor, accuracy=accuracy)
     failed = [outcome for _, outcome in points if isinstance(outcome, str)]
     if failed:
         raise RuntimeError(failed[0])
     return time.perf_counter() - start[0], time.process_time() - start[1]
 
 
-def _rate(pool: Pool, quantities: Sequence[str], count: int, accuracy: Accuracy) -> tuple[float, str]:
+def _rate(executor: Executor, quantities: Sequence[str], count: int, accuracy: Accuracy) -> tuple[float, str]:
     """Return candidates per second of processor time, the median of some runs, and what the clock says of it."""
-    _times(pool, quantities, 2, 0, accuracy)
+    _times(executor, quantities, 2, 0, accuracy)
     runs = sorted(
-        (_times(pool, quantities, count, seed, accuracy) for seed in range(1, ROUNDS + 1)), key=lambda run: run[1]
+        (_times(executor, quantities, count, seed, accuracy) for seed in range(1, ROUNDS + 1)), key=lambda run: run[1]
     )
     by_clock, by_processor = runs[ROUNDS // 2]
     return count / by_processor, f"{count / by_clock:.2g}/s by the clock"
@@ -51,21 +54,21 @@ def _speedup(count: int) -> tuple[float, str]:
     """Return how much faster two workers are than one, in turns within one run, and the rates of that run."""
     runs = []
     with ExitStack() as stack:
-        pools = [stack.enter_context(workers(number)) for number in (1, 2)]
-        for pool in pools:
-            _times(pool, COUPLING, WARM, 0, "screen")
+        executors = [stack.enter_context(open_executor(number)) for number in (1, 2)]
+        for executor in executors:
+            _times(executor, COUPLING, WARM, 0, "screen")
         for seed in range(1, ROUNDS + 1):
-            one, two = (count / _times(pool, COUPLING, count, seed, "screen")[0] for pool in pools)
+            one, two = (count / _times(executor, COUPLING, count, seed, "screen")[0] for executor in executors)
             runs.append((two / one, f"{one:.3g}/s and {two:.3g}/s by the clock"))
     return sorted(runs)[ROUNDS // 2]
 
 
 def figures() -> list[Speed]:
     """Take all figures; about a minute."""
-    with workers() as pool:
-        coupling, clock = _rate(pool, COUPLING, 40, "screen")
-        full, _ = _rate(pool, COUPLING, 4, "full")
-        response, response_clock = _rate(pool, RESPONSE, 2, "screen")
+    with open_executor() as executor:
+        coupling, clock = _rate(executor, COUPLING, 40, "screen")
+        full, _ = _rate(executor, COUPLING, 4, "full")
+        response, response_clock = _rate(executor, RESPONSE, 2, "screen")
     ratio, rates = _speedup(60)
     alone = cores() < 2
     return [

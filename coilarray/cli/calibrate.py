@@ -85,10 +85,10 @@ def calibrate(
     kept = open_store(cache)
     with (
         shared.resumable(lambda done: f"{done} evaluations are kept in {kept.folder}") as counting,
-        shared.open_pool(workers, cluster) as pool,
+        shared.chosen_workers(workers, cluster) as used,
         shared.progress_bar("calibration") as show,
     ):
-        found = fit_to(opened, measured, chosen, keep=kept.folder, pool=pool, progress=counting(show))
+        found = fit_to(opened, measured, chosen, keep=kept.folder, workers=used, progress=counting(show))
     result = found.dataset
     tables, notes = report.calibration_tables(result), report.calibration_notes(result)
     written = [] if out is None else _write(found, out, data)

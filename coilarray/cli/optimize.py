@@ -115,10 +115,10 @@ def optimize(
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     with (
         shared.resumable(lambda done: f"{done} points are kept in {out}", found) as counting,
-        shared.open_pool(workers, cluster) as pool,
+        shared.chosen_workers(workers, cluster) as used,
         _progress(wanted) as show,
     ):
-        result = optimize_design(opened, wanted, out, pool, kept, progress=counting(show))
+        result = optimize_design(opened, wanted, out, used, kept, progress=counting(show))
     if result.goal.search.trials > wanted.search.trials:
         typer.echo(
             f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points, more than "

@@ -23,13 +23,14 @@ from coilarray.cli.replacing import replacing
 from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, NetworkError, OutputError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
-    from coilarray.compute.workers import Pool
     from coilarray.design.model import Design, DesignFile, Indentation
     from coilarray.geometry import Target
 
@@ -427,16 +428,16 @@ def progress_bar(text: str) -> Iterator[Progress]:
 
 
 @contextmanager
-def open_pool(workers: int | None, cluster: str | None, tasks: int | None = None) -> Iterator[Pool]:
-    """Open the processes or the cluster of the options --workers and --cluster, no more processes than tasks."""
-    from coilarray.compute.workers import default_count
-    from coilarray.compute.workers import workers as open_workers
+def chosen_workers(workers: int | None, cluster: str | None, tasks: int | None = None) -> Iterator[int | Executor]:
+    """Open the executor of --cluster, or return the number of processes of --workers, at most one for each task."""
+    from coilarray.compute.threads import cores
+    from coilarray.compute.workers import MOST_WORKERS, dask_executor
 
-    count = default_count() if workers is None else workers
-    if workers is None and tasks is not None:
-        count = min(count, tasks)
-    with open_workers(count, cluster) as pool:
-        yield pool
+    if cluster is None:
+        yield workers if workers is not None else min(cores(), MOST_WORKERS, tasks or MOST_WORKERS)
+    else:
+        with dask_executor(cluster) as executor:
+            yield executor
 
 
 def check_workers(workers: int | None, cluster: str | None) -> None:

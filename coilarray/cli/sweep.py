@@ -92,10 +92,10 @@ def sweep(
     points = len(plan.points)
     with (
         shared.resumable(lambda done: f"{done} of {points} points are kept in {kept.folder}") as counting,
-        shared.open_pool(workers, cluster, points) as pool,
+        shared.chosen_workers(workers, cluster, points) as used,
         shared.progress_bar(f"{points} points") as show,
     ):
-        result = run_sweep(plan, pool, kept, progress=counting(show))
+        result = run_sweep(plan, used, kept, progress=counting(show))
     shared.write_numbers(out, result, lambda: result.to_dataframe().to_csv(lineterminator="\n"))
     shared.draw(plot, lambda: viz.sweep_figure(result))
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]

@@ -108,13 +108,13 @@ def tolerance(
     kept = open_store(cache)
     with (
         shared.resumable(lambda done: f"{done} boards are kept in {kept.folder}") as counting,
-        shared.open_pool(workers, cluster) as pool,
+        shared.chosen_workers(workers, cluster) as used,
         ExitStack() as bars,
     ):
         # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
         known = None if positions is None else kept_table(opened, table)
         show = counting(bars.enter_context(shared.progress_bar("boards")))
-        result = analyse(opened, wanted, **settings, table=known, pool=pool, cache=kept, progress=show)
+        result = analyse(opened, wanted, **settings, table=known, workers=used, cache=kept, progress=show)
     if out is not None and out.suffix.lower() == ".json":
         samples_of = {"samples": sample_table(result).records()} if "value" in result else {}
         write_text(out, json.dumps({**_numbers(result), **samples_of}, indent=1, allow_nan=False) + "\n")

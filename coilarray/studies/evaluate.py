@@ -1,13 +1,15 @@
-"""Evaluate many designs on a pool of workers, each design once, with earlier outcomes from the store."""
+"""Evaluate many designs on an executor, each design once, with earlier outcomes from the store."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from concurrent.futures import Executor
 from typing import Any
 
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import Pool
+from coilarray.compute.workers import outcomes
 from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.design.vary import plain, vary_document
 from coilarray.design.write import as_file
@@ -25,7 +27,7 @@ def evaluate_points(
     design: Design | DesignFile,
     changes: Iterable[Mapping[str, Any]],
     quantities: Sequence[str | Mapping[str, Any]],
-    pool: Pool,
+    executor: Executor,
     cache: Store | None = None,
     *,
     progress: Progress | None = None,
@@ -33,24 +35,15 @@ def evaluate_points(
 ) -> Iterator[tuple[int, Outcome]]:
     """Evaluate quantities of variations of a design.
 
-    Each variation is given by its changes, as in `coilarray.design.vary.vary`. Changes are read as the pool has room,
-    so a generator may choose a point from earlier outcomes. The number and the outcome of each point are yielded as it
-    is done. A `cache` keeps outcomes. `progress` is called with (done, total).
-
-    Raises
-    ------
-    GoalError
-        If a quantity is unknown.
-    ClusterError
-        If workers are lost, see `coilarray.compute.workers.Pool.run`.
-    OutputError
-        If the store cannot be written.
+    Each variation is given by its changes, as in `coilarray.design.vary.vary`. The number and the outcome of each point
+    are yielded as it is done. A `cache` keeps outcomes. `progress` is called with (done, total). Raises GoalError for
+    an unknown quantity, ClusterError if workers are lost, and OutputError if the store cannot be written.
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
     items = (_item(document, change, how) for change in changes)
     total = len(changes) if isinstance(changes, Sized) else None
-    return run_cached(evaluate_point, items, pool, cache, progress=progress, total=total)
+    return run_cached(evaluate_point, items, executor, cache, progress=progress, total=total)
 
 
 def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
@@ -87,69 +80,54 @@ def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[s
 def run_cached(
     function: Callable[[Mapping[str, Any]], dict[str, float]],
     items: Iterable[Mapping[str, Any] | str],
-    pool: Pool,
+    executor: Executor,
     cache: Store | None = None,
     *,
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
-    """Apply a function to items, with a cache.
+    """Apply a function to items of plain data, and yield number and outcome of each as it is done.
 
-    The items are plain data. Equal items are computed once, and items with a kept outcome are not computed again. The
-    function, defined in a module, returns numbers by name. Its name and the item, made of plain tables, lists, texts
-    and numbers, are the key in the store. A text in place of an item is its outcome. Items are read as the pool has
-    room. `total` is their number for `progress`, by default the number read so far. The number and the outcome of each
-    item are yielded as it is done. The outcome is the result of the function, or the line of its CoilarrayError.
+    An outcome is the result of the function, numbers by name, or the line of its CoilarrayError. A text in place of an
+    item is its outcome. Equal items are computed once, and items with an outcome in the `cache` are not computed again.
+    The key is the name of the function, which is defined in a module, with the item. `total` is the number of items for
+    `progress`, by default the number read so far.
     """
     name = f"{function.__module__}.{function.__qualname__}"
-    keys: dict[int, str] = {}  # of the tasks in flight, by index
-    waiting: dict[str, list[int]] = {}  # indices of equal items, by key
+    known: deque[tuple[int, Outcome]] = deque()
+    equal: dict[str, list[int]] = {}  # numbers of equal items in flight, by key
+    keys: list[str] = []  # of all tasks
     read = done = 0
 
-    def count() -> None:
+    def tasks() -> Iterator[Mapping[str, Any]]:
+        nonlocal read
+        for item in items:
+            number, read = read, read + 1
+            if isinstance(item, str):
+                known.append((number, item))
+                continue
+            key = content_key(name, item)
+            if key in equal:
+                equal[key].append(number)
+            elif (kept := None if cache is None else _kept(cache.get(key))) is not None:
+                known.append((number, kept))
+            else:
+                equal[key] = [number]
+                keys.append(key)
+                yield item
+
+    def counted() -> Iterator[tuple[int, Outcome]]:
         nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, total or read)
+        while known:
+            done += 1
+            if progress is not None:
+                progress(done, total or read)
+            yield known.popleft()
 
-    def collect() -> Iterator[tuple[int, Outcome]]:
-        """Wait for one outcome and keep it.
-
-        It is given to all equal items.
-        """
-        first, outcome = pool.collect()
-        key = keys.pop(first)
+    for task, outcome in outcomes(executor, function, tasks()):
+        key = keys[task]
         if cache is not None:
             cache.put(key, {"reason" if isinstance(outcome, str) else "values": outcome})
-        for index in waiting.pop(key):
-            count()
-            yield index, outcome
-
-    todo = iter(items)
-    try:
-        while True:
-            while pool.full:
-                yield from collect()
-            item = next(todo, None)
-            if item is None:
-                break
-            index, read = read, read + 1
-            known: Outcome | None = None
-            if isinstance(item, str):
-                known = item
-            else:
-                key = content_key(name, item)
-                if key in waiting:
-                    waiting[key].append(index)
-                    continue
-                known = None if cache is None else _kept(cache.get(key))
-                if known is None:
-                    keys[index], waiting[key] = key, [index]
-                    pool.submit(index, function, item)
-                    continue
-            count()
-            yield index, known
-        while pool.in_flight:
-            yield from collect()
-    finally:
-        pool.drop()
+        known.extend((number, outcome) for number in equal.pop(key))
+        yield from counted()
+    yield from counted()

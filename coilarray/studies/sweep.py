@@ -7,6 +7,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store, store_to_keep
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import Pool, workers
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import entry_unit
@@ -184,7 +185,7 @@ def sweep(
     *,
     accuracy: Accuracy = "full",
     keep: bool | str | Path = False,
-    pool: Pool | None = None,
+    workers: int | Executor = 1,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Evaluate quantities of a design over a grid.
@@ -204,8 +205,8 @@ def sweep(
         `coilarray.electromagnetics.inductance.Accuracy`.
     keep : bool, str or Path
         Whether points are kept for later runs: in the user's cache folder, or in the given folder.
-    pool : Pool, optional
-        Workers from `coilarray.compute.workers.workers`. By default the points are computed in this process.
+    workers : int or concurrent.futures.Executor
+        Number of local processes, or an executor that computes the points. With 1 they are computed in this process.
     progress : callable, optional
         Called with (done, total).
 
@@ -233,11 +234,7 @@ def sweep(
     plan = plan_sweep(
         design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
     )
-    cache = store_to_keep(keep)
-    if pool is not None:
-        return run_sweep(plan, pool, cache, progress=progress)
-    with workers() as here:
-        return run_sweep(plan, here, cache, progress=progress)
+    return run_sweep(plan, workers, store_to_keep(keep), progress=progress)
 
 
 def plan_sweep(
@@ -285,7 +282,7 @@ def plan_sweep(
 
 def run_sweep(
     plan: Sweep,
-    pool: Pool,
+    workers: int | Executor = 1,
     cache: Store | None = None,
     *,
     progress: Progress | None = None,
@@ -314,15 +311,16 @@ def run_sweep(
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)
     keys = [one.key for one in plan.requests]
-    for index, outcome in evaluate_points(
-        plan.file, plan.points, keys, pool, cache, progress=progress, accuracy=plan.accuracy
-    ):
-        if isinstance(outcome, str):
-            reasons[index] = outcome
-        else:
-            values[:, index] = [outcome[key] for key in keys]
-        if watch is not None:
-            watch(lambda: _dataset(plan, values.copy(), reasons.copy()))
+    with open_executor(workers) as executor:
+        for index, outcome in evaluate_points(
+            plan.file, plan.points, keys, executor, cache, progress=progress, accuracy=plan.accuracy
+        ):
+            if isinstance(outcome, str):
+                reasons[index] = outcome
+            else:
+                values[:, index] = [outcome[key] for key in keys]
+            if watch is not None:
+                watch(lambda: _dataset(plan, values.copy(), reasons.copy()))
     return _dataset(plan, values, reasons)
 
 

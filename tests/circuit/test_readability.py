@@ -25,7 +25,7 @@ from coilarray.circuit.impedance import resonators, scan_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of
 from coilarray.circuit.noise_budget import noise_budget
 from coilarray.circuit.readability import path_drives, reading_lines
-from coilarray.compute.workers import workers
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.write import as_file
@@ -295,7 +295,7 @@ def test_what_no_converter_reads_is_never_the_best_point_of_a_sweep():
     file = as_file(with_tank(60))
     goal = derive_goal([wish], file, [axis]).goal
     plan = plan_sweep(file, [axis], goal.quantities, accuracy="screen")
-    with workers() as pool:
+    with open_executor() as pool:
         (best,) = best_points(plan, run_sweep(plan, pool), goal)
     assert best.changes == {"circuit.capacitance_pF": 60}  # 20 pF make 14.7 MHz
 

@@ -99,7 +99,7 @@ start()
 @pytest.mark.slow
 def test_a_program_that_ends_while_processes_start_leaves_no_word():
     """The semaphores that it shares are cleared by a process of Python's, whose warning nobody can act on."""
-    script = "import os; from coilarray.compute.workers.processes import _Worker; worker = _Worker(); os._exit(130)"
+    script = "import os; from coilarray.compute.workers import _Processes; held = _Processes(2); os._exit(130)"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     ended = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True, env=environment)
     assert (ended.returncode, ended.stderr) == (130, "")
@@ -157,7 +157,7 @@ def test_an_error_that_a_library_makes_of_an_interrupt_is_one(monkeypatch, capsy
 
 
 def test_an_interrupt_while_a_process_starts_comes_after_that():
-    from coilarray.compute.workers.processes import starting
+    from coilarray.compute.workers import starting
 
     done = []
 

@@ -15,7 +15,7 @@ from support.patience import until
 
 from coilarray import load_design
 from coilarray.cli.main import main
-from coilarray.compute.workers import workers
+from coilarray.compute.workers import open_executor
 from coilarray.studies.sweep import Axis, plan_sweep, run_sweep
 
 pytestmark = pytest.mark.usefixtures("own_folder", "own_store")
@@ -34,7 +34,7 @@ SPAN = ("--quantity", "span_mm")
 def expected():
     """What the library says."""
     plan = plan_sweep(load_design("starter"), [Axis("array.pitch_mm", PITCHES)], ["span_mm", "board_area_mm2"])
-    with workers() as pool:
+    with open_executor() as pool:
         return run_sweep(plan, pool)
 
 

@@ -2,20 +2,21 @@
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import sys
-import threading
 
 import pytest
 from support import worker_tasks as tasks
 from support.dask_cluster import PATIENCE, Dask
-from support.patience import lasting, until
+from support.patience import until
 
 from coilarray import load_design
 from coilarray.cli.main import main
+from coilarray.compute import workers
 from coilarray.compute.code_version import code_version
-from coilarray.compute.workers import IN_FLIGHT, cluster, workers
+from coilarray.compute.workers import dask_executor, open_executor, outcomes
 from coilarray.errors import ClusterError, MissingDependencyError
 from coilarray.studies.evaluate import evaluate_points
 
@@ -48,8 +49,8 @@ def compiled(x):
 def _patient():
     """A scheduler and workers may take long to start and to answer; `impatient` is for those that never do."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cluster, "ANSWER_WITHIN", PATIENCE)
-        patch.setattr(cluster, "_ALONE", PATIENCE)
+        patch.setattr(workers, "ANSWER_WITHIN", PATIENCE)
+        patch.setattr(workers, "_ALONE", PATIENCE)
         yield
 
 
@@ -71,15 +72,14 @@ def dask(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pool(dask):
     """One connection for many tests; two workers."""
-    with workers(cluster=dask.address) as remote:
-        until(lambda: remote.capacity == 2 * IN_FLIGHT, within=PATIENCE)
+    with dask_executor(dask.address) as remote:
         yield remote
 
 
 @pytest.fixture
 def impatient(monkeypatch):
     """As if ten seconds were one."""
-    monkeypatch.setattr(cluster, "ANSWER_WITHIN", 1.0)
+    monkeypatch.setattr(workers, "ANSWER_WITHIN", 1.0)
 
 
 def processes(pool):
@@ -89,7 +89,7 @@ def processes(pool):
 
 def refused(address):
     """The line with which a cluster at an address is refused."""
-    with pytest.raises((ClusterError, MissingDependencyError)) as caught, workers(cluster=address):
+    with pytest.raises((ClusterError, MissingDependencyError)) as caught, dask_executor(address):
         pass
     line = str(caught.value)
     assert len(line.splitlines()) == 1
@@ -97,28 +97,26 @@ def refused(address):
 
 
 def test_outcomes_are_those_of_any_pool(pool):
-    assert sorted(pool.run(tasks.square, range(9))) == [(k, k * k) for k in range(9)]
-    outcomes = dict(pool.run(tasks.refuse_odd, range(4)))
+    assert sorted(outcomes(pool, tasks.square, range(9))) == [(k, k * k) for k in range(9)]
+    outcomes = dict(outcomes(pool, tasks.refuse_odd, range(4)))
     assert outcomes == {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(4)}
     with pytest.raises(ZeroDivisionError):
-        list(pool.run(tasks.divide, [1, 0]))
-    assert sorted(pool.run(tasks.square, [5])) == [(0, 25)]
-    with pytest.raises(IndexError):
-        pool.collect()
+        list(outcomes(pool, tasks.divide, [1, 0]))
+    assert sorted(outcomes(pool, tasks.square, [5])) == [(0, 25)]
 
 
 def test_both_workers_take_part_with_one_thread_each(pool):
-    pids = {pid for _, pid in pool.run(tasks.nap, [0.3] * 6)}
+    pids = {pid for _, pid in outcomes(pool, tasks.nap, [0.3] * 6)}
     assert len(pids) == 2
     assert os.getpid() not in pids
-    for _, (counts, ours, cores) in pool.run(tasks.threads, range(4)):
+    for _, (counts, ours, cores) in outcomes(pool, tasks.threads, range(4)):
         assert (set(counts), ours, cores) == ({1}, "1", 1)
 
 
 def test_numbers_are_those_of_this_process_to_the_last_bit(pool):
     design, quantities = load_design("starter"), ["worst_k", "inductance_uH[coil1]"]
     changes = [{"array.pitch_mm": pitch, "array.columns": 2} for pitch in (12.0, 13.5, 15.0, -1.0)]
-    with workers() as here:
+    with open_executor() as here:
         both = [dict(evaluate_points(design, changes, quantities, one, accuracy="screen")) for one in (here, pool)]
     expected, found = both
     assert found == expected
@@ -148,7 +146,7 @@ def test_kernels_compile_at_most_once_a_worker_and_are_kept_on_disk(dask, pool):
         sys.path.remove(str(dask.folder))
 
     def compiled(items):
-        return {pid: counts for _, (pid, *counts) in pool.run(fresh_kernel.compiled, items)}
+        return {pid: counts for _, (pid, *counts) in outcomes(pool, fresh_kernel.compiled, items)}
 
     first = compiled(map(float, range(12)))
     assert all(misses + hits == 1 for misses, hits in first.values()), first
@@ -164,44 +162,24 @@ def test_kernels_compile_at_most_once_a_worker_and_are_kept_on_disk(dask, pool):
 
 def test_a_worker_that_is_lost_costs_only_time_and_one_task_that_ends_all_the_run(pool, tmp_path):
     items = [(k, str(tmp_path / str(k)) if k == 3 else None) for k in range(8)]
-    assert sorted(pool.run(tasks.die_once, items)) == [(k, k) for k in range(8)]
+    assert sorted(outcomes(pool, tasks.die_once, items)) == [(k, k) for k in range(8)]
     assert (tmp_path / "3").exists()
     with pytest.raises(ClusterError, match="a task ended several workers of the cluster, one after another"):
-        list(pool.run(tasks.die, [1]))
-    assert sorted(pool.run(tasks.square, [2])) == [(0, 4)]  # by a worker that was started again
+        list(outcomes(pool, tasks.die, [1]))
+    assert sorted(outcomes(pool, tasks.square, [2])) == [(0, 4)]  # by a worker that was started again
 
 
 def test_a_run_that_is_left_does_not_mix_with_the_next(pool):
-    for _ in pool.run(tasks.nap, [0.2] * 8):
+    for _ in outcomes(pool, tasks.nap, [0.2] * 8):
         break
-    assert pool.in_flight == 0
-    assert sorted(pool.run(tasks.square, range(5))) == [(k, k * k) for k in range(5)]
+    assert sorted(outcomes(pool, tasks.square, range(5))) == [(k, k * k) for k in range(5)]
 
 
-def test_another_version_of_coilarray_on_a_worker_is_refused_by_name(dask, monkeypatch):
-    monkeypatch.setattr(cluster, "code_version", lambda: "9.9.9+0")
-    # asked of every worker, which has its own function of that name
-    line = refused(dask.address)
-    assert line.startswith("the worker tcp://127.0.0.1:")
-    assert line.endswith(f"has coilarray {code_version()}; here it is 9.9.9+0: install the same on all machines.")
-    message = r"^a worker has coilarray 9\.9\.9\+0; here it is 0\.0: install the same on all"
-    with pytest.raises(ClusterError, match=message):
-        cluster.compute("0.0", b"")  # as on one that joins later
-
-
-def test_a_worker_without_coilarray_is_told_of():
-    assert cluster._differs("the worker tcp://x:1", ModuleNotFoundError("No module named 'coilarray'"), "1.0") == (
-        "the worker tcp://x:1 has no coilarray that can be loaded (No module named 'coilarray'); here it is 1.0: "
-        "install the same on all machines."
-    )
-
-
-def test_a_worker_is_no_scheduler(dask):
-    import distributed
-
-    with distributed.Client(dask.address, set_as_default=False) as client:
-        worker = next(iter(client.nthreads()))
-    assert refused(worker) == f"at {worker} answers no Dask scheduler but a Worker."
+def test_another_version_of_coilarray_on_a_worker_is_refused(pool, monkeypatch):
+    monkeypatch.setattr(workers, "code_version", lambda: "9.9.9+0")
+    line = f"a worker has coilarray {code_version()}; here it is 9.9.9+0: install the same on all machines."
+    with pytest.raises(ClusterError, match=re.escape(line)):
+        list(outcomes(pool, tasks.square, [1]))
 
 
 def test_where_nothing_answers_there_is_one_line(impatient, capfd, tmp_path):
@@ -214,30 +192,6 @@ def test_where_nothing_answers_there_is_one_line(impatient, capfd, tmp_path):
     assert out == ""
     assert err == f"coilarray: error: no Dask scheduler answers at {address} within 1 s.\n"
     assert not (tmp_path / "s.nc").exists()
-
-
-@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n" + 64 * b" "])
-def test_a_stranger_at_the_address_is_no_scheduler(impatient, answer):
-    """A port that accepts and says nothing, and one that says something else."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def greet():
-            with contextlib.suppress(OSError):
-                connection, _ = server.accept()
-                with connection:
-                    connection.sendall(answer)
-                    connection.settimeout(PATIENCE)
-                    while connection.recv(1024):
-                        pass
-
-        thread = threading.Thread(target=greet)
-        thread.start()
-        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        with lasting(PATIENCE / 2):  # a second where the machine is not busy
-            assert refused(address).startswith(f"no Dask scheduler answers at {address} within 1 s")
-        # in a second in which this process was stopped nobody may have come
-        socket.create_connection(server.getsockname()).close()
-        thread.join()
 
 
 def test_the_address_must_have_its_form():
@@ -253,7 +207,7 @@ def test_without_the_package_one_line_names_it(monkeypatch):
 
 def test_workers_and_scheduler_that_are_lost_end_the_run(tmp_path, monkeypatch, impatient, capfd):
     """No worker at first, then one that is killed, then the scheduler is."""
-    monkeypatch.setattr(cluster, "_ALONE", 1.0)
+    monkeypatch.setattr(workers, "_ALONE", 1.0)
     with contextlib.closing(Dask(tmp_path)) as own:
 
         def no_worker():
@@ -263,19 +217,19 @@ def test_workers_and_scheduler_that_are_lost_end_the_run(tmp_path, monkeypatch, 
         # in a second in which the scheduler was stopped it does not answer at all
         line = until(no_worker, within=PATIENCE)
         assert line == f"the Dask scheduler at {own.address} has no worker; start one: dask worker {own.address}"
-        monkeypatch.setattr(cluster, "ANSWER_WITHIN", PATIENCE)
+        monkeypatch.setattr(workers, "ANSWER_WITHIN", PATIENCE)
         worker = own.add_worker("--no-nanny")
-        with workers(cluster=own.address) as pool:
-            assert sorted(pool.run(tasks.square, [3])) == [(0, 9)]
-            running = pool.run(tasks.nap, [0.0, *[PATIENCE] * 3])
+        with dask_executor(own.address) as pool:
+            assert sorted(outcomes(pool, tasks.square, [3])) == [(0, 9)]
+            running = outcomes(pool, tasks.nap, [0.0, *[PATIENCE] * 3])
             assert next(running)[0] == 0
             worker.kill()
             lost = r"all workers of the cluster are lost, and none came back within 1 s\."
             with pytest.raises(ClusterError, match=lost):
                 next(running)
         worker = own.add_worker("--no-nanny")
-        with workers(cluster=own.address) as pool:
-            running = pool.run(tasks.nap, [0.0, *[PATIENCE] * 3])
+        with dask_executor(own.address) as pool:
+            running = outcomes(pool, tasks.nap, [0.0, *[PATIENCE] * 3])
             assert next(running)[0] == 0
             own.scheduler.kill()
             with pytest.raises(ClusterError, match="Dask scheduler is lost"):

@@ -1,39 +1,37 @@
-"""Pools in this process and in local processes: the same outcomes, lost processes, interrupts, and no leftovers.
-
-The numbers of designs are in `tests/studies/test_points.py`, all of the same on a Dask cluster in `test_cluster.py`.
-"""
+"""Executors of this process, of local processes and of a user: the same outcomes, lost processes, interrupts."""
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
-import time
-from contextlib import closing, nullcontext, suppress
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
 from support import worker_tasks as tasks
 from support.patience import PATIENCE, alive, lasting, until
 
-from coilarray.compute.workers import IN_FLIGHT, default_count, workers
-from coilarray.compute.workers.pool import InProcess
-from coilarray.compute.workers.processes import LocalPool
+from coilarray.compute.workers import open_executor, outcomes
 from coilarray.errors import ClusterError, MissingDependencyError
 
 LONG = 120.0  # s: nothing that sleeps so long is ever waited for
 
 
-@pytest.fixture(scope="module")
-def local():
-    """Two processes for many tests, which must leave them usable."""
-    with closing(LocalPool(2)) as pool:
-        yield pool
-
-
-@pytest.fixture(params=["this process", "local processes"])
-def pool(request, local):
-    return InProcess() if request.param == "this process" else local
+@pytest.fixture(scope="module", params=["this process", "processes", "a user's threads", "a user's processes"])
+def executor(request):
+    match request.param:
+        case "this process":
+            given = 1
+        case "processes":
+            given = 2
+        case "a user's threads":
+            given = ThreadPoolExecutor(2)
+        case _:
+            given = ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+    with open_executor(given) as opened:
+        yield opened
 
 
 def wait_until_gone(pids):
@@ -41,38 +39,20 @@ def wait_until_gone(pids):
 
 
 @pytest.mark.slow
-def test_every_item_has_its_outcome_once(pool):
-    outcomes = list(pool.run(tasks.square, range(23)))
-    assert sorted(outcomes) == [(k, k * k) for k in range(23)]
-    assert list(pool.run(tasks.square, [])) == []
-
-
-def test_what_is_refused_is_one_line_and_the_others_go_on(pool):
-    outcomes = dict(pool.run(tasks.refuse_odd, range(6)))
-    assert outcomes == {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(6)}
-
-
-def test_any_other_error_is_raised(pool):
-    with pytest.raises(ZeroDivisionError, match="division by zero") as caught:
-        list(pool.run(tasks.divide, [1, 2, 0, 3, 4]))
-    if isinstance(pool, LocalPool):
-        assert "worker_tasks.py" in str(caught.value.__cause__)  # where it was raised
+def test_every_item_has_its_outcome_and_any_other_error_is_raised(executor):
+    assert sorted(outcomes(executor, tasks.square, range(23))) == [(k, k * k) for k in range(23)]
+    assert list(outcomes(executor, tasks.square, [])) == []
+    halves = {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(6)}
+    assert dict(outcomes(executor, tasks.refuse_odd, range(6))) == halves
+    with pytest.raises(ZeroDivisionError, match="division by zero"):
+        list(outcomes(executor, tasks.divide, [1, 2, 0, 3, 4]))
     with pytest.raises(MissingDependencyError, match=r"^install it\."):  # of no use to repeat for every item
-        list(pool.run(tasks.lack, range(3)))
-    with pytest.raises(IndexError):
-        pool.collect()
-    assert sorted(pool.run(tasks.square, [5])) == [(0, 25)]
+        list(outcomes(executor, tasks.lack, range(3)))
+    assert sorted(outcomes(executor, tasks.square, [5])) == [(0, 25)]
 
 
-def test_what_cannot_travel_is_an_error_at_once(local):
-    with pytest.raises(RuntimeError, match="UnportableError: 7"):  # told as text
-        list(local.run(tasks.raise_unportable, [7]))
-    with pytest.raises((AttributeError, pickle.PicklingError)):  # other processes cannot find the function
-        list(local.run(lambda x: x, [1]))
-    assert sorted(local.run(tasks.square, [3])) == [(0, 9)]
-
-
-def test_items_are_read_as_there_is_room(pool):
+@pytest.mark.slow
+def test_items_are_read_as_there_is_room_and_a_run_that_is_left_does_not_mix_with_the_next(executor):
     read = []
 
     def items():
@@ -80,77 +60,46 @@ def test_items_are_read_as_there_is_room(pool):
             read.append(k)
             yield k
 
-    for done, _ in enumerate(pool.run(tasks.square, items()), start=1):
-        assert len(read) - (done - 1) <= pool.capacity
-    assert pool.capacity == (1 if isinstance(pool, InProcess) else 2 * IN_FLIGHT)
-
-
-def test_this_process_keeps_the_order_so_that_an_item_may_depend_on_earlier_outcomes():
-    found = [2]
-    with workers() as pool:
-        assert [index for index, _ in pool.run(tasks.square, range(9))] == list(range(9))
-        for _, outcome in pool.run(tasks.square, (found[-1] for _ in range(4))):
-            found.append(outcome)
-    assert found == [2, 4, 16, 256, 65536]
-
-
-def test_a_run_that_is_left_does_not_mix_with_the_next(pool):
-    for _ in pool.run(tasks.square, range(100, 110)):
+    for done, _ in enumerate(outcomes(executor, tasks.square, items()), start=1):
+        assert len(read) - done < 4
+    for _ in outcomes(executor, tasks.square, range(100, 110)):
         break
-    assert pool.in_flight == 0
-    assert sorted(pool.run(tasks.square, range(7))) == [(k, k * k) for k in range(7)]
+    assert sorted(outcomes(executor, tasks.square, range(7))) == [(k, k * k) for k in range(7)]
 
 
-def test_every_worker_computes_with_one_thread(pool, monkeypatch):
+@pytest.mark.slow
+def test_every_worker_computes_with_one_thread(executor):
+    for _, (counts, ours, cores) in outcomes(executor, tasks.threads, range(4)):
+        assert (set(counts), ours, cores) == ({1}, "1", 1)
+
+
+def test_the_limit_of_threads_ends_with_the_block(monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "5")
-    with workers() if isinstance(pool, InProcess) else nullcontext(pool) as one:
-        ((_, (counts, ours, cores)),) = one.run(tasks.threads, [0])
-    assert (set(counts), ours, cores) == ({1}, "1", 1)
-    assert os.environ["COILARRAY_THREADS"] == "5"  # as it was
+    with open_executor():
+        assert os.environ["COILARRAY_THREADS"] == "1"
+    assert os.environ["COILARRAY_THREADS"] == "5"
 
 
 @pytest.mark.slow
-def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks(tmp_path):
-    with closing(LocalPool(4)) as pool:
-        assert len({pid for _, pid in pool.run(tasks.nap, [0.0])}) == 1
-        assert len(pool._workers) == 1
-        both = {pid for _, pid in pool.run(tasks.meet, [(tmp_path, 2)] * 2)}
-        assert len(both) == len(pool._workers) == 2
-    assert os.getpid() not in both
-    wait_until_gone(both)
-
-
-@pytest.mark.slow
-def test_a_process_that_is_lost_costs_only_time(local, tmp_path):
-    """At its task, while it sends a result, and idle."""
-    items = [(k, str(tmp_path / str(k)) if k in (2, 3, 7) else None) for k in range(10)]
-    assert sorted(local.run(tasks.die_once, items)) == [(k, k) for k in range(10)]
-    assert list(local.run(tasks.die_while_sending, [tmp_path / "marker"])) == [(0, bytes(1_000_000))]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["2", "3", "7", "marker"]
-    for pid in {pid for _, pid in local.run(tasks.nap, [0.2] * 4)}:
-        os.kill(pid, signal.SIGKILL)
-    assert sorted(local.run(tasks.square, range(4))) == [(k, k * k) for k in range(4)]
-
-
-@pytest.mark.slow
-def test_a_task_that_ends_every_process_ends_the_run(local):
-    with pytest.raises(ClusterError, match=r"during the same task, with exit code -9; is there enough memory\?$"):
-        list(local.run(tasks.die, [1]))
-    assert sorted(local.run(tasks.square, [2])) == [(0, 4)]
+def test_a_process_that_is_lost_is_one_error():
+    with (
+        open_executor(2) as executor,
+        pytest.raises(ClusterError, match=r"a worker process has ended; is there enough"),
+    ):
+        list(outcomes(executor, tasks.die, [1]))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [None, KeyError])
 def test_processes_end_with_the_block_whatever_they_do(error, tmp_path):
-    # the naps are longer; a closed connection ends them in milliseconds
-    with lasting(LONG / 2), suppress(KeyError), workers(2) as pool:
-        pids = {pid for _, pid in pool.run(tasks.meet, [(tmp_path, 2)] * 2)}
-        pool.submit(0, tasks.nap, LONG)
-        pool.submit(1, tasks.nap, LONG)
-        time.sleep(0.1)
+    with lasting(LONG / 2), suppress(KeyError), open_executor(2) as executor:
+        pids = {pid for _, pid in outcomes(executor, tasks.meet, [(tmp_path, 2)] * 2)}
+        executor.submit(tasks.nap, LONG)
+        executor.submit(tasks.nap, LONG)
         if error is not None:
             raise error
     assert len(pids) == 2
+    assert os.getpid() not in pids
     wait_until_gone(pids)
 
 
@@ -158,10 +107,10 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
 SCRIPT = """
 import sys
 from support import worker_tasks as tasks
-from coilarray.compute.workers import workers
-with workers(2) as pool:
-    print(*{pid for _, pid in pool.run(tasks.meet, [(sys.argv[1], 2)] * 2)}, flush=True)
-    list(pool.run(tasks.nap, [120.0] * 4))
+from coilarray.compute.workers import open_executor, outcomes
+with open_executor(2) as executor:
+    print(*{pid for _, pid in outcomes(executor, tasks.meet, [(sys.argv[1], 2)] * 2)}, flush=True)
+    list(outcomes(executor, tasks.nap, [120.0] * 4))
 """
 
 
@@ -208,16 +157,10 @@ def test_a_script_without_the_guard_is_told_of_it(tmp_path):
     assert done.returncode == 1
     # Python's own resource tracker may have a word after it, as the processes were lost
     (last,) = [line for line in done.stderr.splitlines() if line.startswith("coilarray.errors.ClusterError")]
-    assert last.startswith("coilarray.errors.ClusterError: a local process ended 3 times during the same task")
-    assert last.endswith('a script must ask for workers under if __name__ == "__main__".')
+    assert last.endswith('A script must ask for workers under if __name__ == "__main__".')
 
 
 @pytest.mark.parametrize("count", [0, -1, 1025, 2.0, True, None])
 def test_the_number_of_workers_must_be_allowed(count):
-    with pytest.raises(ClusterError, match=r"number of workers must be 1 to 1024; got "), workers(count):
+    with pytest.raises(ClusterError, match=r"number of workers must be 1 to 1024; got "), open_executor(count):
         pass
-
-
-def test_by_default_there_is_one_a_core(monkeypatch):
-    monkeypatch.delenv("COILARRAY_THREADS", raising=False)
-    assert 1 <= default_count() <= (os.cpu_count() or 1)

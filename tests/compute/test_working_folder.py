@@ -13,12 +13,12 @@ from support.patience import PATIENCE
 
 LIBRARIES = ("numpy", "scipy", "numba", "shapely", "xarray", "pydantic", "dask", "distributed", "optuna", "sqlalchemy")
 POOL = """
-from coilarray.compute.workers import workers
+from coilarray.compute.workers import open_executor, outcomes
 from support.worker_tasks import square
 
 if __name__ == "__main__":
-    with workers(2) as pool:
-        assert dict(pool.run(square, range(3))) == {0: 0, 1: 1, 2: 4}
+    with open_executor(2) as executor:
+        assert dict(outcomes(executor, square, range(3))) == {0: 0, 1: 1, 2: 4}
 """
 JOB = """
 import threading

@@ -16,7 +16,7 @@ import pytest
 from support.contacts import few_turns
 from support.references import rows
 
-from coilarray.compute.workers import workers
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import parse_design
 from coilarray.design.vary import vary
 from coilarray.studies.optimize import load_goal, optimize_design, parse_goal
@@ -75,7 +75,7 @@ def loops(shape, h, width):
 def test_decoupling_distance(tmp_path, shape, h):
     size = SHAPES[shape][2]
     goal = parse_goal(GOAL.format(low=0.55 * size, high=0.95 * size))
-    with workers() as pool:
+    with open_executor() as pool:
         result = optimize_design(loops(shape, h, 0.02), goal, tmp_path, pool)
     found = result.best.changes["array.pitch_mm"] / size
     assert found == pytest.approx(KNOWN[shape, h], abs=1e-3)
@@ -101,7 +101,7 @@ def test_a_layout_of_the_real_board_with_less_coupling(tmp_path):
     design = parse_design(few_turns("gast2020"))
     goal = load_goal("worst_k", design)
     few = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": 8, "polish": 4})})
-    with workers() as pool:
+    with open_executor() as pool:
         result = optimize_design(design, few, tmp_path, pool)
     start, best = result.start.quantities, result.best.quantities
     assert start["worst_k"] == pytest.approx(evaluate(design, ["worst_k"])["worst_k"], rel=1e-12)

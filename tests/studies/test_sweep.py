@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from coilarray import load_design
 from coilarray.compute.netcdf import save_dataset
-from coilarray.compute.workers import workers
+from coilarray.compute.workers import open_executor
 from coilarray.design.vary import vary
 from coilarray.errors import DesignError, GoalError
 from coilarray.studies.quantities import evaluate
@@ -23,7 +23,7 @@ PITCH, COLUMNS, LAYERS = "array.pitch_mm", "array.columns", "array.layers"
 
 
 def swept(design, axes, quantities=("span_mm",), **options):
-    with workers() as pool:
+    with open_executor() as pool:
         return run_sweep(plan_sweep(design, axes, quantities, **options), pool)
 
 

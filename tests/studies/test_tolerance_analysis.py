@@ -18,7 +18,7 @@ from support.tolerance_boards import (
 
 from coilarray import load_design, new_design
 from coilarray.compute.store import open_store
-from coilarray.compute.workers import workers
+from coilarray.compute.workers import open_executor
 from coilarray.constants import MU_0
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError, LocalizeError
@@ -196,15 +196,15 @@ def test_boards_that_fail_are_counted_with_the_reason():
 def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
     few = Tolerances({"dielectric": Spread(board=1e-4), "copper": Spread("uniform", board=1e-3)})
 
-    def run(seed, pool=None, cache=None):
-        return analyse(loops(), few, samples=8, seed=seed, quantities=[K], pool=pool, cache=cache)
+    def run(seed, workers=1, cache=None):
+        return analyse(loops(), few, samples=8, seed=seed, quantities=[K], workers=workers, cache=cache)
 
     one, other = run(1), run(2)
     xr.testing.assert_identical(run(1), one)
     assert not np.array_equal(one.value, other.value)
     np.testing.assert_array_equal(one.effect, other.effect)
-    with workers(2) as pool:
-        xr.testing.assert_identical(run(1, pool=pool), one)
+    with open_executor(2) as pool:
+        xr.testing.assert_identical(run(1, workers=pool), one)
     cache = open_store(tmp_path)
     xr.testing.assert_identical(run(1, cache=cache), one)
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}

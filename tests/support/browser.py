@@ -321,11 +321,11 @@ search = {trials = 12, batch = 6}
 def quick_run(folder):
     """Leave an optimisation of shapes alone, which is cheap, in a folder."""
     from coilarray import load_design
-    from coilarray.compute.workers import workers
+    from coilarray.compute.workers import open_executor
     from coilarray.studies.optimize.goal import parse_goal
     from coilarray.studies.optimize.run import optimize_design
 
-    with workers() as pool:
+    with open_executor() as pool:
         return optimize_design(load_design("starter"), parse_goal(GOAL), folder, pool)
 
 

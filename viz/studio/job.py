@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Literal
 
 from coilarray.compute.memory import collect_seldom
-from coilarray.compute.workers.processes import starting
+from coilarray.compute.workers import starting
 from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.services import Orders, Tell
 

@@ -23,7 +23,6 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
 
     One line about the result is returned.
     """
-    from coilarray.compute.workers import workers
     from coilarray.studies.optimize.goals import derive_goal
     from coilarray.studies.optimize.run import optimize_design
     from coilarray.studies.optimize.write import write_optimization
@@ -31,8 +30,7 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
     file = build_design_file(document, name)
     wanted = derive_goal([goal], file).goal
     wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
-    with workers() as pool:
-        found = optimize_design(file, wanted, folder, pool, progress=lambda done, total, _: progress(done, total))
+    found = optimize_design(file, wanted, folder, progress=lambda done, total, _: progress(done, total))
     write_optimization(found, folder)
     better = len(found.front)
     return f"{goal}: {better or 'no'} better design{'' if better == 1 else 's'} than this one"

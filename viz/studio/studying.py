@@ -17,7 +17,6 @@ import xarray as xr
 from coilarray.compute.display_units import DisplayUnit, value_text
 from coilarray.compute.store import open_store
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import workers
 from coilarray.design.model import build_design_file
 from coilarray.studies.quantities import QUANTITIES
 from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
@@ -83,8 +82,7 @@ def sweep_entries(item: SweepRequest, tell: Tell, _: Stopped) -> SweepResult:
             tell(SweepResult(plan.points, so_far()))
             sent = time.monotonic()
 
-    with workers() as pool:
-        found = run_sweep(plan, pool, open_store(None), progress=progress_of(tell), watch=watch)
+    found = run_sweep(plan, 1, open_store(None), progress=progress_of(tell), watch=watch)
     return SweepResult(plan.points, found)
 
 

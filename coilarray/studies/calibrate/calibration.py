@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.store import Store, store_to_keep
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import Pool, workers
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.vary import no_longer_assumed, plain, vary_document
 from coilarray.design.write import as_file
@@ -93,7 +94,7 @@ def calibrate(
     unknowns: Plan | Mapping[str, Any] | None = None,
     *,
     keep: bool | str | Path = False,
-    pool: Pool | None = None,
+    workers: int | Executor = 1,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit entries of a design to measured data.
@@ -114,8 +115,8 @@ def calibrate(
         ``column_drift``.
     keep : bool, str or Path
         Whether evaluations are kept for later runs: in the user's cache folder, or in the given folder.
-    pool : Pool, optional
-        Workers from `coilarray.compute.workers.workers`. By default everything is computed in this process.
+    workers : int or concurrent.futures.Executor
+        Number of local processes, or an executor. With 1 everything is computed in this process.
     progress : callable, optional
         Called with (done, total). The total is an estimate.
 
@@ -186,12 +187,8 @@ def calibrate(
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
     fitted = [one for one in cases if isinstance(one, Case)]
     problems = [_problem(case, measured) for case in fitted]
-    store = store_to_keep(keep)
-    if pool is None:
-        with workers() as here:
-            fits = _fit_all(fitted, problems, measured, plan.data, here, store, progress)
-    else:
-        fits = _fit_all(fitted, problems, measured, plan.data, pool, store, progress)
+    with open_executor(workers) as executor:
+        fits = _fit_all(fitted, problems, measured, plan.data, executor, store_to_keep(keep), progress)
     solved: list[Solution] = []
     unsolved = [one for one in cases if isinstance(one, Unsolved)]
     for case, problem, one in zip(fitted, problems, fits, strict=True):
@@ -289,7 +286,7 @@ def _fit_all(
     problems: Sequence[Problem],
     measured: Measurement,
     table: DataTable,
-    pool: Pool,
+    executor: Executor,
     store: Store | None,
     progress: Progress | None,
 ) -> list[Fit]:
@@ -322,7 +319,7 @@ def _fit_all(
         while points:
             outcomes: list[FloatArray | str] = [""] * len(points)
             items = [item(k, point) for k, point in points]
-            for index, outcome in run_cached(evaluate_model, items, pool, store):
+            for index, outcome in run_cached(evaluate_model, items, executor, store):
                 outcomes[index] = outcome if isinstance(outcome, str) else np.array(list(outcome.values()))
                 done += 1
                 if progress is not None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from coilarray.compute.store import Store
-from coilarray.compute.workers import Pool
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.vary import vary
 from coilarray.design.write import as_file
@@ -105,7 +106,7 @@ def optimize_design(
     design: Design | DesignFile,
     goal: Goal,
     folder: str | Path,
-    pool: Pool,
+    workers: int | Executor = 1,
     cache: Store | None = None,
     *,
     progress: SearchProgress | None = None,
@@ -121,8 +122,8 @@ def optimize_design(
         see `coilarray.studies.optimize.goals.keeping_rules`.
     folder : str or Path
         Folder of the study, ``study.db``.
-    pool : Pool
-        Workers, from `coilarray.compute.workers.workers`. The points do not depend on them.
+    workers : int or concurrent.futures.Executor
+        Number of local processes, or an executor. The points do not depend on it.
     cache : Store, optional
         Store of evaluated points, from `coilarray.compute.store.open_store`.
     progress : callable, optional
@@ -147,14 +148,16 @@ def optimize_design(
     require_coils(file.design, goal)
     goal = keeping_rules(goal, file)
 
-    def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
-        points = evaluate_points(file, changes, goal.quantities, pool, cache, accuracy=accuracy)
-        for index, outcome in points:
-            if isinstance(outcome, str) and not changes[index]:
-                _require_quantities(file.design, goal)
-            yield index, outcome
+    with open_executor(workers) as executor:
 
-    return optimize_with(design, goal, folder, evaluate, progress=progress)
+        def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
+            points = evaluate_points(file, changes, goal.quantities, executor, cache, accuracy=accuracy)
+            for index, outcome in points:
+                if isinstance(outcome, str) and not changes[index]:
+                    _require_quantities(file.design, goal)
+                yield index, outcome
+
+        return optimize_with(design, goal, folder, evaluate, progress=progress)
 
 
 def optimize_with(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import Pool, workers
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
@@ -45,7 +45,7 @@ def analyse(
     sampling: Sampling = "sobol",
     accuracy: Accuracy = "screen",
     table: xr.Dataset | None = None,
-    pool: Pool | None = None,
+    workers: int | Executor = 1,
     cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -72,8 +72,8 @@ def analyse(
     table : xarray.Dataset, optional
         Response table of the design for locating positions, from `coilarray.localize.forward.table_for`. By default it
         is computed.
-    pool : Pool, optional
-        Workers that compute the boards. By default they are computed in this process.
+    workers : int or concurrent.futures.Executor
+        Number of local processes, or an executor that computes the boards. With 1 they are computed in this process.
     cache : Store, optional
         Store that keeps the boards, so that an interrupted analysis can be continued.
     progress : callable, optional
@@ -140,9 +140,8 @@ def analyse(
     steps = error_steps(found)
     around = difference_points(steps)
     boards = [{}, *around, *(errors_of(found, row) for row in drawn)]
-    with ExitStack() as stack:
-        used = pool or stack.enter_context(workers())
-        outcomes = _evaluated(file, outputs, boards, used, cache, progress)
+    with open_executor(workers) as executor:
+        outcomes = _evaluated(file, outputs, boards, executor, cache, progress)
     near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
     values = _near_values(near, boards, outputs.names(design))
     nominal, linear = values[0], sensitivity(found, steps, values[1:])
@@ -267,14 +266,14 @@ def _evaluated(
     file: DesignFile,
     outputs: Outputs,
     boards: Sequence[Mapping[str, float]],
-    pool: Pool,
+    executor: Executor,
     cache: Store | None,
     progress: Progress | None,
 ) -> list[Outcome]:
     """Evaluate boards, with outcomes in their order."""
     items = (outputs.item(file.document, errors) for errors in boards)
     outcomes: list[Outcome] = [""] * len(boards)
-    for k, outcome in run_cached(evaluate_board, items, pool, cache, progress=progress, total=len(boards)):
+    for k, outcome in run_cached(evaluate_board, items, executor, cache, progress=progress, total=len(boards)):
         if k == 0 and isinstance(outcome, str):
             raise GoalError(outcome)  # no board at all
         outcomes[k] = outcome

@@ -1,0 +1,348 @@
+"""Executors of `concurrent.futures` for independent tasks: this process, local processes, or a Dask cluster.
+
+Sweeps, optimizations, tolerances and calibrations take a number of local processes or any
+`concurrent.futures.Executor`, such as ``Client.get_executor()`` of Dask or the executor of mpi4py. Results do not
+depend on it. They agree to the last bit on machines of one kind, and to rounding elsewhere.
+
+A cluster of Dask is started as in its documentation (https://docs.dask.org/en/stable/deploying-cli.html), with the same
+coilarray on every machine::
+
+    dask scheduler --port 8786                                   # on one machine
+    dask worker tcp://host:8786 --nworkers -1 --nthreads 1       # on every machine that computes: one worker a core
+    coilarray sweep gast2020 --vary array.pitch_mm=10:15:11 --quantity worst_k --cluster tcp://host:8786
+
+The connection carries pickled Python and is neither encrypted nor authenticated by default. For the six coils of
+gast2020 a worker needs 0.25 GB for shapes and couplings, 0.3 GB for the circuit, 0.4 GB for responses and 0.5 GB for
+the error of positions.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import signal
+import time
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from functools import cache
+from multiprocessing import get_context, parent_process, resource_tracker
+from threading import Thread, current_thread, main_thread
+from typing import Any
+
+from coilarray.compute.code_version import code_version
+from coilarray.compute.extras import import_extra
+from coilarray.compute.memory import collect_seldom
+from coilarray.compute.threads import serial_algebra
+from coilarray.errors import ClusterError, CoilarrayError, MissingDependencyError
+
+MOST_WORKERS = 1024
+"""Largest number of local processes."""
+ANSWER_WITHIN = 10.0
+"""Time in s within which a scheduler must answer and have a worker."""
+
+_IN_FLIGHT = 2  # tasks for each worker: the task that it computes and a task that waits
+_MANY_IN_FLIGHT = 1000  # the same for all workers, if their number is unknown
+_LOOK = 1.0  # s between looks at a cluster
+_ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a worker within a few seconds
+# read by the linear algebra when it is loaded, and by coilarray.compute.threads
+_THREAD_VARIABLES = ("COILARRAY_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
+_HERE = uuid.uuid4().hex  # differs in every process that has loaded this module
+
+
+@contextmanager
+def open_executor(workers: int | Executor = 1) -> Iterator[Executor]:
+    """Open an executor for a ``with`` block.
+
+    `workers` is a number of local processes, which end with the block however it is left, or an executor, which stays
+    open. With 1 the tasks are computed in this process when they are submitted. Every worker computes with one thread.
+    Local processes load the calling script, which must open the executor under ``if __name__ == "__main__":``. Raises
+    ClusterError for a number outside 1 to `MOST_WORKERS`.
+    """
+    if isinstance(workers, Executor):
+        with one_thread() if isinstance(workers, ThreadPoolExecutor) else nullcontext():
+            yield workers
+        return
+    if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= MOST_WORKERS:
+        raise ClusterError(f"the number of workers must be 1 to {MOST_WORKERS}; got {workers!r}.")
+    if workers == 1:
+        with one_thread():
+            yield _ThisProcess()
+        return
+    processes = _Processes(workers)
+    try:
+        yield processes
+    finally:
+        processes.end()
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """Connect to a Dask scheduler at ``tcp://host:port`` for a ``with`` block.
+
+    With ``tls://`` the certificates of Dask's configuration are used. Raises ClusterError for another address, or if no
+    scheduler or no worker answers within `ANSWER_WITHIN`, and MissingDependencyError without the package
+    ``distributed``.
+    """
+    dask = import_extra("distributed", "Dask clusters", package="distributed", extra="cluster")
+    scheme, _, host = address.partition("://")
+    name, _, port = host.rpartition(":")
+    if scheme not in ("tcp", "tls") or not name or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ClusterError(f"the address of a cluster must be tcp://HOST:PORT; got {address!r}.")
+    with _quiet(), ExitStack() as stack:
+        try:
+            client = dask.Client(address, timeout=ANSWER_WITHIN, set_as_default=False, name="coilarray")
+        except OSError:
+            raise ClusterError(f"no Dask scheduler answers at {address} within {ANSWER_WITHIN:g} s.") from None
+        stack.enter_context(suppress(ConnectionError, TimeoutError))
+        stack.callback(client.close, timeout=2)
+        try:
+            client.wait_for_workers(1, timeout=ANSWER_WITHIN)
+        except TimeoutError:
+            raise ClusterError(
+                f"the Dask scheduler at {address} has no worker; start one: dask worker {address}"
+            ) from None
+        yield client.get_executor(pure=False)
+
+
+def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[tuple[int, Any]]:
+    """Yield the number and the outcome of every item as soon as it is done.
+
+    An outcome is the result of the function, or the line of the CoilarrayError that it raised. The function is defined
+    in a module and returns no text. Items are read as workers become free. Tasks that have not begun when the iterator
+    is closed are cancelled. Raises ClusterError if workers are lost, and any other error of the function.
+    """
+    todo = enumerate(items)
+    pending: dict[Future[Any], int] = {}
+    watch = _Watch(executor)
+    try:
+        while True:
+            while len(pending) < watch.most and (following := next(todo, None)) is not None:
+                number, item = following
+                pending[_submitted(executor, pickle.dumps((function, item)))] = number
+            if not pending:
+                return
+            done, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
+            if not done:
+                watch.look()
+            for future in sorted(done, key=pending.__getitem__):
+                yield pending.pop(future), _result(future)
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _submitted(executor: Executor, payload: bytes) -> Future[Any]:
+    try:
+        return executor.submit(_perform, payload, code_version(), _HERE)
+    except BrokenExecutor:
+        raise _lost() from None
+
+
+def _perform(payload: bytes, version: str, home: str) -> Any:
+    """Compute one task with one thread, in a process with the same version of coilarray."""
+    if home != _HERE:
+        if version != code_version():
+            raise ClusterError(
+                f"a worker has coilarray {code_version()}; here it is {version}: install the same on all machines."
+            )
+        _one_thread_for_good()
+    function, item = pickle.loads(payload)
+    try:
+        return function(item)
+    except (ClusterError, MissingDependencyError):
+        raise
+    except CoilarrayError as error:
+        return str(error)
+
+
+def _result(future: Future[Any]) -> Any:
+    """Return the outcome of a task, or raise ClusterError if its worker was lost."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        raise _lost() from None
+    except CancelledError:
+        raise ClusterError("the Dask scheduler is lost, or a task was cancelled.") from None
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "coilarray":
+            raise
+        raise ClusterError("a worker has no coilarray, or another version: install the same on all machines.") from None
+    except Exception as error:
+        if type(error).__name__ != "KilledWorker":  # of Dask, which may be absent
+            raise
+        raise ClusterError("a task ended several workers, one after another; do they have enough memory?") from None
+
+
+def _lost() -> ClusterError:
+    return ClusterError(
+        "a worker process has ended; is there enough memory? A script must ask for workers under "
+        'if __name__ == "__main__".'
+    )
+
+
+class _Watch:
+    """Number of tasks in flight on an executor, and the workers of a cluster."""
+
+    def __init__(self, executor: Executor) -> None:
+        count = getattr(executor, "_max_workers", None)
+        self.most = _MANY_IN_FLIGHT if count is None else _IN_FLIGHT * count
+        if isinstance(executor, _ThisProcess):
+            self.most = 1  # an item is read when all items before it are done
+        self._client = getattr(executor, "_client", None)
+        self._alone_since: float | None = None
+
+    def look(self) -> None:
+        """Raise ClusterError if a scheduler of Dask, or all of its workers, are lost."""
+        if self._client is None:
+            return
+        try:
+            if self._client.status != "running":
+                raise OSError(self._client.status)
+            count = len(self._client.nthreads())
+        except Exception as error:  # comm errors, timeouts and cancellations have no common base
+            raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
+        now = time.monotonic()
+        self._alone_since = None if count else self._alone_since or now
+        if self._alone_since is not None and now - self._alone_since > _ALONE:
+            raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
+
+
+class _ThisProcess(Executor):
+    """Executor that computes a task in this process when it is submitted."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class _Processes(ProcessPoolExecutor):
+    """Local processes, each started when there is work for it."""
+
+    def __init__(self, count: int) -> None:
+        with starting():  # the tracker of shared resources is a process too
+            super().__init__(count, mp_context=get_context("spawn"), initializer=_begin)  # OpenMP kills forked children
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        with starting():
+            return super().submit(fn, *args, **kwargs)
+
+    def end(self) -> None:
+        """End all processes at once, as `kill_workers` does from Python 3.14 on."""
+        processes = list((self._processes or {}).values())
+        self.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.join()
+
+
+def _begin() -> None:
+    """Prepare a local process, which ends with the process that started it."""
+    collect_seldom()
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)
+
+
+@contextmanager
+def starting() -> Iterator[None]:
+    """Start processes safely within a ``with`` block.
+
+    The processes never get Ctrl-C, and never import a file of the working folder as a module. Python searches the
+    modules of multiprocessing itself in this folder first, and only then takes over this process's path. Its tracker
+    silently clears the semaphores of a program that is interrupted while processes start.
+    """
+    ignored = [os.environ["PYTHONWARNINGS"]] if os.environ.get("PYTHONWARNINGS") else []
+    wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": ",".join([*ignored, "ignore:resource_tracker"])}
+    with _environment(wanted), _no_interrupt():
+        yield
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Delay Ctrl-C while the block runs. A process that is started in the block never gets it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # otherwise it starts with the first process, and unblocks the signal for it
+    came: list[int] = []
+    # another thread may take the signal in spite of the mask, but only the main thread runs Python's handler
+    handler = signal.getsignal(signal.SIGINT)
+    here = current_thread() is main_thread() and callable(handler)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    if here:
+        signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        if here:
+            signal.signal(signal.SIGINT, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Compute with one thread while the block runs: the linear algebra and `coilarray.compute.threads`."""
+    with _environment(dict.fromkeys(_THREAD_VARIABLES, "1")):
+        import scipy.linalg  # noqa: F401 - loads every library there is to limit
+
+        with serial_algebra():
+            yield
+
+
+@cache
+def _one_thread_for_good() -> None:
+    _LIMITS.enter_context(one_thread())
+
+
+@contextmanager
+def _environment(wanted: dict[str, str]) -> Iterator[None]:
+    """Set variables of the environment while the block runs."""
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log off the terminal while the block runs."""
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    levels = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
