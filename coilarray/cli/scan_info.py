@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 FORMATS = ("nc", "csv")
 """Endings of the files that a recording is converted to."""
-_SEALED = (".nc", ".toml", ".csv")
+_SEALED = (".toml", ".csv")
 
 
 def scan_info(
@@ -47,7 +47,7 @@ def scan_info(
     ] = False,
     calibration: BoardConstants = None,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Only check the file against its checksums; also .nc, .toml and .csv.")
+        bool, typer.Option("--verify", help="Only check the file against its checksums; also .toml and .csv.")
     ] = False,
     force: Force = False,
     as_json: AsJson = False,
@@ -98,11 +98,12 @@ def _verify(path: Path, *, as_json: bool) -> None:
             scans, checksums = f"{recording.count()} scans, which ", recording.has_checksums
         without = "can be read; an older version wrote them, without checksums"
     else:
-        from coilarray.compute.checksum import check_seal, checked_rows, has_checksums
+        from coilarray.compute.checksum import checked_rows, has_checksums, has_seal, unsealed
 
         try:
             if path.suffix.lower() != ".csv":
-                checksums = check_seal(path)
+                if checksums := has_seal(content := path.read_bytes()):
+                    unsealed(content, path)
             elif checksums := has_checksums(table := read_text(path, HardwareError)):
                 checked_rows(table, path)
         except (OSError, ValueError) as error:  # ValueError: a name with a zero byte

@@ -1,9 +1,7 @@
-"""Checksums of written data: a bit that flips on a disk is noticed, and never taken for a number.
+"""Checksums of measured data: a bit that flips on a disk is noticed, and never taken for a number.
 
-Values, such as a row of a database, are kept with their `checksum`. A whole file ends in a line with the checksum of
-all bytes before it, its seal. To readers of TOML that line is a comment. Readers of netCDF (HDF5) stop before it,
-because the format itself defines its end, so a netCDF file without a seal was written by another program. A TOML or
-JSON file without a seal is cut.
+A row of a database is kept with the `checksum` of its values. A TOML file ends in a comment with the checksum of all
+bytes before it, its seal.
 
 A table of text, CSV, is kept line by line. The last column of each line is a checksum of the table up to there. The
 last line, a comment, has the number of lines and a checksum of all. Missing, doubled or swapped lines are thus noticed,
@@ -19,8 +17,7 @@ import io
 import json
 import re
 from collections.abc import Iterable
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +30,6 @@ _LAST_LINE = "# coilarray checksum of "
 _SEAL = re.compile(rb"\n# coilarray checksum ([0-9a-f]{32})\n")
 _LENGTH = len("\n# coilarray checksum \n") + 32
 _VALUE_BYTES, _FILE_BYTES = 8, 16
-_AT_ONCE = 1 << 20  # bytes
 
 
 def canonical(*parts: Any) -> bytes:
@@ -143,7 +139,13 @@ def sealed(data: bytes) -> bytes:
 
     The seal is at the end.
     """
-    return data + _seal(hashlib.blake2b(data, digest_size=_FILE_BYTES))
+    digest = hashlib.blake2b(data, digest_size=_FILE_BYTES).hexdigest()
+    return data + f"\n# coilarray checksum {digest}\n".encode("ascii")
+
+
+def has_seal(data: bytes) -> bool:
+    """Whether the content of a file ends in a seal, right or wrong."""
+    return _SEAL.fullmatch(data[-_LENGTH:]) is not None
 
 
 def unsealed(data: bytes, name: object) -> bytes:
@@ -151,56 +153,12 @@ def unsealed(data: bytes, name: object) -> bytes:
 
     Raises DamagedError, which names the file, if the seal is wrong or missing.
     """
-    if _SEAL.fullmatch(data[-_LENGTH:]) is None:
+    if not has_seal(data):
         raise DamagedError(f"{name} is cut: its last line, a checksum, is missing.")
     content = data[:-_LENGTH]
     if sealed(content) != data:
-        raise _damaged(name)
+        raise DamagedError(f"{name} is damaged, or was changed by another program: its checksum is wrong.")
     return content
-
-
-def seal_file(path: Path) -> None:
-    """Append the seal to a file.
-
-    The file is read in blocks. Raises OSError on failure.
-    """
-    with path.open("r+b") as file:
-        file.write(_seal(_digest(file, path.stat().st_size)))
-
-
-def check_seal(path: Path) -> bool:
-    """Check a file against its seal, in blocks.
-
-    Returns whether the file has a seal. Raises DamagedError if seal and content do not fit, and OSError if the file
-    cannot be read.
-    """
-    with path.open("rb") as file:
-        size = max(path.stat().st_size - _LENGTH, 0)
-        file.seek(size)
-        seal = file.read()
-        if _SEAL.fullmatch(seal) is None:
-            return False
-        file.seek(0)
-        if _seal(_digest(file, size)) != seal:
-            raise _damaged(path)
-        return True
-
-
-def _digest(file: IO[bytes], size: int) -> hashlib.blake2b:
-    """Hash a number of bytes from a file's current position."""
-    digest = hashlib.blake2b(digest_size=_FILE_BYTES)
-    while size > 0 and (block := file.read(min(size, _AT_ONCE))):
-        digest.update(block)
-        size -= len(block)
-    return digest
-
-
-def _seal(digest: hashlib.blake2b) -> bytes:
-    return f"\n# coilarray checksum {digest.hexdigest()}\n".encode("ascii")
-
-
-def _damaged(name: object) -> DamagedError:
-    return DamagedError(f"{name} is damaged, or was changed by another program: its checksum is wrong.")
 
 
 def _plain(value: Any) -> Any:

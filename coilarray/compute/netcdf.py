@@ -1,4 +1,4 @@
-"""Datasets on disk as netCDF with a checksum, written completely or not at all, and requirements on datasets.
+"""Datasets on disk as netCDF, written completely or not at all, and requirements on datasets.
 
 A file is made in memory and written as a whole, because HDF5 crashes the process if it cannot write, as on a full disk.
 """
@@ -18,10 +18,9 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.checksum import check_seal, seal_file
-from coilarray.compute.files import write_atomically
+from coilarray.compute.files import write_bytes
 from coilarray.compute.memory import require_memory
-from coilarray.errors import CoilarrayError, DamagedError
+from coilarray.errors import CoilarrayError
 
 _SHOWN = 100  # characters of names in a message
 
@@ -224,7 +223,7 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
 
     Raises OutputError on failure.
     """
-    save_netcdf(netcdf_of(dataset), path)
+    write_bytes(path, netcdf_of(dataset))
 
 
 def netcdf_of(dataset: xr.Dataset) -> bytes:
@@ -233,19 +232,6 @@ def netcdf_of(dataset: xr.Dataset) -> bytes:
     with netcdf_in(memory, dataset):
         pass
     return memory.getvalue()
-
-
-def save_netcdf(content: bytes, path: Path) -> None:
-    """Write the result of `netcdf_of` to a file.
-
-    It is written completely or not at all. Raises OutputError on failure.
-    """
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(content)
-        seal_file(temporary)
-
-    write_atomically(path, write)
 
 
 @contextmanager
@@ -265,13 +251,10 @@ def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterato
 def load_part(path: Path) -> xr.Dataset | None:
     """Read a dataset from a netCDF file.
 
-    None if the file does not exist or cannot be read. Raises DamagedError if `save_dataset` wrote the file and it has
-    changed since. Files of other programs have no checksum, and are read without a check.
+    None if the file does not exist or cannot be read.
     """
     try:
         return _load(path)
-    except DamagedError:
-        raise
     except Exception:  # h5py, h5netcdf and xarray raise many kinds of errors for a damaged file
         return None
 
@@ -296,11 +279,10 @@ def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
 
 
 def _load(path: Path) -> xr.Dataset:
-    """Load a dataset from a file after checking its seal."""
+    """Load a dataset from a file."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
-    check_seal(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about the meaning of a damaged attribute
         with _File(path, "r") as opened:

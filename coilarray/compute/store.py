@@ -2,8 +2,8 @@
 
 An entry is a small JSON file or a netCDF file. Its name is the SHA-256 of everything that decides the result: the
 inputs, the source code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
-although it changes last digits. Entries are written completely or not at all and end in a checksum. A damaged entry
-counts as missing, with a warning on standard error. The folder may be deleted at any time, and several runs may use it
+although it changes last digits. Entries are written completely or not at all. An entry that cannot be
+read counts as missing. The folder may be deleted at any time, and several runs may use it
 at once.
 """
 
@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import logging
 import os
 import re
 import sqlite3
@@ -21,10 +20,10 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coilarray.compute.checksum import canonical, sealed, unsealed
+from coilarray.compute.checksum import canonical
 from coilarray.compute.code_version import code_version
 from coilarray.compute.files import make_folder, write_bytes, writing
-from coilarray.errors import DamagedError, OutputError
+from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +35,6 @@ Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]
 FOLDER_VARIABLE = "COILARRAY_CACHE"
 """Environment variable that names the default folder of the store."""
 
-_LOG = logging.getLogger(__name__)
 _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 
@@ -52,15 +50,12 @@ class Store:
     def get(self, key: str) -> Any | None:
         """Return the JSON value kept under a key.
 
-        None if it is missing or damaged.
+        None if it is missing or cannot be read.
         """
         path = self._path(key, "json")
         try:
-            return json.loads(unsealed(path.read_bytes(), path))
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, RecursionError, DamagedError):  # ValueError also for blocks that the disk has lost
-            _say_damaged(path)
+            return json.loads(path.read_bytes())
+        except (OSError, ValueError, RecursionError):
             return None
 
     def put(self, key: str, value: Any) -> None:
@@ -70,22 +65,16 @@ class Store:
         """
         path = self._path(key, "json")
         make_folder(path.parent)
-        write_bytes(path, sealed(json.dumps(value).encode() + b"\n"))
+        write_bytes(path, json.dumps(value).encode())
 
     def get_dataset(self, key: str) -> xr.Dataset | None:
         """Return the dataset kept under a key.
 
-        None if it is missing or damaged.
+        None if it is missing or cannot be read.
         """
         from coilarray.compute.netcdf import load_part
 
-        path = self._path(key, "nc")
-        with suppress(DamagedError):
-            found = load_part(path)
-            if found is not None or not path.exists():
-                return found
-        _say_damaged(path)
-        return None
+        return load_part(self._path(key, "nc"))
 
     def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
         """Keep a dataset under a key.
@@ -207,8 +196,3 @@ def delete_database(path: Path) -> None:
     """
     for end in ("", "-wal", "-shm", "-journal"):
         Path(f"{path}{end}").unlink(missing_ok=True)
-
-
-def _say_damaged(path: Path) -> None:
-    """Warn that an entry is damaged."""
-    _LOG.warning("coilarray: %s is damaged; what it held is computed anew.", path)

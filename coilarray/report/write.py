@@ -18,9 +18,9 @@ from coilarray import viz
 from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
 from coilarray.circuit.operating_field import operating_field
-from coilarray.compute.files import make_folder, write_text
+from coilarray.compute.files import make_folder, write_bytes, write_text
 from coilarray.compute.html import html_card, html_table
-from coilarray.compute.netcdf import netcdf_of, save_netcdf
+from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.table import Picture, Table, Value
 from coilarray.compute.threads import Progress, threads
 from coilarray.design.fab_limits import load_profile
@@ -283,7 +283,7 @@ def write_report(
     for name, text in texts.items():
         write_text(data_folder / name, text)
     for name, content in contents.items():
-        save_netcdf(content, data_folder / f"{name}.nc")
+        write_bytes(data_folder / f"{name}.nc", content)
     write_text(folder / "report.html", page)
     step()
     return Report(folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0].brief(), broken)

@@ -453,7 +453,7 @@ def _refused_permission():
     return refuse
 
 
-def _full_disk(path):
+def _full_disk(path, data):
     raise OSError(28, "No space left on device")
 
 
@@ -462,7 +462,7 @@ def _full_disk(path):
     ("function", "failing", "message"),
     [
         ("coilarray.compute.files.tempfile.mkstemp", _refused_permission(), "report/summary.csv: Permission denied"),
-        ("coilarray.compute.netcdf.seal_file", _full_disk, "No space left on device"),
+        ("coilarray.compute.files.Path.write_bytes", _full_disk, "No space left on device"),
     ],
 )
 def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch, function, failing, message):

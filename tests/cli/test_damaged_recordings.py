@@ -3,15 +3,12 @@
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray as xr
 from support.command_line import runner, successes
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import changed, without_checksums
 
-from coilarray.compute.checksum import with_checksums
-from coilarray.compute.netcdf import save_dataset
+from coilarray.compute.checksum import sealed, with_checksums
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import open_recording
 
@@ -62,17 +59,14 @@ def test_a_damaged_scan_is_named(capsys, stream, statement, damage):
 
 
 def test_files_with_one_checksum_at_their_end(capsys, tmp_path):
-    path = tmp_path / "map.nc"
-    dataset = xr.Dataset({"delta": ("x", np.arange(5.0))})
-    save_dataset(dataset, path)
+    path = tmp_path / "board.toml"
+    path.write_bytes(sealed(b"a = 1\n"))
     assert scan_info(capsys, path, "--verify") == f"{path}: is as its checksum says\n"
-    data = bytearray(path.read_bytes())
-    data[data.index(np.float64(3.0).tobytes())] ^= 1
-    path.write_bytes(data)
+    path.write_bytes(path.read_bytes().replace(b"1", b"2", 1))
     assert "is damaged, or was changed by another program: its checksum is wrong" in refused(capsys, path, "--verify")
-    dataset.to_netcdf(path, engine="h5netcdf")
+    path.write_bytes(b"a = 1\n")
     assert "carries no checksum: it is cut, or another program or a person" in scan_info(capsys, path, "--verify")
-    assert "cannot read" in refused(capsys, tmp_path / "none.nc", "--verify")
+    assert "cannot read" in refused(capsys, tmp_path / "none.toml", "--verify")
     table = tmp_path / "table.csv"
     table.write_text(with_checksums("a,b\n1,2\n"))
     assert scan_info(capsys, table, "--verify") == f"{table}: is as its checksum says\n"

@@ -98,8 +98,9 @@ def refused(address):
 
 def test_outcomes_are_those_of_any_pool(pool):
     assert sorted(outcomes(pool, tasks.square, range(9))) == [(k, k * k) for k in range(9)]
-    outcomes = dict(outcomes(pool, tasks.refuse_odd, range(4)))
-    assert outcomes == {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(4)}
+    assert dict(outcomes(pool, tasks.refuse_odd, range(4))) == {
+        k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(4)
+    }
     with pytest.raises(ZeroDivisionError):
         list(outcomes(pool, tasks.divide, [1, 0]))
     assert sorted(outcomes(pool, tasks.square, [5])) == [(0, 25)]

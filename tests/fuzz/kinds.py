@@ -19,7 +19,6 @@ A changed number of any other text file is a good number all the same: people wr
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -36,7 +35,6 @@ from aiohttp.test_utils import make_mocked_request
 from support.board_text import board as kicad_text
 from support.board_text import path as tracks
 from support.made_up import made_up_distortion
-from support.optimize_points import StandIn
 from support.plot_results import GOAL, response, target
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, two_coils_document
@@ -77,13 +75,11 @@ from coilarray.response.coordinates import on_board
 from coilarray.studies.calibrate.draws import CALIBRATION, calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.plan import PLANS, load_plan
 from coilarray.studies.comparison import compare_responses
-from coilarray.studies.optimize import optimize_with, study_file
 from coilarray.studies.optimize.goal import GOALS, parse_goal
 from coilarray.studies.optimize.space import axes_of
 from coilarray.studies.tolerance.files import load_tolerances, typical_text
 from coilarray.studies.tolerance.tolerances import contributors
 from coilarray.viz.studio import server
-from coilarray.viz.studio.runs import read_runs
 from fuzz import mutations as change
 
 
@@ -543,66 +539,6 @@ def _imported(path: Path) -> Any:
     return [one.vertices for one in parse_design(text, "board").array.conductors()]
 
 
-# searches
-
-
-_SEARCH = """
-schema = 1
-variable = [{ entry = "array.pitch_mm", low = 10, high = 16 }]
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[search]
-trials = 4
-seed = 3
-batch = 2
-polish = 0
-"""
-
-
-@cache
-def _search() -> Any:
-    return load_design("gast2020"), parse_goal(_SEARCH, "search")
-
-
-@cache
-def _whole_study() -> bytes:
-    def outcome(changes: Mapping[str, Any]) -> dict[str, float]:
-        return {"worst_k": float(changes.get("array.pitch_mm", 13.28)) ** 2}
-
-    with tempfile.TemporaryDirectory() as folder:
-        optimize_with(*_search(), Path(folder), StandIn(outcome))
-        return Path(folder, study_file.FILE).read_bytes()
-
-
-def _studies(folder: Path) -> list[Path]:
-    (folder / "study.db").write_bytes(_whole_study())
-    return [folder / "study.db"]
-
-
-def _study(path: Path) -> Any:
-    return _trials(path.read_bytes())
-
-
-def _trials(data: bytes) -> tuple[list[str], int]:
-    """The trials of a study as the search and as the studio read them."""
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, study_file.FILE).write_bytes(data)
-        with study_file.open_study(Path(folder), *_search()) as opened:
-            trials = [f"{trial.state} {trial.params} {trial.values} {trial.constraints}" for trial in opened.trials()]
-        return trials, sum(len(run.points) for run in read_runs(Path(folder)))
-
-
-@cache
-def _true_trials() -> frozenset[str]:
-    return frozenset(_trials(_whole_study())[0])
-
-
-def _invented(answer: Any) -> str:
-    """Every trial that is read is one that was made."""
-    return "a trial that was never made" if set(answer[0]) - _true_trials() else ""
-
-
 # the studio
 
 
@@ -693,7 +629,6 @@ KINDS = (
     Kind("readings, JSON", ".json", _readings_files(".json", f"[{_READING}, [1e-4, 2e-4, 3e-4]]"), _JSON, _readings),
     Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),
     Kind("KiCad board", ".kicad_pcb", _kicad_boards, _CSV, _imported, share=2),
-    Kind("study of a search", ".db", _studies, _DATABASE, _study, _invented),
     Kind("request to the studio", ".txt", _request_files, _CSV, _requested, _let_in),
     Kind("Gerber archive", ".zip", _gerber_zips, _ZIP, _imported, share=2),
 )  # fmt: skip

@@ -3,16 +3,10 @@
 import os
 from dataclasses import asdict
 
-import numpy as np
 import pytest
-import xarray as xr
 from support.flips import cuts, damaged, flipped, wrong_lines
-from support.optimize_points import StandIn
 from support.quick_recordings import campaign_file, stream_file
 
-from coilarray.compute.netcdf import load_part, save_dataset
-from coilarray.compute.store import open_store
-from coilarray.design.model import load_design
 from coilarray.errors import LocalizeError
 from coilarray.hardware.record.calibration_file import load_calibration, save_calibration
 from coilarray.hardware.record.campaign import Campaign
@@ -23,31 +17,11 @@ from coilarray.hardware.record.recorded_response import recorded_response, recor
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.recording_summary import summarize_recording
 from coilarray.paper.ellipse_model import model_to_json
-from coilarray.paper.published import published_map, published_model
-from coilarray.studies.optimize import optimize_with, parse_goal
-from coilarray.studies.optimize.study_file import FILE, open_study
-from coilarray.viz.studio.runs import read_runs
+from coilarray.paper.published import published_model
 
 FEW, MANY = 25, int(os.environ.get("COILARRAY_TEST_FLIPS", "60"))
 """Flips of every kind in a run without the slow tests, and in the whole of them: some on every page of a database."""
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
-KEY = "ab" + 62 * "0"
-VALUES = np.random.default_rng(1).normal(size=(5, 3))
-GOAL = """
-schema = 1
-variable = [
-  { entry = "array.pitch_mm", low = 10, high = 16 },
-  { entry = "circuit.default_termination", choices = ["short", "open"] },
-]
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[search]
-trials = 6
-seed = 3
-batch = 3
-polish = 0
-"""
 
 
 def content(dataset):
@@ -81,69 +55,6 @@ def stream(folder):
 def campaign(folder):
     path = campaign_file(folder / "campaign.sqlite", PLAN, noise=1e-6)
     return path, lambda: recording_content(path)
-
-
-def netcdf(folder):
-    path = folder / "map.nc"
-    save_dataset(published_map(x=np.linspace(-2e-3, 2e-3, 5)), path)
-    return path, lambda: content(load_part(path))
-
-
-def entry(folder):
-    store = open_store(folder)
-    store.put(KEY, {"worst_k": 0.0123456789, "reason": None, "list": [1, 2.5]})
-    (path,) = folder.rglob("*.json")
-    return path, lambda: store.get(KEY)
-
-
-def kept_dataset(folder):
-    store = open_store(folder)
-    store.put_dataset(KEY, xr.Dataset({"a": ("n", VALUES[0])}, attrs={"design": "gast2020"}))
-    (path,) = folder.rglob("*.nc")
-    return path, lambda: content(store.get_dataset(KEY))
-
-
-def outcome(changes):
-    return {"worst_k": (changes.get("array.pitch_mm", 13.28) - 12.5) ** 2}
-
-
-def study(folder):
-    """Trials of a search; one that is left out is computed anew."""
-    design, goal = load_design("gast2020"), parse_goal(GOAL)
-    optimize_with(design, goal, folder, StandIn(outcome))
-
-    def read():
-        with open_study(folder, design, goal) as opened:
-            rows = [
-                repr((trial.state, trial.values, trial.params, trial.distributions, trial.user_attrs,
-                      trial.system_attrs, trial.constraints))
-                for trial in opened.trials()
-            ]  # fmt: skip
-        if len(rows) < goal.search.trials:
-            assert set(rows) <= set(every or rows)
-            return None
-        every[:] = every or rows
-        return rows
-
-    every = []
-    return folder / FILE, read
-
-
-def run_of_studio(folder):
-    """The same file as the studio shows it."""
-    path, _ = study(folder)
-
-    def read():
-        runs = read_runs(folder)
-        points = [repr(asdict(point)) for run in runs for point in run.points]
-        if len(points) < 6:
-            assert set(points) <= set(every)
-            return None
-        every[:] = every or points
-        return points, [run.maximized for run in runs]
-
-    every = []
-    return path, read
 
 
 def board_calibration(folder):
@@ -187,17 +98,12 @@ def csv_of_a_stream(folder):
 
 
 KINDS = {
-    "recording of a stream": stream, "recording of a campaign": campaign, "netCDF": netcdf, "entry of the store": entry,
-    "dataset of the store": kept_dataset, "study": study, "study in the studio": run_of_studio,
-    "calibration of a board": board_calibration, "ellipse model": ellipses, "log": log,
-    "CSV of a stream": csv_of_a_stream,
+    "recording of a stream": stream, "recording of a campaign": campaign, "calibration of a board": board_calibration,
+    "ellipse model": ellipses, "log": log, "CSV of a stream": csv_of_a_stream,
 }  # fmt: skip
 
 
-DEAR = "study", "study in the studio"
-
-
-@pytest.mark.parametrize("name", [pytest.param(one, marks=[pytest.mark.slow] * (one in DEAR)) for one in KINDS])
+@pytest.mark.parametrize("name", KINDS)
 def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, caplog, pytestconfig):
     count = FEW if pytestconfig.option.markexpr == "not slow" else MANY
     path, read = KINDS[name](tmp_path)
@@ -211,7 +117,7 @@ def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, caplog, pyte
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_no_cut_changes_a_result_in_silence(tmp_path, name):
     path, read = KINDS[name](tmp_path)
-    damaged(path, read, cuts(path.read_bytes(), 10 if name in DEAR else 30))
+    damaged(path, read, cuts(path.read_bytes(), 30))
 
 
 @pytest.mark.parametrize("name", ["calibration of a board", "log", "CSV of a stream"])

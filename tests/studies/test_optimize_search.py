@@ -1,6 +1,5 @@
 """The search: it finds what is known, tries the same points however it is run, and loses nothing."""
 
-import copy
 import json
 import os
 import sqlite3
@@ -18,11 +17,10 @@ from hypothesis import strategies as st
 from support.optimize_points import StandIn
 from support.patience import PATIENCE
 
-from coilarray.design.model import load_design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.report.optimization import none_better
-from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal, study_file
-from coilarray.studies.optimize.study_file import FILE, is_whole, open_study, points_found, study_name
+from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
+from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
 from coilarray.studies.optimize.trials import better_than
 from coilarray.viz.studio.runs import read_runs
 
@@ -359,44 +357,3 @@ def test_front_is_what_no_other_point_beats(points):
 
     expected = {trial.scores for trial in kept if not any(beats(other, trial) for other in kept)}
     assert [trial.scores for trial in front_of(trials, goal_of(LEAST + MOST))] == sorted(expected)
-
-
-def test_a_finished_trial_without_checksum_values_or_with_bytes_is_damaged():
-    """What a damaged file gives: attributes or values lost, and bytes where there were texts."""
-    trial = optuna.trial.create_trial(value=1.0, params={}, distributions={})
-    assert not is_whole(trial)
-    kept = optuna.trial.create_trial(
-        value=1.0, params={}, distributions={}, user_attrs={"checksum": study_file._checksum(trial)}
-    )
-    assert is_whole(kept)
-    without = copy.deepcopy(kept)
-    without.values = None
-    assert not is_whole(without)
-    kept.set_user_attr(b"\xff", 1)
-    kept.set_user_attr("a", 1)
-    assert not is_whole(kept)
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        "UPDATE trial_user_attributes SET value_json = CAST(x'80ff41' AS TEXT) WHERE trial_id = 1",
-        "UPDATE trials SET state = CAST(x'80ff41' AS TEXT) WHERE trial_id = 1",
-    ],
-)
-def test_a_text_that_is_damaged_is_told_in_one_line(tmp_path, capfd, caplog, damage):
-    """Optuna has warnings of its own, of several lines."""
-    design, goal = load_design("gast2020"), goal_of(trials=4)
-    optimize_with(design, goal, tmp_path, StandIn(quantities))
-    with closing(sqlite3.connect(tmp_path / FILE)) as connection, connection:
-        connection.execute(damage)
-    optuna.logging.enable_propagation()
-    try:
-        with suppress(OutputError), open_study(tmp_path, design, goal) as opened:
-            assert len(opened.trials()) == 3
-        with suppress(OutputError):
-            read_runs(tmp_path)
-    finally:
-        optuna.logging.disable_propagation()
-    said = [*capfd.readouterr().err.splitlines(), *(record.getMessage() for record in caplog.records)]
-    assert all(line.startswith("coilarray: ") for line in said)

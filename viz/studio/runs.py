@@ -19,7 +19,7 @@ from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
 from coilarray.design.units import entry_unit
 from coilarray.errors import OutputError
-from coilarray.studies.optimize.study_file import FILE, is_whole, quiet, storage_on
+from coilarray.studies.optimize.study_file import FILE, quiet, storage_on
 from coilarray.studies.optimize.trials import unbeaten
 from coilarray.studies.quantities import QUANTITIES
 
@@ -236,7 +236,7 @@ def _run(study: Study) -> Run:
     """Read a run from a study."""
     from optuna.study import StudyDirection
 
-    trials = [trial for trial in study.get_trials(deepcopy=False) if is_whole(trial)]
+    trials = study.get_trials(deepcopy=False)
     maximized = tuple(direction == StudyDirection.MAXIMIZE for direction in study.directions)
     points = tuple(_point(trial) for trial in trials if trial.values is not None)
     refined = sum(trial.user_attrs.get("point", {}).get("kind") == "polish" for trial in trials)

@@ -2,23 +2,20 @@
 
 A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms per trial with
 six variables. Here the sampler works on a study in memory, and each finished trial is written in one transaction. A
-killed run leaves no half-finished trial behind. Every trial has a checksum among its attributes. A trial that has
-changed since counts as missing, and its point is computed again.
+killed run leaves no half-finished trial behind.
 """
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.compute.checksum import checksum
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import make_folder
 from coilarray.compute.store import content_key, delete_database, locked_database
@@ -34,33 +31,22 @@ if TYPE_CHECKING:
 FILE = "study.db"
 """Name of the database in the folder of the results. Any tool for Optuna reads it."""
 
-_LOG = logging.getLogger(__name__)
-_CHECKSUM = "checksum"
-
 
 class StudyFile:
     """Study on disk, made by `open_study`."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        self._damaged = 0  # damaged trials already reported
 
     def trials(self) -> list[FrozenTrial]:
-        """Return every undamaged trial, in the order of writing.
+        """Return every trial, in the order of writing.
 
         Raises OutputError for a damaged file.
         """
         try:
-            every = self._study.get_trials(deepcopy=False)
+            return self._study.get_trials(deepcopy=False)
         except Exception as error:  # Optuna lets through the errors of SQLAlchemy and of JSON readers
             raise OutputError(f"cannot use {FILE}, it is damaged: {_first_line(error)}.") from None
-        whole = [trial for trial in every if is_whole(trial)]
-        if (damaged := len(every) - len(whole)) > self._damaged:
-            _LOG.warning(
-                "coilarray: %d of %d trials in %s are damaged; they are computed again.", damaged, len(every), FILE
-            )
-            self._damaged = damaged
-        return whole
 
     def add(self, trial: FrozenTrial) -> None:
         """Write a finished trial completely or not at all.
@@ -69,7 +55,6 @@ class StudyFile:
         """
         from optuna.exceptions import StorageInternalError
 
-        trial.set_user_attr(_CHECKSUM, _checksum(trial))
         try:
             self._study.add_trial(trial)
         except StorageInternalError as error:
@@ -94,7 +79,6 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     with locked_database(folder / "study.lock", busy), quiet():
         there = path.exists()
         try:
-            check_database(path)
             storage = storage_on(path.resolve())
             event.listen(storage.engine, "connect", _without_waiting)
             storage.engine.dispose()  # open connections are not aware of it
@@ -127,31 +111,6 @@ def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
     return RDBStorage(url, options, skip_compatibility_check=as_it_is, skip_table_creation=as_it_is)
 
 
-def check_database(path: Path) -> None:
-    """Check the structure of a study's file, if it exists.
-
-    Raises sqlite3.Error if it is damaged.
-    """
-    if path.exists():
-        with closing(sqlite3.connect(path.absolute())) as connection:
-            (first,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
-        if first != "ok":
-            raise sqlite3.DatabaseError(f"it is damaged: {' '.join(str(first).split())}")
-
-
-def is_whole(trial: FrozenTrial) -> bool:
-    """Whether a trial of a study is unchanged and complete.
-
-    It must have its checksum, and a complete trial must have its values.
-    """
-    if trial.state.name == "COMPLETE" and trial.values is None:
-        return False
-    try:
-        return trial.user_attrs.get(_CHECKSUM) == _checksum(trial)
-    except TypeError:  # a damaged file has bytes instead of texts
-        return False
-
-
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
     """Return the number of points left by an earlier run.
 
@@ -170,17 +129,6 @@ def study_name(design: Design, goal: Goal) -> str:
     """
     key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
     return f"{design.name}-{key[:16]}"
-
-
-def _checksum(trial: FrozenTrial) -> str:
-    """Return the checksum of a stored trial.
-
-    Its number and the times are left out.
-    """
-    attributes = {key: value for key, value in trial.user_attrs.items() if key != _CHECKSUM}
-    ranges = {name: repr(distribution) for name, distribution in trial.distributions.items()}
-    values = None if trial.values is None else list(trial.values)
-    return checksum(trial.state.name, values, trial.params, ranges, attributes, trial.system_attrs, trial.constraints)
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
