@@ -16,12 +16,8 @@ import typer
 import typer.core
 
 from coilarray.cli import (
-    board,
     calibrate,
-    calibrate_board,
-    campaign,
     check,
-    compare,
     distortion,
     docs,
     export,
@@ -31,21 +27,20 @@ from coilarray.cli import (
     import_board,
     indent,
     init,
-    live,
     locate,
     matrix,
-    measure,
     noise,
     optimize,
     report,
     response,
-    scan_info,
     studio,
     sweep,
     target,
     tolerance,
     view,
 )
+from coilarray.cli.board import calibrate as calibrate_board
+from coilarray.cli.board import campaign, compare, info, live, measure, self_test
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
 from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
@@ -64,34 +59,37 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user
 # It reads these when NumPy is first imported, which no module here does before a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
+_BOARD = "board"
+_SHORT = {"import_board": "import", "self_test": "test"}
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {
     group: {
-        "import" if command is import_board.import_board else command.__name__.replace("_", "-"): command
+        _SHORT.get(command.__name__, command.__name__): command
         for command in commands
     }
     for group, commands in (
         ("Design", (init.init, check.check, export.export, import_board.import_board, view.view, studio.studio)),
         ("Compute", (
-            report.report, matrix.matrix, field.field, impedance.impedance, indent.indent, response.response,
-            target.target,
+            report.report, matrix.matrix, field.field, impedance.impedance, noise.noise, indent.indent,
+            response.response, target.target,
         )),
         ("Position", (fit.fit, distortion.distortion, calibrate.calibrate, locate.locate)),
         ("Studies", (sweep.sweep, optimize.optimize, tolerance.tolerance)),
         ("Board", (
-            board.board, measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board,
-            compare.compare, live.live, noise.noise,
+            self_test.self_test, measure.measure, campaign.campaign, info.info, calibrate_board.calibrate,
+            compare.compare, live.live,
         )),
         ("Help", (docs.docs,)),
     )
 }  # fmt: skip
 """Every command by the name under which the program offers it, in the groups and the order of the help."""
+GROUPS["Board"] = {f"{_BOARD} {name}": command for name, command in GROUPS["Board"].items()}
 
-_ORDERLY = {*GROUPS["Board"], "studio"}  # which bring boards to rest and end sessions, however long that takes
+_ORDERLY = {_BOARD, "studio"}  # which bring boards to rest and end sessions, however long that takes
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name: command for commands in GROUPS.values() for name, command in commands.items()
 }
-"""Every command by its name."""
+"""Every command by its name, of two words for those of a board."""
 
 
 def summary(name: str) -> str:
@@ -103,8 +101,9 @@ class _Grouped(typer.core.TyperGroup):
     """A program whose help shows all commands in their groups, whichever of them it was made of."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
+        shown = {"Commands": GROUPS["Board"]} if self.name == _BOARD else GROUPS
         width = max(map(len, COMMANDS))
-        for group, commands in GROUPS.items():
+        for group, commands in shown.items():
             with formatter.section(group):
                 formatter.write_dl([(name.ljust(width), summary(name)) for name in commands])
 
@@ -132,8 +131,13 @@ def program(name: str) -> Callable[..., Any]:
         rich_markup_mode=None,
     )
     app.callback(invoke_without_command=True)(_root)
-    for one in (name,) if name in COMMANDS else () if name.startswith("-") else COMMANDS:
-        app.command(one)(COMMANDS[one])
+    board = typer.Typer(name=_BOARD, help="Read out a board, real or emulated.", cls=_Grouped, rich_markup_mode=None)
+    wanted = (name,) if name in COMMANDS else () if name.startswith("-") else COMMANDS
+    for one in wanted:
+        group, _, rest = one.rpartition(" ")
+        (board if group else app).command(rest)(COMMANDS[one])
+    if any(one.startswith(_BOARD) for one in wanted):
+        app.add_typer(board)
     return typer.main.get_command(app)
 
 
@@ -147,20 +151,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")
     collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
-    needed = _MORE_MEMORY.get(arguments[0], _LEAST_MEMORY)
-    if arguments[0] in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < needed:
+    if arguments == [_BOARD]:
+        arguments.append("--help")
+    command = " ".join(arguments[:2]) if arguments[0] == _BOARD else arguments[0]
+    needed = _MORE_MEMORY.get(command, _LEAST_MEMORY)
+    if command in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < needed:
         return _refuse(
-            f"coilarray {arguments[0]} needs {needed / 1e9:g} GB of address space; "
+            f"coilarray {command} needs {needed / 1e9:g} GB of address space; "
             f"{own_limit() / 1e9:.2f} GB are left (ulimit -v)."
         )
     try:
         with _telling_unusual_values():
-            code = program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
+            code = program(command)(arguments, prog_name="coilarray", standalone_mode=False)
         _flush()
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:
-        code = INTERRUPTED if was_interrupted() else _answer_to(error, arguments[0])
+        code = INTERRUPTED if was_interrupted() else _answer_to(error, command)
     if code == INTERRUPTED:  # also typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)
     return code if isinstance(code, int) else 0
@@ -191,7 +198,7 @@ def _answer_to(error: Exception, command: str) -> int:
     format_message = getattr(error, "format_message", None)
     if format_message is None:
         raise error
-    help_for = f" {command}" if command in COMMANDS else ""
+    help_for = f" {command}" if command in COMMANDS else f" {_BOARD}" if command.startswith(f"{_BOARD} ") else ""
     words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
     return _refuse(f"{words} (try: coilarray{help_for} --help)")
 

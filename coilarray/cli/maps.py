@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.board_options import marked
+from coilarray.cli.board.options import marked
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def depth_in_metres(depth_mm: float | None) -> float | None:
 def is_map(source: str | None) -> bool:
     """Whether a response is given as a netCDF file, not as a design; LocalizeError for a recording."""
     if source is not None and is_recording(source):
-        raise LocalizeError(f"{source} is a recording; convert it to a response: coilarray scan-info {source} --to nc")
+        raise LocalizeError(f"{source} is a recording; convert it to a response: coilarray board info {source} --to nc")
     return source is not None and source.lower().endswith(".nc")
 
 

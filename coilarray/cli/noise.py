@@ -16,7 +16,7 @@ def noise(
     Lists every cause: its noise in one scan, its drift per kelvin, its change since L_0 was read, whether it is common
     to all coils, and the source of the value. Values, settings and the change of temperature are in the table [readout]
     of the design. The σ of δ at the end is the noise that `locate`, the position errors and the ranges of targets
-    assume. `coilarray board --noise` measures it.
+    assume. `coilarray board info --noise` compares a recording with it.
 
     Example: coilarray noise gast2020 --reference coil6
     """

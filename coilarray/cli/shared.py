@@ -129,7 +129,7 @@ BoardConstants = Annotated[
     Path | None,
     typer.Option(
         "--calibration",
-        help="Constants of the board of a recorded campaign, found by coilarray calibrate-board (.toml).",
+        help="Constants of the board of a recorded campaign, found by coilarray board calibrate (.toml).",
     ),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue the recording if the file exists.")]

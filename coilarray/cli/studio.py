@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import EMULATOR, BoardOptions, WiringName
-from coilarray.cli.live_source import LiveOptions
-from coilarray.cli.live_window import watch_board
+from coilarray.cli.board.live_source import LiveOptions
+from coilarray.cli.board.live_window import watch_board
+from coilarray.cli.board.options import EMULATOR, BoardOptions, WiringName
 from coilarray.cli.shared import DesignArgument, number_option
 from coilarray.errors import GeometryError, NetworkError, OutputError
 
@@ -37,10 +37,10 @@ def studio(
     folder: Annotated[
         Path | None, typer.Option(help="Folder of designs, reports and runs; by default that of DESIGN.")
     ] = None,
-    board: Annotated[str, typer.Option(help="Board for the tab Live, as --port of coilarray live.")] = EMULATOR,
+    board: Annotated[str, typer.Option(help="Board for the tab Live, as --port of coilarray board live.")] = EMULATOR,
     wiring: WiringName = None,
     temperature: Annotated[
-        Path | None, typer.Option(help="Thermometer for the tab Live, as --temperature of coilarray live.")
+        Path | None, typer.Option(help="Thermometer for the tab Live, as --temperature of coilarray board live.")
     ] = None,
     linger: Annotated[
         float,

@@ -21,7 +21,7 @@ def _help_of(name: str) -> str:
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         program(name)(
-            [name, "--help"],
+            [*name.split(), "--help"],
             prog_name="coilarray",
             standalone_mode=False,
             terminal_width=_WIDE,
@@ -110,10 +110,11 @@ def _write(app: Sphinx) -> None:
     lines = ["# Commands", "", "Every command has `--help`; lengths are in the units that their names say.", ""]
     for group, commands in GROUPS.items():
         lines += [f"## {group}", "", "| command | what it does |", "| --- | --- |"]
-        lines += [f"| [{name}]({name}.md) | {summary(name)} |" for name in commands]
-        lines += ["", "```{toctree}", ":hidden:", *commands, "```", ""]
-        for name in commands:
-            write_page(folder / f"{name}.md", page(name))
+        files = {name: name.replace(" ", "_") for name in commands}
+        lines += [f"| [{name}]({file}.md) | {summary(name)} |" for name, file in files.items()]
+        lines += ["", "```{toctree}", ":hidden:", *files.values(), "```", ""]
+        for name, file in files.items():
+            write_page(folder / f"{file}.md", page(name))
     write_page(folder / "index.md", "\n".join(lines))
 
 

@@ -44,11 +44,11 @@ FILES = (
     ),
     (
         "wiring", "coilarray.hardware.scan.wiring", "_File", "Wiring of a board",
-        "Which switch joins which end of which coil to what, for `coilarray board`, `measure` and `live`.",
+        "Which switch joins which end of which coil to what, for `coilarray board test`, `measure` and `live`.",
     ),
     (
         "board_calibration", "coilarray.hardware.record.calibration_file", "_File", "Calibration of a board",
-        "Constants of one board, which `coilarray calibrate-board` finds in a recording.",
+        "Constants of one board, which `coilarray board calibrate` finds in a recording.",
     ),
 )  # fmt: skip
 

@@ -226,7 +226,7 @@ class _Links(SphinxTransform):
     """Public names and commands that stand as code in a page of words lead to their pages."""
 
     default_priority = 500
-    _command = re.compile(r"coilarray ([\w-]+)\b.*")
+    _command = re.compile(r"coilarray ((?:board )?[\w-]+)\b.*")
 
     def apply(self, **_: object) -> None:
         """Put a reference about each of them."""
@@ -240,7 +240,11 @@ class _Links(SphinxTransform):
                 command = command or self._command.fullmatch(f"coilarray {text}")
             what: dict[str, object]
             if command and command[1] in COMMANDS:
-                what = {"refdomain": "", "reftype": _COMMAND, "reftarget": f"{COMMAND_PAGES}/{command[1]}"}
+                what = {
+                    "refdomain": "",
+                    "reftype": _COMMAND,
+                    "reftarget": f"{COMMAND_PAGES}/{command[1].replace(' ', '_')}",
+                }
             elif not page.startswith("reference/") and (full := public_name(text)):  # there code is keys and variables
                 what = {"refdomain": "py", "reftype": "obj", "reftarget": full}
             else:

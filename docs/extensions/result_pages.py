@@ -75,7 +75,7 @@ def results() -> Iterator[tuple[str, str, xr.Dataset]]:
         "`coilarray target --out`, {doc}`target_map`",
         ca.target_map(ca.load_design("proximity"), distances=[2e-3, 4e-3]),
     )
-    yield "Time series of a recording", "`coilarray scan-info --out`", _series()
+    yield "Time series of a recording", "`coilarray board info --out`", _series()
 
 
 def table(dataset: xr.Dataset) -> list[str]:
@@ -113,7 +113,7 @@ def page() -> str:
     lines += [
         "## Recording",
         "",
-        "`coilarray measure --out`, `coilarray live --out`. Raw words of the converter, never L alone;",
+        "`coilarray board measure --out`, `coilarray board live --out`. Raw words of the converter, never L alone;",
     ]
     lines += [f"SQLite's `user_version` is {recording_file.SCHEMA}.", "", "```{code-block} sql", "", tables, "```", ""]
     return "\n".join(lines)

@@ -20,31 +20,31 @@ folder = Path(tempfile.mkdtemp())
 # Is it wired as the file says?
 # -----------------------------
 #
-# ``coilarray board --self-test`` lists the ports of this computer, asks the chips who they are and tests every switch.
+# ``coilarray board test`` lists the ports of this computer, asks the chips who they are and tests every switch.
 # ``--port`` names the port of a real board. Without it the emulator answers, and every line begins with ``[emulator]``.
 
-main(["board", "--self-test"])
+main(["board", "test"])
 
 # %%
 # Measure
 # -------
 #
 # Twenty scans go into one file, with the raw words and all that is needed to evaluate them again. The noise of L is
-# relative. ``coilarray scan-info run.sqlite`` prints the same again at any time, and makes tables and netCDF files of
+# relative. ``coilarray board info run.sqlite`` prints the same again at any time, and makes tables and netCDF files of
 # it.
 
-main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite")])
+main(["board", "measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite")])
 
 # %%
 # Press, and watch
 # ----------------
 #
-# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by
-# scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
+# The emulator moves a finger over the board. ``coilarray board live`` shows δ of every coil in parts per million, scan
+# by scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
 # (``--no-locate``) because it needs a table, which takes some 15 s to compute. With ``--plot`` all of this is shown on
 # a page in the browser.
 
-main(["live", "gast2020", "--scans", "25", "--no-locate", "--log", str(folder / "touches.csv")])
+main(["board", "live", "gast2020", "--scans", "25", "--no-locate", "--log", str(folder / "touches.csv")])
 
 # %%
 # ``--log`` keeps the readings in a table, a line for each scan. After the first ten, the baseline, the finger presses

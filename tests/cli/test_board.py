@@ -1,4 +1,4 @@
-"""``coilarray board``: who answers, which ports there are, the self-test of a board with and without a fault."""
+"""``coilarray board test``: who answers, which ports there are, the self-test of a board with and without a fault."""
 
 import json
 import sys
@@ -7,16 +7,16 @@ from types import SimpleNamespace
 import pytest
 from support.command_line import mistakes, runner, successes
 
-from coilarray.cli import board as command
-from coilarray.cli.board_options import BoardOptions, opened_board
+from coilarray.cli.board import self_test as command
+from coilarray.cli.board.options import BoardOptions, opened_board
 from coilarray.errors import HardwareError
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
 
 pytestmark = pytest.mark.slow
 
-run, refused = runner("board")
-good, answer = successes("board")
+run, refused = runner("board", "test")
+good, answer = successes("board", "test")
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +44,7 @@ def broken(monkeypatch):
 
 
 def test_it_says_who_answers_and_what_ports_there_are(capsys):
-    lines = good(capsys).splitlines()
+    lines = good(capsys, "--list").splitlines()
     assert all(line.startswith("[emulator] ") for line in lines)
     assert lines[:3] == [
         "[emulator] serial ports: /dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)",
@@ -56,7 +56,7 @@ def test_it_says_who_answers_and_what_ports_there_are(capsys):
 
 
 def test_the_same_as_json(capsys):
-    reported = answer(capsys, "--wiring", "six_coils_4")
+    reported = answer(capsys, "--list", "--wiring", "six_coils_4")
     assert (reported["emulated"], reported["port"], reported["wiring"]) == (True, "emulator", "six_coils_4")
     assert (reported["identity"]["manufacturer"], reported["identity"]["device"]) == (0x5449, 0x3055)
     assert reported["ports"]["linux"] == ["i2c:1", "spi:0.0"]
@@ -65,7 +65,7 @@ def test_the_same_as_json(capsys):
 
 
 def test_the_emulator_has_the_coils_of_any_design(capsys):
-    reported = answer(capsys, "starter")  # three coils
+    reported = answer(capsys, "--list", "starter")  # three coils
     assert (reported["wiring"], reported["chain"]) == ("one_device_a_coil", None)
     line = refused(capsys, "starter", "--wiring", "six_coils")
     assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in line
@@ -73,17 +73,17 @@ def test_the_emulator_has_the_coils_of_any_design(capsys):
 
 def test_capacitances_that_the_design_leaves_out_are_told(capsys):
     said = "[emulator] switch capacitance across a coil: 120 pF, from the design; with ADG739 it would be 217.5 pF"
-    assert said in good(capsys)
+    assert said in good(capsys, "--list")
     for others in (
         ("--emulate", "switches=counted"),
         ("starter",),
         ("--port", "emulator?channels=0", "--coils", "coil1"),
     ):
-        assert "capacitance across a coil" not in good(capsys, *others)
+        assert "capacitance across a coil" not in good(capsys, "--list", *others)
 
 
 def test_a_good_board_passes_its_self_test(capsys):
-    out = good(capsys, "--self-test", "--find-drives")
+    out = good(capsys, "--find-drives")
     assert all(line.startswith("[emulator] ") for line in out.splitlines())
     assert "self-test passed: the board agrees with its wiring, as far as the test can show" in out
     assert "--drive coil1=7 --drive coil2=8" in out  # 46 and 52 µA into 28 and 27 kΩ: 1.65 and 1.8 V
@@ -93,20 +93,20 @@ def test_a_good_board_passes_its_self_test(capsys):
 
 
 def test_first_conversions_that_are_off_are_told_with_the_option_that_helps(capsys):
-    out = good(capsys, "--self-test", "--emulate", "first_offset=40000")
+    out = good(capsys, "--emulate", "first_offset=40000")
     assert "[emulator] first conversions after sleep are off by more than 2·10⁻⁶; discard some:\n" in out
     assert "[emulator] --discard 8\n" in out
     assert "self-test passed" in out
     row = next(line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil1"))
     # 40 000 codes of 1.4 MHz/21.7 MHz·2²⁸
     assert float(row[0]) == pytest.approx(2309, rel=0.01)
-    reported = answer(capsys, "--self-test", "--clock-MHz", "36", "--emulate", "clock_MHz=36")["first_conversions"]
+    reported = answer(capsys, "--clock-MHz", "36", "--emulate", "clock_MHz=36")["first_conversions"]
     assert (reported["recommended"], reported["discards"]) == (0, [0, 1, 2, 4, 8, 15])
 
 
 def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
     broken(lambda emulator: emulator.chain.stick(*emulator.chain.find(2, 0, "INA"), "open"))
-    code, out, err = run(capsys, "--self-test")
+    code, out, err = run(capsys)
     assert code == 2
     assert "[emulator]   coil3 does not oscillate with all others grounded" in out
     assert "[emulator] any one of these explains it:" in out
@@ -117,7 +117,7 @@ def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
 
 def test_the_findings_are_in_the_json_too(capsys, broken):
     broken(lambda emulator: emulator.chain.stick(*emulator.chain.find(2, 0, "ground"), "closed"))
-    code, out, _ = run(capsys, "--self-test", "--json")
+    code, out, _ = run(capsys, "--json")
     assert code == 2
     reported = json.loads(out)["self_test"]
     assert not reported["passed"]
@@ -127,8 +127,8 @@ def test_the_findings_are_in_the_json_too(capsys, broken):
 
 def test_a_converter_that_does_not_answer_is_reported(capsys, broken):
     broken(lambda emulator: emulator.bus.refuse(10**6))
-    assert "no converter answers" in good(capsys)
-    assert "error: the converter did not acknowledge" in refused(capsys, "--self-test")
+    assert "no converter answers" in good(capsys, "--list")
+    assert "error: the converter did not acknowledge" in refused(capsys)
 
 
 test_wrong_arguments_are_one_line = mistakes(
@@ -136,14 +136,14 @@ test_wrong_arguments_are_one_line = mistakes(
     (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
     (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
     (("--port", "i2c:99"), "there is no /dev/i2c-99"),
-    (("--discard", "16", "--self-test"), "--discard must be 0 to 15; got 16"),
+    (("--discard", "16"), "--discard must be 0 to 15; got 16"),
     (("--discard", "-1"), "--discard must be 0 to 15; got -1"),
-    (("--clock-MHz", "60", "--self-test"), "--clock-MHz must be 35 to 55 of the converter's own oscillator; got 60."),
+    (("--clock-MHz", "60"), "--clock-MHz must be 35 to 55 of the converter's own oscillator; got 60."),
     (("--emulate", "clock_MHz=60"), "--emulate clock_MHz must be 35 to 55; got '60'"),
     (("--emulate", "first_offset=x"), "--emulate first_offset must be 1 finite numbers"),
-    (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
+    (("--drive", "32"), "--drive must be 0 to 31"),
     (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
-    (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),
+    (("--external-clock",), "--external-clock needs --clock-MHz"),
 )
 
 

@@ -15,10 +15,10 @@ from coilarray.hardware.record.channel_calibration import calibrate_board
 from coilarray.hardware.record.recording import open_recording
 
 pytestmark = pytest.mark.usefixtures("own_folder")
-_, refused = runner("calibrate-board")
-good, answer = successes("calibrate-board")
-campaign, _ = successes("campaign")
-_, compared = successes("compare")
+_, refused = runner("board", "calibrate")
+good, answer = successes("board", "calibrate")
+campaign, _ = successes("board", "campaign")
+_, compared = successes("board", "compare")
 
 TRUE = 52e-6  # H, of the quick board's coils
 
@@ -43,7 +43,7 @@ def test_the_file_is_that_of_the_library(capsys, recordings):
     options = {"inductances": {"coil1": 52e-6, "coil2": 52e-6}, "inductance_error": 0.01, "frequency_error": 1e-7}
     options |= {"known_frequency": ("coil1", true * 1e-6 * 1e6), "made": found.made}  # as the option rounds it
     with open_recording(recordings / "rest.sqlite") as recording:
-        assert found == calibrate_board(recording, source="coilarray calibrate-board rest.sqlite", **options)
+        assert found == calibrate_board(recording, source="coilarray board calibrate rest.sqlite", **options)
     assert (data["emulated"], data["clock_from"], data["file"]) == (True, "known frequency", "b.toml")
     # 0.01 K/s over some 6 s of 13e-6/K, and noise
     assert data["clock_Hz"] == pytest.approx(42e6, rel=1e-6)

@@ -15,13 +15,13 @@ pytestmark = pytest.mark.slow
 
 board = recorded_boards.board
 GROVE, FOUR = "emulator?board=grove-ldc1612", "emulator?channels=0,1,2,3"
-measure, measure_record = successes("measure")
-_, calibrate_record = successes("calibrate-board")
-_, info_record = successes("scan-info")
-look, look_record = successes("board")
-_, compare_record = successes("compare")
-run_live, _ = runner("live")
-_, measure_refused = runner("measure")
+measure, measure_record = successes("board", "measure")
+_, calibrate_record = successes("board", "calibrate")
+_, info_record = successes("board", "info")
+look, look_record = successes("board", "test")
+_, compare_record = successes("board", "compare")
+run_live, _ = runner("board", "live")
+_, measure_refused = runner("board", "measure")
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,18 @@ def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, cap
 def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_path, capsys):
     recording, response = tmp_path / "campaign.sqlite", tmp_path / "campaign.nc"
     grid = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "1", "--emulate", "noise=0")
-    line = ["campaign", str(design), "--port", FOUR, *grid, "--out", str(recording), "--response", str(response)]
+    line = [
+        "board",
+        "campaign",
+        str(design),
+        "--port",
+        FOUR,
+        *grid,
+        "--out",
+        str(recording),
+        "--response",
+        str(response),
+    ]
     with coarse_maps():
         switched = [measured(capsys, *board, *press)["coil1"] for press in ((), ("--emulate", "press=-6.64,0,1"))]
         assert main(line) == 0
@@ -101,7 +112,7 @@ def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
     recording = tmp_path / "campaign.sqlite"
     grid = ("--x-mm", "-10:0:3", "--y-mm", "-3:3:3", "--depth-mm", "1", "--emulate", "noise=1e-8")
     with coarse_maps():
-        assert main(["campaign", str(design), "--port", FOUR, *grid, "--out", str(recording)]) == 0
+        assert main(["board", "campaign", str(design), "--port", FOUR, *grid, "--out", str(recording)]) == 0
         capsys.readouterr()
         beside = compare_record(capsys, recording, design, "--replicates", "0")
     assert (beside["emulated"], beside["only_measured"], beside["only_simulated"]) == (True, [], [])

@@ -21,8 +21,8 @@ from coilarray.studies.comparison import compare_responses
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures")]
 
-_, refused = runner("compare")
-good, answer = successes("compare")
+_, refused = runner("board", "compare")
+good, answer = successes("board", "compare")
 fit, fit_refused = runner("fit")
 locate, locate_refused = runner("locate")
 
@@ -38,7 +38,9 @@ def files(tmp_path_factory):
     save_dataset(quick_map(*WIDE), folder / "quick.nc")
     save_dataset(published_map(), folder / "a1.nc")
     save_dataset(published_map().isel(state=[0, 1]).assign_coords(state=["a", "b"]), folder / "other.nc")
-    main(["calibrate-board", str(folder / "quick.sqlite"), "--inductance-uH", "52", "-o", str(folder / "board.toml")])
+    main(
+        ["board", "calibrate", str(folder / "quick.sqlite"), "--inductance-uH", "52", "-o", str(folder / "board.toml")]
+    )
     stream_file(folder / "stream.sqlite", 5)
     (folder / "text.nc").write_text("no netCDF")
     (folder / "text.sqlite").write_text("no SQLite, but long enough to be read as a page" * 100)
@@ -89,7 +91,7 @@ def test_every_line_of_an_emulated_board_says_so(capsys, both):
     assert "wrote page.html" in out
     Path("mine.html").write_text("mine", encoding="utf-8")
     line = refused(capsys, *both, *QUICKLY, "--out", "mine.html")
-    assert "mine.html exists and is not as `coilarray compare` left it; --force replaces it" in line
+    assert "mine.html exists and is not as `coilarray board compare` left it; --force replaces it" in line
     Path("mine.html").unlink()
     page = Path("page.html").read_text(encoding="utf-8").strip()
     assert (page[:15], page[-7:]) == ("<!DOCTYPE html>", "</html>")
@@ -107,7 +109,7 @@ def test_a_recording_is_known_by_its_content(capsys, both):
     for name in ("renamed.db", "renamed.nc"):
         Path(name).write_bytes(both[0].read_bytes())
         assert answer(capsys, name, both[1], *QUICKLY)["scales"] == plain["scales"]
-        wanted = f"{name} is a recording; convert it to a response: coilarray scan-info {name} --to nc"
+        wanted = f"{name} is a recording; convert it to a response: coilarray board info {name} --to nc"
         assert wanted in fit_refused(capsys, name)
         assert wanted in locate_refused(capsys, "--model", name, "coil1=1e-4,coil2=1e-4")
 

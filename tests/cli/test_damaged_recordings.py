@@ -13,8 +13,8 @@ from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import open_recording
 
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
-scan_info, record = successes("scan-info")
-refused = runner("scan-info")[1]
+scan_info, record = successes("board", "info")
+refused = runner("board", "info")[1]
 
 
 @pytest.fixture(scope="module")

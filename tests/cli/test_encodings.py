@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.every_command import PICTURES, SLOW, WRITES, write_inputs
+from support.every_command import PICTURES, SLOW, WRITES, command_of, write_inputs
 from support.made_up import made_up_distortion, made_up_ellipses
 
 import coilarray.paper.distortion
@@ -28,17 +28,18 @@ READS = [
     ("locate", "--model", "gast2020", "coil1=-1e-5,coil2=3.84e-4,coil3=7.14e-4,coil4=6.8e-5,coil5=-1.3e-5,coil6=-2e-6"),
     ("response", "two.toml", "--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "0.5", "--out", "r.csv"),
     ("calibrate", "gast2020", "published", "--unknown", "coils.hexagon.gap_mm=0.05:0.1", "--workers", "1"),
-    ("compare", "campaign.sqlite", "quick.nc", "--replicates", "0"),
+    ("board", "test", "two.toml", "--wiring", "wiring.toml"),
+    ("board", "compare", "campaign.sqlite", "quick.nc", "--replicates", "0"),
     ("report", "bare.toml"),
 ]
 
 
 def quickest():
     """One run of every command, most of which write a file."""
-    found = {command: (command, *rest) for command, *rest in READS}
+    found = {command_of(case): case for case in READS}
     for _, *case in reversed(WRITES):
         if case[-1] not in SLOW | PICTURES:
-            found[case[0]] = tuple(case)
+            found[command_of(case)] = tuple(case)
     return found.values()
 
 
@@ -78,11 +79,11 @@ def run(monkeypatch, encoding, *arguments, stream=io.TextIOWrapper):
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.lowest
 def test_the_help_of_every_command(monkeypatch, command):
-    code, expected, _ = run(monkeypatch, "utf-8", command, "--help")
+    code, expected, _ = run(monkeypatch, "utf-8", *command.split(), "--help")
     text = expected.decode()
     assert code == 0
     for encoding in ENCODINGS:
-        found = run(monkeypatch, encoding, command, "--help")
+        found = run(monkeypatch, encoding, *command.split(), "--help")
         assert found == (0, readable(text, encoding).encode(encoding), b"")
         assert found[1].count(b"?") == text.count("?")
 
@@ -90,7 +91,7 @@ def test_the_help_of_every_command(monkeypatch, command):
 @pytest.mark.slow
 @pytest.mark.usefixtures("at_work")
 @pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize("command", quickest(), ids=lambda command: command[0])
+@pytest.mark.parametrize("command", quickest(), ids=command_of)
 def test_every_command(monkeypatch, command, encoding):
     code, out, err = run(monkeypatch, encoding, *command)
     assert code == (1 if command[0] == "optimize" else 0), err  # which finds nothing better
@@ -101,7 +102,7 @@ def test_every_command(monkeypatch, command, encoding):
 
 
 def test_every_command_is_looked_at():
-    assert {command for command, *_ in quickest()} | {"docs", "studio"} == set(COMMANDS)
+    assert set(map(command_of, quickest())) | {"docs", "studio"} == set(COMMANDS)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

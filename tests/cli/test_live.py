@@ -26,9 +26,10 @@ from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design, noise_budget
-from coilarray.cli import live as live_command
-from coilarray.cli import live_source, maps
-from coilarray.cli.board_options import BoardOptions, opened_board
+from coilarray.cli import maps
+from coilarray.cli.board import live as live_command
+from coilarray.cli.board import live_source
+from coilarray.cli.board.options import BoardOptions, opened_board
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware import emulator
 from coilarray.hardware.emulator import VirtualClock
@@ -38,7 +39,7 @@ from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.wire.faults import DeviceLost
 from coilarray.response.map import response_map
 
-run, refused = runner("live")
+run, refused = runner("board", "live")
 
 FINGER = [(0.0, 0.0, 0.0, 0.0), (4.0, 1e-3, 0.0, 0.0), (4.5, 1e-3, 0.0, 1e-3), (90.0, 1e-3, 0.0, 1e-3)]
 """Lifted for the baseline, then pressed: time in s, x, y and depth in m."""
@@ -158,7 +159,7 @@ def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(capsys, tm
     """The page is read by a program that is no browser: it opens the connection, and closes it."""
     log = tmp_path / "run.nc"
     options = ("--recording", long_recording, "--no-locate", "--plot", "--no-browser", "--log", log)
-    with command("live", *map(str, options)) as process:
+    with command("board", "live", *map(str, options)) as process:
         said = process.stdout.readline()
         assert said.startswith("live display: http://127.0.0.1:")
         asyncio.run(watched(said.split()[2], log.with_name("run.nc.csv")))
@@ -318,7 +319,7 @@ def test_every_end_leaves_the_board_at_rest(capsys, board, monkeypatch, after, f
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_process(long_recording):
-    process = command("live", "--recording", str(long_recording), "--no-locate", "--json")
+    process = command("board", "live", "--recording", str(long_recording), "--no-locate", "--json")
     assert process.stdout.readline()
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
@@ -327,7 +328,7 @@ def test_ctrl_c_ends_a_process(long_recording):
 
 @pytest.mark.slow
 def test_a_reader_that_goes_away(recording):
-    with command("live", "--recording", str(recording), "--speed", "4", "--no-locate", "--json") as process:
+    with command("board", "live", "--recording", str(recording), "--speed", "4", "--no-locate", "--json") as process:
         assert json.loads(process.stdout.readline())["emulated"] is True
         process.stdout.close()
         assert process.stderr.read() == ""
@@ -379,7 +380,9 @@ def on_terminal(*arguments, keys=()):
 @pytest.mark.slow
 def test_bars_and_keys_on_a_terminal(long_recording):
     keys = [("█", "z"), ("scans without an indentation still", ""), ("noise of δ", "q")]
-    code, first, *_ = on_terminal("live", "--recording", long_recording, "--speed", "2", "--no-locate", keys=keys)
+    code, first, *_ = on_terminal(
+        "board", "live", "--recording", long_recording, "--speed", "2", "--no-locate", keys=keys
+    )
     assert code == 0  # by the key, as the recording takes 49 s
     for text in ("[emulator] coil1", "scans/s", "baseline: scans without an indentation still wanted: 9"):
         assert text in first

@@ -1,4 +1,4 @@
-"""The commands measure, campaign and scan-info, on an emulated board of two coils."""
+"""The commands measure, campaign and info, on an emulated board of two coils."""
 
 import contextlib
 import io
@@ -16,8 +16,8 @@ from support import recorded_boards, refusals
 from support.command_line import runner, successes
 
 from coilarray import load_design
-from coilarray.cli import board_options
-from coilarray.cli import campaign as campaign_command
+from coilarray.cli.board import campaign as campaign_command
+from coilarray.cli.board import options as board_options
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
@@ -30,10 +30,12 @@ from coilarray.hardware.scan.readings import read_scan
 pytestmark = pytest.mark.slow
 
 board = recorded_boards.board
-measure, measure_record = successes("measure")
-measure_campaign, campaign_record = successes("campaign")
-scan_info, scan_info_record = successes("scan-info")
-measure_refused, campaign_refused, scan_info_refused = (runner(one)[1] for one in ("measure", "campaign", "scan-info"))
+measure, measure_record = successes("board", "measure")
+measure_campaign, campaign_record = successes("board", "campaign")
+scan_info, scan_info_record = successes("board", "info")
+measure_refused, campaign_refused, scan_info_refused = (
+    runner("board", one)[1] for one in ("measure", "campaign", "info")
+)
 locate, _ = runner("locate")
 COIL1 = -6.64  # mm on the board along x: the origin of the map
 GRID = ("--x-mm", "-9.64,-6.64,-3.64", "--y-mm", "0,2", "--depth-mm", "0.5,1")
@@ -43,7 +45,7 @@ GRID = ("--x-mm", "-9.64,-6.64,-3.64", "--y-mm", "0,2", "--depth-mm", "0.5,1")
 def measured(board, tmp_path_factory):
     """A campaign as the command records it."""
     path = tmp_path_factory.mktemp("campaign") / "campaign.sqlite"
-    assert main(["campaign", *map(str, (*board, *GRID)), "--out", str(path)]) == 0
+    assert main(["board", "campaign", *map(str, (*board, *GRID)), "--out", str(path)]) == 0
     return path
 
 
@@ -140,7 +142,7 @@ def test_campaign(board, campaign, tmp_path, capsys):
     assert (response.delta.shape, response.attrs["emulated"]) == ((2, 2, 3, 2), 1)
     (tmp_path / "mine.nc").write_bytes(b"of somebody else")
     line = scan_info_refused(capsys, campaign, "--out", tmp_path / "mine.nc")
-    assert "mine.nc exists and is not as `coilarray scan-info` left it; --force replaces it" in line
+    assert "mine.nc exists and is not as `coilarray board info` left it; --force replaces it" in line
     assert (tmp_path / "mine.nc").read_bytes() == b"of somebody else"
     for more in ("--force",), ():  # its own is replaced
         scan_info(capsys, campaign, "--out", tmp_path / "mine.nc", *more)
@@ -158,7 +160,7 @@ def test_campaign(board, campaign, tmp_path, capsys):
     (tmp_path / "mine.csv").write_text("of somebody else")
     given = (*board, *GRID, "--out", campaign, "--resume", "--response", tmp_path / "mine.csv")
     line = campaign_refused(capsys, *given)
-    assert "mine.csv exists and is not as `coilarray campaign` left it; --force replaces it" in line
+    assert "mine.csv exists and is not as `coilarray board campaign` left it; --force replaces it" in line
     measure_campaign(capsys, *given, "--force")
     assert (tmp_path / "mine.csv").read_text().splitlines() == lines
     with open_recording(campaign) as recording:
@@ -309,9 +311,9 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--scans", 0], "--scans must be 1 to"),
         (["--scans", "x"], "--scans"),
         *((["--seconds", wrong], "--seconds must be positive") for wrong in (0, "nan")),
-        (["--campaign"], "use the command coilarray campaign, which has the same options, for a campaign."),
-        (["--y-mm", "0", "--stage", "person"], "coilarray campaign"),
-        (["--campaign", "--depth-mm", 1, "--repeats", 2, "--ignore-self-test"], "coilarray campaign"),
+        (["--campaign"], "use the command coilarray board campaign, which has the same options, for a campaign."),
+        (["--y-mm", "0", "--stage", "person"], "coilarray board campaign"),
+        (["--campaign", "--depth-mm", 1, "--repeats", 2, "--ignore-self-test"], "coilarray board campaign"),
         (["--single", "--resume"], "--resume is not for --single"),
         *((["--port", name], name) for name in ("nowhere", "/dev/nothing-here")),
         (["--wiring", "no.toml"], "no.toml"),
@@ -439,7 +441,7 @@ def test_bad_conversions(campaign, tmp_path, capsys):
 
 
 def test_calibration(campaign, tmp_path, capsys):
-    calibrate, _ = successes("calibrate-board")
+    calibrate, _ = successes("board", "calibrate")
     constants, plain, scaled = tmp_path / "board.toml", tmp_path / "plain.nc", tmp_path / "scaled.nc"
     calibrate(capsys, campaign, "--inductance-uH", 50, "--out", constants)
     scan_info(capsys, campaign, "--out", plain)

@@ -16,8 +16,8 @@ from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE, until
 from support.recorded_boards import dent, quick_board
 
-from coilarray.cli import campaign as campaign_command
-from coilarray.cli import measure as measure_command
+from coilarray.cli.board import campaign as campaign_command
+from coilarray.cli.board import measure as measure_command
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
 from coilarray.hardware.board import microcontroller
@@ -27,10 +27,10 @@ from coilarray.hardware.wire.link import LinkTimes
 pytestmark = pytest.mark.slow
 
 board = recorded_boards.board
-measure, measure_refused = runner("measure")
-measured, _ = successes("measure")
-measure_campaign, _ = runner("campaign")
-scan_info, scan_info_refused = runner("scan-info")
+measure, measure_refused = runner("board", "measure")
+measured, _ = successes("board", "measure")
+measure_campaign, _ = runner("board", "campaign")
+scan_info, scan_info_refused = runner("board", "info")
 
 
 @pytest.fixture(autouse=True)
@@ -127,7 +127,7 @@ def test_campaign_of_a_microcontroller_that_restarts(board, tmp_path, capsys, mo
 
 
 def started(board, *arguments):
-    program = [sys.executable, "-c", "from coilarray.cli.main import run; run()", "campaign"]
+    program = [sys.executable, "-c", "from coilarray.cli.main import run; run()", "board", "campaign"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen([*program, *map(str, (*board, *arguments))], **pipes)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from support.command_line import runner
-from support.every_command import BOARD, PICTURES, READ, SLOW, WRITES, WRITES_NOTHING, write_inputs
+from support.every_command import BOARD, PICTURES, READ, SLOW, WRITES, WRITES_NOTHING, command_of, write_inputs
 from support.made_up import made_up_distortion, made_up_ellipses
 from support.no_room import file_limit, small_disk
 
@@ -38,7 +38,10 @@ def content():
 @pytest.mark.usefixtures("own_folder")
 @pytest.mark.parametrize(
     "case",
-    [pytest.param(one, marks=[pytest.mark.slow] * (one[-1] in SLOW), id=f"{one[1]} {one[-1]}") for one in WRITES],
+    [
+        pytest.param(one, marks=[pytest.mark.slow] * (one[-1] in SLOW), id=f"{command_of(one[1:])} {one[-1]}")
+        for one in WRITES
+    ],
 )
 def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs, monkeypatch, case):
     large, *command = case
@@ -60,16 +63,18 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
 def test_a_log_that_finds_no_room_in_the_end_stays_as_its_lines(capsys, inputs):
     shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     before = content()
-    assert run(capsys, "live", *READ)[0] == 0  # keeps its table of responses, which would find no room before the log
+    assert (
+        run(capsys, "board", "live", *READ)[0] == 0
+    )  # keeps its table of responses, which would find no room before the log
     with file_limit(6000):  # room for the lines, and not for the netCDF file that they become
-        code, _, err = run(capsys, "live", *READ, "--log", "log.nc")
+        code, _, err = run(capsys, "board", "live", *READ, "--log", "log.nc")
     assert (code, err) == (2, "coilarray: error: cannot write log.nc: File too large.\n")
     assert content().keys() - before.keys() == {Path("log.nc.csv")}
     assert read_log(Path("log.nc.csv")).sizes["scan"] == 30
 
 
 def test_every_command_is_looked_at():
-    written = {case[1] for case in WRITES}
+    written = {command_of(case) for _, *case in WRITES}
     assert written | WRITES_NOTHING == set(COMMANDS)
     assert not written & WRITES_NOTHING
 
@@ -81,10 +86,10 @@ def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys, inputs, m
     with small_disk(Path("disk"), 16 * 4096) as disk:
         for name, command in (
             ("x.nc", ("field", "bare.toml", "--spacing-mm", "2", "--out")),
-            ("x.nc", ("scan-info", "campaign.sqlite", "--to", "nc", "--out")),
+            ("x.nc", ("board", "info", "campaign.sqlite", "--to", "nc", "--out")),
             ("x.svg", ("export", "starter", "--to", "svg", "--out")),
             ("x.vtm", ("view", "starter", "--vtk")),
-            ("x.sqlite", ("measure", *BOARD, "--scans", "5", "--out")),
+            ("x.sqlite", ("board", "measure", *BOARD, "--scans", "5", "--out")),
         ):
             kept = disk / "kept"
             kept.write_bytes(bytes(13 * 4096))

@@ -40,7 +40,7 @@ from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, two_coils_document
 
 from coilarray import load_design
-from coilarray.cli.board_options import BoardOptions
+from coilarray.cli.board.options import BoardOptions
 from coilarray.cli.maps import read_ellipses, read_response
 from coilarray.cli.readings import read_readings
 from coilarray.compute.netcdf import read_checked, save_dataset

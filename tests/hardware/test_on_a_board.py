@@ -48,7 +48,7 @@ class BoardUnderTest:
     def answer(self, command, *arguments):
         """Run a command with the board, which must succeed, and return what it prints as JSON."""
         with redirect_stdout(io.StringIO()) as printed:
-            words = [command, self.design, "--port", self.port, *self.options, *map(str, arguments), "--json"]
+            words = ["board", command, self.design, "--port", self.port, *self.options, *map(str, arguments), "--json"]
             assert main(words) == 0
         return json.loads(printed.getvalue())
 
@@ -88,13 +88,13 @@ def run(tested):
 @pytest.fixture(scope="module")
 def self_test(tested):
     """What the self-test found."""
-    found = tested.answer("board", "--self-test")
+    found = tested.answer("test")
     (tested.folder / "board.json").write_text(json.dumps(found, indent=1))
     return found
 
 
 def test_the_converter_says_who_it_is(tested):
-    identity = tested.answer("board")["identity"]
+    identity = tested.answer("test", "--list")["identity"]
     assert (identity["manufacturer"], identity["device"]) == (MANUFACTURER, DEVICE)
 
 
@@ -118,7 +118,7 @@ def test_every_coil_has_good_results_without_gaps(run):
 
 def test_the_noise_of_every_coil_is_that_of_the_budget(tested, run):
     with redirect_stdout(io.StringIO()) as printed:
-        assert main(["board", "--noise", str(tested.folder / "run.sqlite"), "--json"]) == 0
+        assert main(["board", "info", str(tested.folder / "run.sqlite"), "--noise", "--json"]) == 0
     rows = json.loads(printed.getvalue())["stability"]
     assert [row["state"] for row in rows] == [state["state"] for state in run["states"]]
     for row in rows:

@@ -60,16 +60,16 @@ WRITES = [
     (True, "tolerance", "starter", "-q", "span_mm", "--samples", "8", "--out", "t.json", "--workers", "1"),
     (True, "tolerance", "starter", "-q", "span_mm", "--samples", "8", "--plot", "t.png", "--workers", "1"),
     (False, "tolerance", "--template", "tolerance.toml"),
-    (True, "board", "two.toml", "--noise", "rest.sqlite", "--plot", "n.png"),
-    (True, "measure", *BOARD, "--scans", "5", "--out", "run.sqlite"),
-    (True, "campaign", *BOARD, *AT, "--out", "run.sqlite"),
-    (True, "scan-info", "campaign.sqlite", "--to", "nc", "--out", "c.nc"),
-    (False, "scan-info", "rest.sqlite", "--to", "csv", "--out", "c.csv"),
-    (False, "calibrate-board", "rest.sqlite", "--out", "board.toml"),
-    (True, "compare", "campaign.sqlite", "quick.nc", "--replicates", "0", "--out", "folder"),
-    (False, "live", *READ, "--log", "log.csv"),
-    (False, "live", *READ, "--log", "log.nc"),
-    (True, "compare", "campaign.sqlite", "quick.nc", "--picture", "c.png"),
+    (True, "board", "info", "rest.sqlite", "--noise", "--plot", "n.png"),
+    (True, "board", "measure", *BOARD, "--scans", "5", "--out", "run.sqlite"),
+    (True, "board", "campaign", *BOARD, *AT, "--out", "run.sqlite"),
+    (True, "board", "info", "campaign.sqlite", "--to", "nc", "--out", "c.nc"),
+    (False, "board", "info", "rest.sqlite", "--to", "csv", "--out", "c.csv"),
+    (False, "board", "calibrate", "rest.sqlite", "--out", "board.toml"),
+    (True, "board", "compare", "campaign.sqlite", "quick.nc", "--replicates", "0", "--out", "folder"),
+    (False, "board", "live", *READ, "--log", "log.csv"),
+    (False, "board", "live", *READ, "--log", "log.nc"),
+    (True, "board", "compare", "campaign.sqlite", "quick.nc", "--picture", "c.png"),
     (True, "view", "starter", "--screenshot", "v.png"),
     (True, "view", "two.toml", *FILM, "--movie", "v.gif"),
     (True, "report", "bare.toml", "--out", "folder"),
@@ -78,7 +78,7 @@ WRITES = [
 # these take long to draw, and are only stopped later: s.png and n.png, which are written alike, at their first byte too
 PICTURES = {"c.png", "d.png", "i.png", "m.png", "r.png", "rules.png", "t.png"}
 SLOW = PICTURES | {"folder", "m.s1p", "r.nc", "v.gif", "v.html", "v.png"}
-WRITES_NOTHING = {"locate", "noise", "studio", "docs"}
+WRITES_NOTHING = {"locate", "noise", "studio", "docs", "board test"}
 BALL = """[target]
 shape = "sphere"
 diameter_mm = 8
@@ -88,6 +88,11 @@ x_mm = [-2, 2]
 y_mm = [-2, 2]
 step_mm = 2
 """
+
+
+def command_of(arguments):
+    """Name of the command of a command line."""
+    return " ".join(arguments[: 2 if arguments[0] == "board" else 1])
 
 
 def write_inputs(folder: Path) -> None:

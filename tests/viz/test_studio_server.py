@@ -16,9 +16,9 @@ from support.patience import PATIENCE, until
 
 from coilarray import load_design
 from coilarray.cli import studio as command
-from coilarray.cli.board_options import BoardOptions
-from coilarray.cli.live_source import LiveOptions, tour
-from coilarray.cli.live_window import watch_board
+from coilarray.cli.board.live_source import LiveOptions, tour
+from coilarray.cli.board.live_window import watch_board
+from coilarray.cli.board.options import BoardOptions
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file
 from coilarray.errors import OutputError

@@ -3,7 +3,7 @@ How long to average: the Allan deviation
 ========================================
 
 Two thousand scans of the emulated board at rest, and the Allan deviation of each coil's δ against the averaging time,
-beside the white noise of the budget. `coilarray board --noise` does the same with a real board.
+beside the white noise of the budget. `coilarray board info --noise` does the same with a recording.
 """
 
 import numpy as np

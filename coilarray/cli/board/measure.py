@@ -1,4 +1,4 @@
-"""``coilarray measure``."""
+"""``coilarray board measure``."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board, print_marked
-from coilarray.cli.scan_info import reading_cells, summary_lines
+from coilarray.cli.board.info import reading_cells, summary_lines
+from coilarray.cli.board.options import BoardOptions, board_command, marked, opened_board, print_marked
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -73,15 +73,15 @@ def measure(
 
     The raw words of a scan are in the file as soon as they arrive: a run that is killed loses at most the scan in
     progress. A recording is never overwritten; --resume continues it. Without --port an emulator replaces the board, in
-    virtual time, and every line of the output says so. `coilarray scan-info` shows and converts a recording; `coilarray
-    campaign` measures the response to an indenter on a grid.
+    virtual time, and every line of the output says so. `coilarray board info` shows and converts a recording, and
+    `coilarray board campaign` measures the response to an indenter on a grid.
 
-    Example: coilarray measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
+    Example: coilarray board measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
 
-    Example: coilarray measure starter --port "i2c:1?board=grove-ldc1612" --coils coil1,coil2 --single
+    Example: coilarray board measure starter --port "i2c:1?board=grove-ldc1612" --coils coil1,coil2 --single
     """
     if campaign or of_campaign:
-        raise HardwareError("use the command coilarray campaign, which has the same options, for a campaign.")
+        raise HardwareError("use the command coilarray board campaign, which has the same options, for a campaign.")
     modes = {"--single": single, "--scans": scans is not None, "--seconds": seconds is not None}
     given = [name for name, is_given in modes.items() if is_given]
     if len(given) > 1:

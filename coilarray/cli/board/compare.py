@@ -1,4 +1,4 @@
-"""``coilarray compare``."""
+"""``coilarray board compare``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.board_options import marked
+from coilarray.cli.board.options import marked
 from coilarray.cli.maps import is_map, is_recording, read_response, recorded_map
 from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import LocalizeError
@@ -76,7 +76,7 @@ def compare(
     and after, and the ellipses of both with the same settings. Maps on different grids are interpolated, never
     extrapolated; states, depths and positions that are in one map only are listed.
 
-    Example: coilarray compare campaign.sqlite gast2020 --out comparison
+    Example: coilarray board compare campaign.sqlite gast2020 --out comparison
     """
     if calibration is not None and not is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
@@ -90,7 +90,7 @@ def compare(
     elif out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
     if out is not None:
-        require_own("compare", _own(out), force=force)
+        require_own("board compare", _own(out), force=force)
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
     first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
     if simulated == "published":  # which is known there alone
@@ -104,7 +104,7 @@ def compare(
     with shared.progress_bar("comparison") as progress:
         result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
-    remember("compare", written)
+    remember("board compare", written)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
     emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))

@@ -1,22 +1,19 @@
-"""``coilarray board``."""
+"""``coilarray board test``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 import typer
 
-from coilarray.cli.board_noise import show_noise
-from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, opened_board, print_marked
+from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, opened_board, print_marked
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
     open_design,
-    plot_option,
     progress_bar,
     table_text,
 )
@@ -24,11 +21,13 @@ from coilarray.compute.display_units import PER_MILLION, number_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
+    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.board.drive_codes import FoundDrive
     from coilarray.hardware.board.first_conversions import FirstConversions
     from coilarray.hardware.board.self_test import CoilCheck, SelfTest
+    from coilarray.hardware.scan.settings import ScanSettings
 
 _KINDS = {"serial": "serial ports", "linux": "buses of this computer", "ftdi": "adapters"}
 _CHAIN = {
@@ -40,11 +39,12 @@ _NONE, _ALWAYS = "–", 2  # in the table of the self-test: no value; columns th
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
-@board_command(without=("coils", "temperature"))
-def board(
+@board_command(without=("coils", "temperature", "rate"))
+def self_test(
     design: DesignArgument = None,
-    self_test: Annotated[
-        bool, typer.Option("--self-test", help="Test every switch and coil; the exit code is 2 if one has a fault.")
+    only_list: Annotated[
+        bool,
+        typer.Option("--list", help="Only list the ports of this computer, and say what answers at --port."),
     ] = False,
     find_drives: Annotated[
         bool,
@@ -52,32 +52,18 @@ def board(
             "--find-drives", help="Find the drive current (IDRIVE) of every coil. Run it where the board will be used."
         ),
     ] = False,
-    noise: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SECONDS|RECORDING",
-            help="Measure at rest for this time, or read a recording, and show the Allan deviation of δ beside the "
-            "noise budget.",
-        ),
-    ] = None,
-    reference: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="With --noise: reference coil whose δ is subtracted from that of the others; may be repeated."
-        ),
-    ] = None,
-    plot: Annotated[Path | None, plot_option("the Allan deviation, with --noise")] = None,
     *,
     options: BoardOptions,
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show the ports of this computer and test the board at one.
+    """Test every switch and coil of a board.
 
-    Run the self-test once with every new board: until it has passed, the order of the switches' bits is an assumption.
-    It also compares the first conversions after sleep with later ones and says whether some of them must be discarded
-    (--discard). It detects stuck switches, broken and shorted coils, and switches assigned to the wrong coils, from
-    which coils oscillate and how neighbouring coils couple.
+    It lists the ports of this computer too. The exit code is 2 if the board has a fault. Run it once with every new
+    board: until it has passed, the order of the switches' bits is an assumption. It detects stuck switches, broken and
+    shorted coils, and switches assigned to the wrong coils, from which coils oscillate and how neighbouring coils
+    couple. It also compares the first conversions after sleep with later ones and says whether some of them must be
+    discarded (--discard).
 
     Options of a port follow a question mark: i2c:1?mode=2&speed=500000&order=lsb&readback=yes for the switches, and
     with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
@@ -87,85 +73,84 @@ def board(
     (clock at the pin CLKIN, internal by default), or a known board: i2c:1?board=grove-ldc1612, btt-eddy, cartographer,
     mellow-fly or ldc1614evm, none of them verified on a device. The self-test then reports which coils oscillate.
 
-    Do not touch the board during --noise. It shows the noise of single scans, the noise of averages over longer times,
-    and the drift, each with its confidence interval, beside the budget that `coilarray noise` explains. If --rate is
-    faster than full resolution allows, both are for the shorter conversions that it needs.
+    Example: coilarray board test --port /dev/ttyACM0
 
-    Example: coilarray board --port /dev/ttyACM0 --self-test
-
-    Example: coilarray board --port /dev/ttyACM0 --noise 600 --plot noise.png
+    Example: coilarray board test --list
     """
-    if noise is not None:
-        if self_test or find_drives:
-            raise HardwareError("--noise cannot be given with --self-test or --find-drives.")
-        show_noise(
-            noise, design, reference or (), plot,
-            options=options, as_json=as_json, allow_violations=allow_violations,
-        )  # fmt: skip
-        return
-    if reference or plot is not None or options.rate is not None:
-        raise HardwareError("--reference, --plot and --rate are for --noise.")
+    if only_list and find_drives:
+        raise HardwareError("--list cannot be given with --find-drives.")
     from coilarray.hardware.board.connect import open_board, wiring_of_board
-    from coilarray.hardware.board.first_conversions import DISCARDS
     from coilarray.hardware.wire.ports import board_of, parse_port
 
     place = parse_port(options.port)
     opened = open_design(design, allow_violations=allow_violations)
-    if self_test or find_drives:
-        drives, first, result, record, line = _tried(options, opened, self_test=self_test, find_drives=find_drives)
-    else:
+    tried: _Tried = {}
+    if only_list:
         # the ports can be looked at without a design; that of an emulator decides on its coils
         named = opened if design is not None or is_emulator(options.port) else None
         wired = wiring_of_board(place, named, options.wiring, options.coils_of_channels)
-        with open_board(options.port, design=opened, wiring=wired, **options.emulation) as one:
-            drives, first, result, record, line = None, None, None, _record(one), one.line
-    nothing = {"drives": None, "first_conversions": None, "self_test": None}
-    data, parts = record | nothing, [_ports_text(record["ports"]), line]
+        with open_board(options.port, design=opened, wiring=wired, **options.emulation) as board:
+            record, line = _record(board), board.line
+    else:
+        with (
+            progress_bar("self-test") as progress,
+            opened_board(options, opened, real_time=False) as (board, settings),
+        ):
+            tried = _try(board, settings, progress, find_drives=find_drives)
+            record, line = _record(board, tried["chain"]), board.line
+    parts = [_ports_text(record["ports"]), line]
     if record["emulated"] and board_of(place) is None and (left_out := _left_out(opened, options)):
         parts.append(left_out)
     if "board" in record["assumed"]:
         parts.append(f"board: {record['assumed']['board']}")
     if record["chain"] is not None:
         parts.append(f"end of the chain of switches: {_CHAIN[record['chain']]}")
-    if drives is not None:
-        data["drives"] = {name: asdict(drive) for name, drive in drives.items()}
-        parts.append(_drives_text(drives))
-    if first is not None:
-        data["first_conversions"] = {"discards": DISCARDS, **asdict(first)}
-        parts.append(_first_text(first))
-    if result is not None:
-        data["self_test"] = {"passed": result.passed, **asdict(result)}
-        parts.append(_test_text(result))
-    print_marked(data, parts, as_json=as_json, emulated=record["emulated"])
-    if result is not None and not result.passed:
-        raise HardwareError(f"the self-test of {options.port} has failed: {result.symptoms[0]}.")
+    if "drives" in tried:
+        parts.append(_drives_text(tried["drives"]))
+    if tried:
+        parts += [_first_text(tried["first"]), _test_text(tried["result"])]
+    print_marked(record | _as_record(tried), parts, as_json=as_json, emulated=record["emulated"])
+    if tried and not tried["result"].passed:
+        raise HardwareError(f"the self-test of {options.port} has failed: {tried['result'].symptoms[0]}.")
 
 
-def _tried(
-    options: BoardOptions, design: Design, *, self_test: bool, find_drives: bool
-) -> tuple[Mapping[str, FoundDrive] | None, FirstConversions | None, SelfTest | None, dict[str, Any], str]:
+class _Tried(TypedDict, total=False):
+    """What was found by trying the board."""
+
+    chain: str | None
+    drives: Mapping[str, FoundDrive]
+    first: FirstConversions
+    result: SelfTest
+
+
+def _try(board: Board, settings: ScanSettings, progress: Progress, *, find_drives: bool) -> _Tried:
     from dataclasses import replace
 
-    from coilarray.hardware.board.drive_codes import find_drives as find
+    from coilarray.hardware.board import drive_codes
+    from coilarray.hardware.board import self_test as tests
     from coilarray.hardware.board.first_conversions import first_conversions
-    from coilarray.hardware.board.self_test import self_test as test
 
-    drives = first = result = None
-    with (
-        progress_bar("self-test") as progress,
-        opened_board(options, design, real_time=False) as (one, settings),
-    ):
-        trying = settings
-        if find_drives:
-            drives = find(one.reader, settings)
-            states = tuple(replace(state, drive=drives[state.name].code) for state in settings.states)
-            trying = replace(trying, states=states)
-        chain = one.check_chain() if self_test else None
-        if self_test:
-            first = first_conversions(one.reader, trying)
-            trying = replace(trying, discard=max(trying.discard, first.recommended))
-            result = test(one.reader, one.wiring, trying, progress=progress)
-        return drives, first, result, _record(one, chain), one.line
+    tried: _Tried = {}
+    if find_drives:
+        drives = tried["drives"] = drive_codes.find_drives(board.reader, settings)
+        states = tuple(replace(state, drive=drives[state.name].code) for state in settings.states)
+        settings = replace(settings, states=states)
+    tried["chain"] = board.check_chain()
+    first = tried["first"] = first_conversions(board.reader, settings)
+    settings = replace(settings, discard=max(settings.discard, first.recommended))
+    tried["result"] = tests.self_test(board.reader, board.wiring, settings, progress=progress)
+    return tried
+
+
+def _as_record(tried: _Tried) -> dict[str, Any]:
+    from coilarray.hardware.board.first_conversions import DISCARDS
+
+    drives, first, result = tried.get("drives"), tried.get("first"), tried.get("result")
+    return {
+        "drives": drives and {name: asdict(drive) for name, drive in drives.items()},
+        "first_conversions": first and {"discards": DISCARDS, **asdict(first)},
+        "self_test": result and {"passed": result.passed, **asdict(result)},
+    }
 
 
 def _left_out(design: Design, options: BoardOptions) -> str:
@@ -243,7 +228,7 @@ def _test_text(result: SelfTest) -> str:
     if result.passed:
         parts.append("self-test passed: the board agrees with its wiring, as far as the test can show")
         parts += _listed(
-            "one question is left open; press on a coil in `coilarray live` to settle it:", result.untested
+            "one question is left open; press on a coil in `coilarray board live` to settle it:", result.untested
         )
     else:
         parts += _listed("self-test failed:", result.symptoms)

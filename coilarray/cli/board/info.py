@@ -1,4 +1,4 @@
-"""``coilarray scan-info``."""
+"""``coilarray board info``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import print_marked
+from coilarray.cli.board.noise import show_noise
+from coilarray.cli.board.options import print_marked
 from coilarray.cli.maps import campaign_response, is_recording
 from coilarray.cli.replacing import replacing
-from coilarray.cli.shared import AsJson, BoardConstants, Force, check_file, print_result, table_text, write_numbers
+from coilarray.cli.shared import (
+    AsJson,
+    BoardConstants,
+    Force,
+    References,
+    check_file,
+    plot_option,
+    print_result,
+    table_text,
+    write_numbers,
+)
 from coilarray.compute.display_units import PER_MILLION
 from coilarray.compute.files import read_text
 from coilarray.errors import HardwareError, OutputError
@@ -27,10 +38,10 @@ FORMATS = ("nc", "csv")
 _SEALED = (".toml", ".csv")
 
 
-def scan_info(
+def info(
     run: Annotated[
         Path,
-        typer.Argument(metavar="RUN", help="Recording of coilarray measure or campaign; with --verify other files."),
+        typer.Argument(metavar="RUN", help="Recording of a board; with --verify other files."),
     ],
     to: Annotated[str | None, typer.Option(help="Format to convert to: nc (netCDF) or csv.")] = None,
     out: Annotated[
@@ -46,6 +57,14 @@ def scan_info(
         bool, typer.Option("--partial", help="Convert an unfinished campaign; missing positions are NaN.")
     ] = False,
     calibration: BoardConstants = None,
+    noise: Annotated[
+        bool,
+        typer.Option(
+            "--noise", help="Show the Allan deviation of δ at rest beside the noise budget, instead of the summary."
+        ),
+    ] = False,
+    reference: References = None,
+    plot: Annotated[Path | None, plot_option("the Allan deviation, with --noise")] = None,
     verify: Annotated[
         bool, typer.Option("--verify", help="Only check the file against its checksums; also .toml and .csv.")
     ] = False,
@@ -58,13 +77,26 @@ def scan_info(
     and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
     coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if a checksum is wrong.
 
-    Example: coilarray scan-info run.sqlite
+    With --noise it shows the noise of single scans, the noise of averages over longer times, and the drift, each with
+    its confidence interval, beside the budget that `coilarray noise` explains, for the settings of the recording. Let
+    nothing touch the board while it is recorded, some ten minutes.
 
-    Example: coilarray scan-info campaign.sqlite --to nc --out measured.nc
+    Example: coilarray board info run.sqlite
+
+    Example: coilarray board info campaign.sqlite --to nc --out measured.nc
+
+    Example: coilarray board info rest.sqlite --noise --plot noise.png
     """
     if verify:
         _verify(run, as_json=as_json)
         return
+    if noise:
+        if to is not None or out is not None:
+            raise HardwareError("--noise cannot be given with --to or --out.")
+        show_noise(run, reference or (), plot, as_json=as_json)
+        return
+    if reference or plot is not None:
+        raise HardwareError("--reference and --plot are for --noise.")
     target = _target(run, to, out)
     if baseline < 1:
         raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
@@ -72,7 +104,7 @@ def scan_info(
     from coilarray.hardware.record.recording_summary import summarize_recording
 
     written = [] if target is None else [target]
-    with replacing("scan-info", *written, force=force), open_recording(run) as recording:
+    with replacing("board info", *written, force=force), open_recording(run) as recording:
         recording.check()
         summary = summarize_recording(recording)
         as_series = series or recording.campaign is None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.cli.board_options import BoardOptions, is_emulator, marked, opened_board
+from coilarray.cli.board.options import BoardOptions, is_emulator, marked, opened_board
 from coilarray.cli.shared import check_file
 from coilarray.errors import HardwareError
 

@@ -1,4 +1,4 @@
-"""``coilarray live``."""
+"""``coilarray board live``."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import MARK, BoardOptions, board_command, marked
+from coilarray.cli.board.live_source import LiveOptions, live_readings, live_source
+from coilarray.cli.board.live_window import show_window
+from coilarray.cli.board.options import MARK, BoardOptions, board_command, marked
 from coilarray.cli.keys import pressed_keys
-from coilarray.cli.live_source import LiveOptions, live_readings, live_source
-from coilarray.cli.live_window import show_window
 from coilarray.cli.maps import kept_table
 from coilarray.cli.shared import AllowViolations, References, check_file, drop_output, open_design_file, progress_bar
 from coilarray.compute.display_units import number_text, true_minus
@@ -99,11 +99,11 @@ def live(
     --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the
     converter asleep.
 
-    Example: coilarray live gast2020 --port /dev/ttyACM0
+    Example: coilarray board live gast2020 --port /dev/ttyACM0
 
-    Example: coilarray live gast2020 --port /dev/ttyACM0 --plot --log touches.csv --reference coil6
+    Example: coilarray board live gast2020 --port /dev/ttyACM0 --plot --log touches.csv --reference coil6
 
-    Example: coilarray live --recording run.sqlite --speed 10
+    Example: coilarray board live --recording run.sqlite --speed 10
     """
     check_file("--table", table, (".nc",))
     asked = LiveOptions(

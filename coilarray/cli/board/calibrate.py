@@ -1,4 +1,4 @@
-"""``coilarray calibrate-board``."""
+"""``coilarray board calibrate``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import all_or_each, print_marked
+from coilarray.cli.board.options import all_or_each, print_marked
 from coilarray.cli.shared import AsJson, check_file, table_text
 from coilarray.compute.display_units import true_minus
 from coilarray.errors import HardwareError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _HOUR = 3600.0  # s
 
 
-def calibrate_board(
+def calibrate(
     recording: Annotated[
         Path, typer.Argument(metavar="RUN.sqlite", help="Recording of the board at rest, or of a campaign.")
     ],
@@ -65,11 +65,11 @@ def calibrate_board(
 
     The constants are the clock, the capacitance of every tank, and the drift. L depends on all of them, δ only on the
     drift. The clock is found from a known frequency, the capacitances from known inductances, and the drift of L_0 from
-    the scans at rest. Use the file with: coilarray compare --calibration
+    the scans at rest. Use the file with: coilarray board compare --calibration
 
-    Example: coilarray calibrate-board run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
+    Example: coilarray board calibrate run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
 
-    Example: coilarray calibrate-board campaign.sqlite --simulated --out board.toml
+    Example: coilarray board calibrate campaign.sqlite --simulated --out board.toml
     """
     check_file("--out", out, (".toml",))
     given = all_or_each("--inductance-uH", "state", "STATE=VALUE", inductance_uh or (), _inductance)
@@ -78,12 +78,12 @@ def calibrate_board(
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
     from coilarray.circuit.impedance import part_switches
     from coilarray.hardware.record.calibration_file import save_calibration
-    from coilarray.hardware.record.channel_calibration import calibrate_board as calibrate
+    from coilarray.hardware.record.channel_calibration import calibrate_board
     from coilarray.hardware.record.recording import iso_time, open_recording
 
     with open_recording(recording) as opened:
         known = dict.fromkeys(opened.states, given[""]) if "" in given else given
-        result = calibrate(
+        result = calibrate_board(
             opened,
             inductances=known or None,
             inductance_error=inductance_error,
@@ -91,7 +91,7 @@ def calibrate_board(
             known_frequency=frequency,
             frequency_error=frequency_error,
             order=drift_order,
-            source=f"coilarray calibrate-board {recording.name}",
+            source=f"coilarray board calibrate {recording.name}",
             made=iso_time(time.time()),
         )
         design = opened.design if result.channels else None

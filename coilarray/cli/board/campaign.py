@@ -1,4 +1,4 @@
-"""``coilarray campaign``."""
+"""``coilarray board campaign``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, marked, opened_board
-from coilarray.cli.measure import RUN, print_recording, recorded_session
+from coilarray.cli.board.info import FORMATS, write_response
+from coilarray.cli.board.measure import RUN, print_recording, recorded_session
+from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, marked, opened_board
 from coilarray.cli.replacing import replacing, require_own
-from coilarray.cli.scan_info import FORMATS, write_response
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -91,7 +91,7 @@ def campaign(
     ] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Only print the grid and how long it would take.")] = False,
     response: Annotated[
-        Path | None, typer.Option(help="Also write the measured response (.nc or .csv), as coilarray scan-info does.")
+        Path | None, typer.Option(help="Also write the measured response (.nc or .csv), as coilarray board info does.")
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace a response file that the command did not write itself.")
@@ -112,9 +112,9 @@ def campaign(
     A G-code stage begins with a slow move, which a person confirms. One that restarts when its port is opened has
     forgotten where it is, and is refused without --home.
 
-    Example: coilarray campaign gast2020 --out campaign.sqlite --response measured.nc
+    Example: coilarray board campaign gast2020 --out campaign.sqlite --response measured.nc
 
-    Example: coilarray campaign --port /dev/ttyACM0 --stage grbl:/dev/ttyUSB0 --reach-mm -30,30,-10,10,1.2 --resume
+    Example: coilarray board campaign --port COM5 --stage grbl:COM6 --reach-mm -30,30,-10,10,1.2 --resume
     """
     *places, depths = (
         lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
@@ -124,7 +124,7 @@ def campaign(
     if response is not None and response.resolve() == out.resolve():
         raise OutputError(f"--response must be another file than the recording {out}.")
     written = [] if response is None else [response]
-    require_own("campaign", written, force=force)
+    require_own("board campaign", written, force=force)
     opened = open_design(design, allow_violations=allow_violations)
     x, y = from_map_origin(opened.indentation, *places)
     from coilarray.hardware.record.campaign import design_campaign
@@ -155,7 +155,7 @@ def campaign(
             recorder.add_self_test(after.symptoms, after.findings)
     summary = print_recording(out, as_json=as_json)
     if response is not None:
-        with replacing("campaign", *written, force=force), open_recording(out) as recording:
+        with replacing("board campaign", *written, force=force), open_recording(out) as recording:
             wrote = write_response(recording, response)
         if not as_json:
             typer.echo(marked(wrote, emulated=summary.emulated))
@@ -175,7 +175,7 @@ def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) ->
     board.reader.configure(settings)
     if not (result.passed or ignore):
         raise HardwareError(
-            f"the self-test {when} the campaign has failed: {result.symptoms[0]}; see `coilarray board --self-test`, "
+            f"the self-test {when} the campaign has failed: {result.symptoms[0]}; see `coilarray board test`, "
             "or continue with --ignore-self-test."
         )
     return result

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, is_emulator
-from coilarray.cli.live_source import QUIT, LiveOptions, live_readings, live_source
+from coilarray.cli.board.live_source import QUIT, LiveOptions, live_readings, live_source
+from coilarray.cli.board.options import BoardOptions, is_emulator
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:

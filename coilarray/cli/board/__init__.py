@@ -1,0 +1,1 @@
+"""The commands ``coilarray board …``: a board read out, real or emulated."""
