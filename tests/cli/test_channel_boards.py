@@ -133,13 +133,13 @@ def test_live_shows_every_scan(design, capsys):
 
 
 def test_the_board_is_tested_and_what_is_not_verified_is_told(design, capsys):
-    out = look(capsys, design, "--port", GROVE, "--self-test", "--find-drives")
+    out = look(capsys, design, "--port", GROVE, "--find-drives")
     assert "self-test passed" in out
     assert "sensed by" not in out  # of coils at channels f alone is measured: no columns without any value
     assert "[emulator] coil   f in MHz\n" in out
     assert "Grove 2-channel inductive sensor: LDC1612, channels 0, 1, 40 MHz at CLKIN (5449/3055)" in out
     assert "not verified on a device" in out
-    assert look_record(capsys, "--port", f"{GROVE}&channels=1", "--coils", "coil3")["wiring"] == "channels"
+    assert look_record(capsys, "--list", "--port", f"{GROVE}&channels=1", "--coils", "coil3")["wiring"] == "channels"
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
