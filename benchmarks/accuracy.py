@@ -15,8 +15,8 @@ from support.parallel_traces import interlayer_capacitance, parallel_traces
 from support.references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
 
 from coilarray import dc_resistance, inductance_matrix, mutual_inductance
-from coilarray.electromagnetics.ac_resistance import cross_section, skin_depth
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
+from coilarray.electromagnetics.resistance import cross_section, skin_depth
 
 
 @dataclass(frozen=True)

@@ -24,16 +24,15 @@ from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState, Switches
-from coilarray.electromagnetics.ac_resistance import resistance_matrix, shape_key
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix
-from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix, shape_key
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray, FinitePlate, Plate, Sheet
 from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance, worst_attributes
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.over_frequency import FrequencyBand
+from coilarray.metal.frequencies import FrequencyBand
 
 if TYPE_CHECKING:
     from coilarray.compute.store import Keep

@@ -1,6 +1,6 @@
 """Contact of a rigid indenter with elastomer sheets: indentation, force, contact radius.
 
-With f_j the force on hat j of the pressure and C the compliance of the top (`coilarray.elastomer.compliance`), the mean
+With f_j the force on hat j of the pressure and C the compliance of the top (`coilarray.elastomer.elasticity`), the mean
 gap between the indenter and hat i is
 
     G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0.
@@ -28,9 +28,8 @@ from scipy.optimize import nnls
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import serial_algebra
-from coilarray.elastomer.compliance import Compliance, compliance
-from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
-from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
+from coilarray.elastomer.contact_grid import ContactGrid, ContactMesh, ContactZone, Stack, contact_grid, stack_of
+from coilarray.elastomer.elasticity import Compliance, compliance
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
 from coilarray.errors import LARGEST, ElastomerError
 from coilarray.geometry import Cone, Indenter, Seat, Sheet

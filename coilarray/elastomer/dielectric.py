@@ -18,7 +18,7 @@ from shapely.geometry.polygon import orient
 from coilarray.compute.arrays import FloatArray
 from coilarray.constants import EPSILON_0
 from coilarray.elastomer.dent import STILL, Dent
-from coilarray.elastomer.dent_energy import dent_energies
+from coilarray.elastomer.dented_layer import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.electromagnetics.capacitance import closed_band
 from coilarray.electromagnetics.coil_spectrum import Segments

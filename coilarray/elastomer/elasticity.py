@@ -20,15 +20,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
+from skfem import BilinearForm, LinearForm
 
-from coilarray.compute.arrays import FloatArray
-from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights
+from coilarray.compute.arrays import FloatArray, IndexArray
+from coilarray.elastomer.contact_grid import (
+    ContactGrid,
+    Stack,
+    hoop_strain,
+    linear_pressures,
+    quadrature_weights,
+    weight,
+)
+from coilarray.geometry import Indenter
 from coilarray.geometry.indenter import Symmetry
-
-IndexArray = npt.NDArray[np.intp]
 
 _SOFT = 1e-6  # added 1/K of the factorised system in 1/μ: each refinement leaves at most 1e-5 of the error
 _REFINEMENTS = 2
@@ -126,3 +132,30 @@ def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any
     shape = values.shape
     where = np.broadcast_to(rows[:, None], shape).ravel(), np.broadcast_to(columns[None], shape).ravel()
     return sparse.coo_array((values.ravel(), where), shape=(rows.max() + 1, columns.max() + 1)).tocsr()
+
+
+@dataclass(frozen=True, eq=False)
+class Compliance:
+    """Response of a stack to each of m hats of pressure on its top, in its units.
+
+    `profile` (m,) is ∫ψ_j profile w dr / ∫ψ_j w dr, the mean height of the indenter over a hat. `matrix` (m, m),
+    symmetric, is the mean sinking of the top over hat i under a unit load on hat j. `surfaces` (2, interfaces, n, m)
+    are u_r and u_z of every interface under a unit load on each hat.
+    """
+
+    grid: ContactGrid
+    profile: FloatArray
+    matrix: FloatArray
+    surfaces: FloatArray
+
+
+def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Compliance:
+    """Response of a meshed stack to pressures under an indenter in SI units."""
+    symmetry, used = grid.symmetry, grid.used
+    pressing = BilinearForm(lambda psi, v, w: -psi * v[1] * weight(symmetry, w.x[0]))
+    weighing = LinearForm(lambda psi, w: psi * w.height * weight(symmetry, w.x[0]))
+    at = grid.top.global_coordinates()[0]
+    profile = weighing.assemble(grid.hats, height=indenter.profile(at * stack.length) / stack.length)[used]
+    loads = pressing.assemble(grid.hats, grid.top)[:, used].toarray() / grid.mass
+    u = elastic_grid(grid).displacements(loads)
+    return Compliance(grid, profile / grid.mass, loads.T @ u, grid.moved(u))

@@ -14,10 +14,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial.legendre import leggauss
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.box import Axis
 from coilarray.elastomer.finite_sample import SampleCorrection
@@ -143,7 +142,7 @@ def _moved_radius(correction: SampleCorrection, face: int) -> float:
     return float(r[np.flatnonzero(size >= _FAINT * size.max())[-1]])
 
 
-def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Points and weights of an integral to `beyond` both ends, and a mask inside."""
     inner, inner_weights = axis.rule(spacing)
     node, rule = leggauss(int(np.ceil(beyond / spacing)) + 2)

@@ -4,7 +4,7 @@ With u∞ the displacement of a wide sample on an even, two-sided seat under the
 displacement of a rectangular sample is u∞ + w. In the sample w solves linear elasticity without load on the top. Its
 sides take the tractions −σ∞·n that make them free. The bottom takes the difference between the uneven and the even
 seat, −(k(x, y) − k0) u∞. All of this is far from the contact and smooth, so few elements give w
-(`coilarray.elastomer.box`), and u∞ and σ∞ are exact (`coilarray.elastomer.wide_stack`). A seat that can be lifted off
+(`coilarray.elastomer.box`), and u∞ and σ∞ are exact (`coilarray.elastomer.box`). A seat that can be lifted off
 does not pull anywhere. With g the gap of a seat that is not flat, its pressure is
 
     k(x, y) max(0, −(u_z + g)).
@@ -30,10 +30,8 @@ from scipy.linalg import cho_factor, cho_solve
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
-from coilarray.elastomer.box import Axis, Box, factorised
-from coilarray.elastomer.contact_grid import Stack, stack_of
-from coilarray.elastomer.contact_mesh import graded
-from coilarray.elastomer.wide_stack import wide_field
+from coilarray.elastomer.box import Axis, Box, factorised, wide_field
+from coilarray.elastomer.contact_grid import Stack, graded, stack_of
 from coilarray.errors import ElastomerError
 from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.sheet import Base

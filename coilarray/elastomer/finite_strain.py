@@ -35,18 +35,14 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.linalg.lapack import dpbtrf, dtbtrs
 from scipy.sparse.linalg import splu
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray, IndexArray
 from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights, weight
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
-
-IndexArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 
 EDGE_ELEMENTS = 10  # most across a contact with a sharp edge; those at the edge are then a fifth of its rounding
 TIP = 0.05  # of the contact radius, over which a cone's point is blunted, which reduces the force by about 0.1 %

@@ -14,7 +14,7 @@ import shapely
 import xarray as xr
 from shapely import affinity
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
@@ -318,7 +318,7 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
     return WindingCapacitance(interlayer, turn_to_turn, leads, between, longest + leads)
 
 
-def _clear(cut: Cut, width: FloatArray, layer: npt.NDArray[np.int64]) -> bool:
+def _clear(cut: Cut, width: FloatArray, layer: IntArray) -> bool:
     """Check that the turns of a cut are apart on every copper layer.
 
     Beside a corner this is not always true. Widths are in m.
@@ -340,7 +340,7 @@ def _basis(stackup: Stackup, coil: Coil) -> int:
     return max(3, math.ceil(2 * math.sqrt(widest / nearest)))
 
 
-def _shares(line: npt.NDArray[np.int64], along: FloatArray, turns: Turns) -> FloatArray:
+def _shares(line: IntArray, along: FloatArray, turns: Turns) -> FloatArray:
     """Length in m that each cut trace stands for on its line.
 
     It reaches half-way to the next cut, and to the ends of the turns.

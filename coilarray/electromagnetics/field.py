@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, cores, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -144,7 +144,7 @@ class _Paths:
     """Current paths and evaluation points (n, 3), from points of `shape`."""
 
     vertices: FloatArray
-    starts: npt.NDArray[np.int64]
+    starts: IntArray
     weights: FloatArray
     points: FloatArray
     shape: tuple[int, ...]

@@ -12,6 +12,7 @@ by segment through `coilarray.electromagnetics.neumann_near`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
@@ -20,18 +21,86 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.electromagnetics.kernels.node_pairs import add_node_sums
+from coilarray.electromagnetics.kernels.far_pairs import add_node_sums
 from coilarray.electromagnetics.kernels.paths import INNER
-from coilarray.electromagnetics.neumann_far import (
-    MOST_NODES,
-    EquivalentCurrents,
-    bounding_boxes,
-    equivalent_currents,
-    nodes_needed,
-)
 from coilarray.electromagnetics.neumann_near import Accuracy, Sums, pair_classes, part_blocks
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
+
+MOST_NODES = 16  # along a side of the box; nearer pairs need more and are left to the sums over segments
+_LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than M of pieces
+_NONE = 1e-9  # of the box; smaller extents count as zero
+
+
+@dataclass(frozen=True, eq=False)
+class EquivalentCurrents:
+    """Currents ∫ L I dl of a path in A m at nodes in m, (n, 3) each."""
+
+    nodes: FloatArray
+    currents: FloatArray
+
+
+def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
+    """Middle and half extent in m of paths (m, 3), (paths, 2, 3)."""
+    low = np.array([vertices.min(axis=0) for vertices in paths])
+    high = np.array([vertices.max(axis=0) for vertices in paths])
+    return np.stack(((low + high) / 2, (high - low) / 2), axis=1)
+
+
+def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
+    """Numbers of nodes along x and y, and along z, of box pairs, (n, 2).
+
+    The second of the `bounding_boxes` is moved by `shifts` (n, 3) in m. A value above `MOST_NODES` means that they are
+    too near each other.
+    """
+    between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
+    gap = np.maximum(between, 0.0)
+    half = np.maximum(first[:, 1], second[:, 1])
+    sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
+    none = _NONE * half.max(axis=1)[:, None]
+    # Singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it.
+    lengths = np.maximum(sizes, none)
+    beside = np.arccosh(1.0 + np.hypot(gap[:, 0], gap[:, 1])[:, None] / lengths)
+    above = np.arcsinh(gap[:, 2][:, None] / lengths)
+    with np.errstate(divide="ignore"):
+        apart_by = np.log1p(np.hypot(*gap.T[:2]) / half.max(axis=1))[:, None]
+        count = np.ceil((2 * apart_by - _LOG_TOLERANCE) / np.maximum(beside, above))
+    apart = gap.max(axis=1)[:, None] > 0
+    count = np.where((sizes <= none) & apart, 1.0, np.maximum(count, 2.0))
+    return np.asarray(np.minimum(count, MOST_NODES + 1.0), dtype=np.int64)
+
+
+def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
+    """Currents of segments (m, 2, 3) in m at Chebyshev nodes of their box.
+
+    There are `count` nodes along x and y, and `count_z` along z. `current` is the current of every segment in A.
+    Polynomials along a segment are integrated exactly.
+    """
+    ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
+    gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
+    step = segments[:, 1] - segments[:, 0]
+    places = (segments[:, :1] + 0.5 * (1.0 + gauss)[:, None] * step[:, None]).reshape(-1, 3)
+    pieces = (0.5 * current * weight[:, None] * step[:, None]).reshape(-1, 3)
+    local = np.clip((places - centre) / np.where(extent > 0, extent, 1.0), -1.0, 1.0)
+    counts = (count, count, count_z)
+    along_x, along_y, along_z = (_lagrange(n, local[:, axis]) for axis, n in enumerate(counts))
+    upwards = (along_z[:, :, None] * pieces[:, None, :]).reshape(len(places), -1)
+    across = (along_y[:, :, None] * upwards[:, None, :]).reshape(len(places), -1)
+    axes = [centre[axis] + extent[axis] * _chebyshev(n) for axis, n in enumerate(counts)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return EquivalentCurrents(nodes, (along_x.T @ across).reshape(-1, 3))
+
+
+def _chebyshev(n: int) -> FloatArray:
+    return np.asarray(np.cos(np.pi * (np.arange(n) + 0.5) / n))
+
+
+def _lagrange(n: int, t: FloatArray) -> FloatArray:
+    """Lagrange polynomials of the Chebyshev nodes at −1 ≤ t ≤ 1, (points, n)."""
+    at_points, at_nodes = (np.polynomial.chebyshev.chebvander(x, n - 1) for x in (t, _chebyshev(n)))
+    at_points[:, 0] *= 0.5
+    return np.asarray(2.0 / n * at_points @ at_nodes.T)
+
 
 _Block = Callable[[], Sums]
 

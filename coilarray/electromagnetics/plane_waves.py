@@ -24,11 +24,11 @@ from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.inductance import Accuracy, standing_for_all
-from coilarray.electromagnetics.kernels.cuts import lateral_axes
+from coilarray.electromagnetics.kernels.sections import lateral_axes
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 
-WeightArray = npt.NDArray[np.float64] | npt.NDArray[np.complex128]
+WeightArray = FloatArray | npt.NDArray[np.complex128]
 
 # −ln of the error of every rule over the spectrum, relative to the sum of all parts without their signs: 1.4e-11, 3e-4.
 DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}

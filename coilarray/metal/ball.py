@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -349,7 +349,7 @@ def polarisabilities(radius: float, material: Material, frequencies: FloatArray,
     return alpha
 
 
-def _multipoles(ka: FloatArray, fall: FloatArray, order: npt.NDArray[np.int64], m: int) -> FloatArray:
+def _multipoles(ka: FloatArray, fall: FloatArray, order: IntArray, m: int) -> FloatArray:
     """w_l(k) e^{−fall} of the module's text, (orders, k), without overflow."""
     size = order[:, None] * np.log(ka) - fall - (gammaln(order + m + 1) + gammaln(order - m + 1))[:, None] / 2
     return np.asarray((-1.0) ** (order + m)[:, None] * np.exp(size))

@@ -22,7 +22,7 @@ import shapely
 from scipy.spatial import Delaunay
 from shapely.geometry.base import BaseGeometry
 
-from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.plate import Outline
 
@@ -62,7 +62,7 @@ class HalfBody:
 
     nodes: FloatArray
     triangles: IntArray
-    rim: npt.NDArray[np.bool_]
+    rim: BoolArray
     ring: IntArray
     hole_rings: tuple[IntArray, ...]
     caps: tuple[tuple[FloatArray, FloatArray], ...]

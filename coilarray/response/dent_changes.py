@@ -16,7 +16,7 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
-from coilarray.elastomer.dented_layer import dent_inductance, dent_inductance_over
+from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
@@ -107,11 +107,7 @@ def changes_by_levels(
     """
     dents = [dent for level in levels for dent in level.dents]
     accuracy = mesh.coarser() if levels[0].coarse else mesh
-    change: FloatArray | ComplexArray
-    if backing is None:
-        change = dent_inductance(source, dents, points, accuracy, progress=progress)
-    else:
-        change = dent_inductance_over(backing, source, dents, points, accuracy, progress=progress)
+    change = dent_inductance(source, dents, points, accuracy, backing=backing, progress=progress)
     parts = change.reshape(len(levels), -1, *change.shape[1:])
     return np.asarray(np.einsum("ldp,ldpij->dpij", [level.shares for level in levels], parts))
 

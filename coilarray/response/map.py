@@ -29,7 +29,7 @@ from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
 from coilarray.metal.backing import backings_of
-from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
+from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.response.coordinates import ELLIPSE_WINDOW, map_coordinates, origin_attributes
 from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
 from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables

@@ -24,7 +24,7 @@ from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.elastomer.dent import STILL, Dent, Motion
-from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
+from coilarray.elastomer.dented_layer import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
 from coilarray.electromagnetics.coil_spectrum import (
     CoilSpectra,

@@ -20,7 +20,7 @@ from coilarray.compute.store import kept_dataset
 from coilarray.design.bundled import names_with
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
-from coilarray.elastomer.contact_mesh import ContactMesh
+from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_slab

@@ -30,7 +30,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
 from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.finite_plates import PlateError, worst_attributes
-from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
+from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.metal.target import require_apart, target_inductance
 from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis

@@ -20,8 +20,8 @@ from coilarray.circuit.impedance import (
 )
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import coil_capacitance, self_resonance
+from coilarray.electromagnetics.resistance import resistance_matrix
 
 pytestmark = pytest.mark.slow
 

@@ -24,7 +24,7 @@ from coilarray.circuit.state_sensitivity import resonances
 from coilarray.errors import MetalError
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.over_frequency import FrequencyBand
+from coilarray.metal.frequencies import FrequencyBand
 
 SHIELD = ca.Plate("shield", -4e-3, 0.1e-3, ca.MATERIALS["stainless_steel"])
 

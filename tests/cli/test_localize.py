@@ -21,7 +21,7 @@ import coilarray.response.map
 from coilarray import load_design
 from coilarray.cli.main import COMMANDS, main
 from coilarray.compute.netcdf import save_dataset
-from coilarray.elastomer.contact_mesh import ContactMesh
+from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import Location, Mode, locate
 from coilarray.paper.ellipse import fit_ellipses

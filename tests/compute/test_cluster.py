@@ -29,7 +29,7 @@ KERNEL = '''
 
 import os
 
-from coilarray.electromagnetics.kernels.compiled import kernel
+from coilarray.electromagnetics.kernels import kernel
 
 
 @kernel

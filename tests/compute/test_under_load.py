@@ -103,7 +103,7 @@ def test_processes_at_once_give_what_one_gives(alone):
 
 
 KERNEL = """
-from coilarray.electromagnetics.kernels.compiled import kernel
+from coilarray.electromagnetics.kernels import kernel
 
 @kernel
 def total(x):

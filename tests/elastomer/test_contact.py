@@ -23,7 +23,7 @@ from support.references import rows
 
 import coilarray.elastomer.contact as module
 from coilarray.elastomer.contact import contact_radius
-from coilarray.elastomer.contact_mesh import ContactMesh
+from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Sheet
 

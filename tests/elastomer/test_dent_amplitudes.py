@@ -11,8 +11,7 @@ from support.references import polygon
 from coilarray import load_design
 from coilarray.compute.memory import MemoryLimitError
 from coilarray.elastomer.dent import STILL, Dent, Motion
-from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
-from coilarray.elastomer.dented_layer import dent_inductance
+from coilarray.elastomer.dented_layer import amplitude_table, dent_amplitudes, dent_inductance, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
 from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_spectra, turned_spectra
 from coilarray.errors import CoilarrayError

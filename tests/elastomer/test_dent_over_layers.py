@@ -18,7 +18,7 @@ from support.references import polygon
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.elastomer.dent import Dent, Motion
-from coilarray.elastomer.dented_layer import dent_inductance, dent_inductance_over
+from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 
@@ -32,7 +32,7 @@ ALUMINIUM, STEEL, PERFECT = Layer(METAL, 1.0, 3.5e7), Layer(METAL, 100.0, 5e6), 
 
 
 def over(layer: Layer, dent: Dent, frequency: float = 1e4, face: float = FACE) -> ComplexArray:
-    return dent_inductance_over(Backing(face, (layer,), frequency), FEW, [dent], PLACES, MESH)[0]
+    return dent_inductance(FEW, [dent], PLACES, MESH, backing=Backing(face, (layer,), frequency))[0]
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def test_coils_dent_and_plate_are_those_of_finite_elements(layer: Layer, frequen
     )
     backing = Backing(FACE, (layer,), frequency)
     alone = dent_inductance(COILS, [dent], [[0.0, 0.0]])[0, 0].diagonal()
-    found = dent_inductance_over(backing, COILS, [dent], [[0.0, 0.0]])[0, 0].diagonal()
+    found = dent_inductance(COILS, [dent], [[0.0, 0.0]], backing=backing)[0, 0].diagonal()
     # 1 %: what remains of the elements' 0.5 to 1.6 % in the ratio, most in that of the skin depth
     assert found / alone == pytest.approx(of_metal / of_air, rel=0.01)
 
@@ -79,7 +79,7 @@ def test_over_a_perfect_conductor_coils_have_mirror_images(motion: Motion) -> No
 def test_lifted_sheets_are_those_on_a_thicker_base(layer: Layer) -> None:
     backing, mesh = Backing(FACE, (layer,), 1e4), LayerMesh(harmonics=3)
     lifted, thicker = (
-        dent_inductance_over(backing, FEW, [dent], PLACES[:1], mesh) / dent_inductance(FEW, [dent], PLACES[:1], mesh)
+        dent_inductance(FEW, [dent], PLACES[:1], mesh, backing=backing) / dent_inductance(FEW, [dent], PLACES[:1], mesh)
         for dent in (pit().moved(Motion(lift=1e-3)), pit(5e-3))
     )
     np.testing.assert_allclose(lifted, thicker, rtol=1e-2)  # rows of elements and wavenumbers of the two differ
@@ -98,11 +98,7 @@ def test_without_layers_half_the_memory_is_taken() -> None:
     for backing in (None, Backing(FACE, (ALUMINIUM,), 1e4)):
         tracemalloc.start()
         dents = [pit()] * 100
-        found = (
-            dent_inductance(coils, dents, places, MESH)
-            if backing is None
-            else dent_inductance_over(backing, coils, dents, places, MESH)
-        )
+        found = dent_inductance(coils, dents, places, MESH, backing=backing)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         assert found.dtype == (np.float64 if backing is None else np.complex128)
@@ -130,7 +126,7 @@ def test_wavenumbers_of_the_rule_resolve_what_plates_reflect(layer: Layer, monke
     """At 1 kHz the poles of both are near wavenumbers of 0: three times as many nodes change little."""
     few = over(layer, pit(), 1e3)
     monkeypatch.setattr(
-        "coilarray.elastomer.dent_energy.wavenumber_rule",
+        "coilarray.elastomer.dented_layer.wavenumber_rule",
         lambda clearance, extent, mesh: wavenumber_rule(clearance, 3 * extent, mesh),
     )
     many = over(layer, pit(), 1e3)

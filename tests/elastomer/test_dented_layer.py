@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.special import jv
 from support.axial_field import dented_loops
+from support.dent_shortcuts import born, first_order, shortcut_inductance
 from support.first_assumed import first_assumed
 from support.references import circle, polygon
 
@@ -154,8 +155,9 @@ def test_a_wide_dent_is_another_flat_sheet(lower, upper):
 def test_small_depths_are_of_first_order():
     errors = []
     for depth in (0.04e-3, 0.02e-3):
-        models, dent = ("full", "first order"), smooth_dent(depth)
-        full, linear = (dent_inductance(PAIR, [dent], PLACES, model=model)[0] for model in models)
+        dent = smooth_dent(depth)
+        full = dent_inductance(PAIR, [dent], PLACES)[0]
+        linear = shortcut_inductance(PAIR, [dent], PLACES, first_order)[0]
         errors.append(np.abs(full - linear).max() / np.abs(full).max())
     assert errors[1] < 0.01
     # the remainder is of second order in the depth: halved with it, relative to ΔL
@@ -166,7 +168,7 @@ def test_weak_sheets_follow_born():
     errors = []
     for mu in (1.04, 1.02):
         dent = smooth_dent(mu=mu)
-        full, weak = (dent_inductance(PAIR, [dent], PLACES, None, model)[0] for model in ("full", "Born"))
+        full, weak = dent_inductance(PAIR, [dent], PLACES)[0], shortcut_inductance(PAIR, [dent], PLACES, born)[0]
         errors.append(np.abs(full - weak).max() / np.abs(full).max())
     assert errors[1] < 0.03
     # demagnetisation is of second order in μ − 1: relative to ΔL it halves with it
@@ -179,7 +181,7 @@ def test_the_error_is_a_part_of_the_contrast(mu, thickness):
     shape = smooth_dent()
     faces = shape.displacement[:, [0, 1, 1]] * [1, 1, 1 - 1e-3]  # stretched a little
     dent = Dent((6e-3, thickness), (1.0, mu), shape.radius, faces)
-    full, weak = (dent_inductance(PAIR, [dent], PLACES, None, model)[0] for model in ("full", "Born"))
+    full, weak = dent_inductance(PAIR, [dent], PLACES)[0], shortcut_inductance(PAIR, [dent], PLACES, born)[0]
     # 2e-4 from the default mesh, 2 (μ − 1) from the demagnetisation, which Born leaves out, and roundings over μ − 1
     assert np.abs(full - weak).max() < (2e-4 + 2 * (mu - 1) + 1e-15 / (mu - 1)) * np.abs(weak).max()
 
@@ -200,9 +202,9 @@ def test_a_sheet_that_lies_on_the_board():
 
 
 def test_shortcuts_are_wrong_for_real_dents(usual):
-    for model in ("first order", "Born"):
-        shortcut = dent_inductance([COIL], [smooth_dent()], PLACES[:1], model=model)[0, 0, 0, 0]
-        assert not 0.95 < shortcut / usual[0, 0, 0] < 1.05
+    for shortcut in (first_order, born):
+        change = shortcut_inductance([COIL], [smooth_dent()], PLACES[:1], shortcut)[0, 0, 0, 0]
+        assert not 0.95 < change / usual[0, 0, 0] < 1.05
 
 
 def test_the_three_dimensional_fem_agrees():

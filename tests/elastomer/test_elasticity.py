@@ -16,10 +16,20 @@ from scipy.sparse import csr_array
 from scipy.special import j0, jn_zeros
 from skfem import Functional, LinearForm, MeshQuad
 
-from coilarray.elastomer.compliance import compliance
-from coilarray.elastomer.contact_grid import contact_grid, displacement_basis, far_field, hoop_strain, stack_of, weight
-from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_mesh, graded, radial_points
-from coilarray.elastomer.elasticity import elastic_body
+from coilarray.elastomer.contact_grid import (
+    ContactMesh,
+    ContactZone,
+    contact_grid,
+    contact_mesh,
+    displacement_basis,
+    far_field,
+    graded,
+    hoop_strain,
+    radial_points,
+    stack_of,
+    weight,
+)
+from coilarray.elastomer.elasticity import compliance, elastic_body
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Paraboloid, Sheet
 

@@ -28,8 +28,7 @@ from support.first_assumed import first_assumed
 from support.references import rows
 
 from coilarray.elastomer.contact import indent
-from coilarray.elastomer.contact_grid import contact_grid, stack_of
-from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
+from coilarray.elastomer.contact_grid import ContactMesh, ContactZone, contact_grid, stack_of
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.finite_strain import Outline, SoftBody

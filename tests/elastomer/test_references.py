@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from support.references import rows
 
 import coilarray.elastomer.contact as module
-from coilarray.elastomer.contact_mesh import ContactMesh
+from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.geometry import FlatPunch, Paraboloid, Sheet
 
 pytestmark = pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
-from coilarray.elastomer.tensor_grid import TensorGrid, energies
+from coilarray.elastomer.scattering import TensorGrid, energies
 from coilarray.errors import ElastomerError
 
 BASIS = Basis(MeshQuad.init_tensor(np.array([0.0, 1.0, 2.0, 4.0]), np.array([0.0, 0.5, 2.0])), ElementQuad2())

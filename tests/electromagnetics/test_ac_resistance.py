@@ -22,14 +22,13 @@ from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
 
-import coilarray.electromagnetics.ac_resistance as module
+import coilarray.electromagnetics.resistance as module
 from coilarray import dc_resistance, load_design, magnetic_field
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
-from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
-from coilarray.electromagnetics.kernels.eddy_modes import isolated_modes
-from coilarray.electromagnetics.kernels.sections import NEAR, pair_logs
+from coilarray.electromagnetics.kernels.sections import NEAR, isolated_modes, pair_logs
+from coilarray.electromagnetics.resistance import WIDE, cross_section, resistance_matrix, skin_depth
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral, spiral_coil
 

@@ -4,8 +4,8 @@ import pytest
 from numba import config
 
 from coilarray import inductance_matrix, load_design, magnetic_field
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.kernels.beforehand import KERNELS, compile_kernels
+from coilarray.electromagnetics.resistance import resistance_matrix
 
 
 @pytest.mark.slow

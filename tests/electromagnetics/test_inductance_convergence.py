@@ -9,7 +9,7 @@ from support.references import polygon
 from coilarray import load_design
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.inductance import rectangular_bars
-from coilarray.electromagnetics.kernels.filaments import filament_pair
+from coilarray.electromagnetics.kernels.bars import filament_pair
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, mutual_sum, own_mutual_sum
 from coilarray.electromagnetics.neumann import segment_table
 from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS

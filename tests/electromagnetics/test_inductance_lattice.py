@@ -10,8 +10,13 @@ from support.coil_paths import spiral_path
 
 from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
 from coilarray.electromagnetics.kernels.paths import mutual_sum
-from coilarray.electromagnetics.neumann import segment_table
-from coilarray.electromagnetics.neumann_far import MOST_NODES, bounding_boxes, equivalent_currents, nodes_needed
+from coilarray.electromagnetics.neumann import (
+    MOST_NODES,
+    bounding_boxes,
+    equivalent_currents,
+    nodes_needed,
+    segment_table,
+)
 from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS
 from coilarray.geometry import Spiral
 

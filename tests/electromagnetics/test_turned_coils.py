@@ -10,9 +10,9 @@ from support.boards import LEADS, VIA, many_layers, round_spiral, square_turns
 
 from coilarray import Circuit, Switches, couple_design, load_design, scan_design
 from coilarray.design.model import Design
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.geometry import CoilArray, Material, Placement, Plate, RoundedSpiral, Spiral, path_coil, spiral_coil
 
 ROUNDING = 1e-6

@@ -30,9 +30,9 @@ from coilarray import (
     vector_potential,
 )
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import coil_capacitance, elastomer_effect
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
+from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import CoilarrayError, GeometryError
 
 ROUNDING = 1e-12

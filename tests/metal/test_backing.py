@@ -10,7 +10,7 @@ from support.axial_field import dent_over_metal, disc_region, pit
 from support.references import polygon
 from support.refusals import refused
 
-from coilarray.elastomer.dented_layer import dent_inductance, dent_inductance_over
+from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Sheet
@@ -33,7 +33,7 @@ def metal(outline, material=ALUMINIUM, face=FACE, thickness=METAL, **more):
 def over(coils, plates, frequency, fineness=0.3):  # which errs by 0.5 %
     outlined = outlined_below(coils, plates, [frequency], SHEETS, fineness=fineness)
     (backing,) = backings_of(coils, plates, [frequency], SHEETS, outlined=outlined)
-    return dent_inductance_over(backing, coils, [pit()], PLACES, MESH)[0]
+    return dent_inductance(coils, [pit()], PLACES, MESH, backing=backing)[0]
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_coil_dent_and_disc_are_those_of_finite_elements(material, errors):
     paths = [polygon(120, *one) for one in LOOPS]
     alone = dent_inductance(paths, [dent], [[0.0, 0.0]])[0, 0].diagonal()
     (backing,) = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.35)
-    found = dent_inductance_over(backing, paths, [dent], [[0.0, 0.0]])[0, 0].diagonal() / alone
+    found = dent_inductance(paths, [dent], [[0.0, 0.0]], backing=backing)[0, 0].diagonal() / alone
     solved, without = (
         dent_over_metal(LOOPS, dent, region, *one, frequency)
         for one in ((material.relative_permeability, material.conductivity), (1.0, 0))

@@ -24,7 +24,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.material import MATERIALS, Material
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Rectangle, Ring
-from coilarray.metal import field_at_plate
+from coilarray.metal import coupled_plates
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.half_body import EddyBody
@@ -250,7 +250,7 @@ def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
     x, y = np.meshgrid(np.linspace(-8e-3, 8e-3, 5), np.linspace(-5e-3, 5e-3, 3))
     positions = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 4e-3)))
     change = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS, fineness=0.3)
-    monkeypatch.setattr(field_at_plate, "_STEP", 1e-6)
+    monkeypatch.setattr(coupled_plates, "_STEP", 1e-6)
     direct = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS, fineness=0.3)
     np.testing.assert_allclose(change, direct, atol=1e-5 * np.abs(direct).max(), rtol=0)
 

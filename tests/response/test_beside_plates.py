@@ -19,7 +19,7 @@ from support.refusals import refused
 from coilarray import Design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonances_near, resonate
-from coilarray.elastomer.dented_layer import dent_inductance_over
+from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Ring
@@ -66,7 +66,7 @@ def test_one_coil_answers_with_its_change_of_inductance_and_loss() -> None:
     backing = Backing(-3e-3, (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),),
                       found.attrs["plate_frequency_Hz"])  # fmt: skip
     (level,) = pressed.levels
-    change = dent_inductance_over(backing, design.array, level.dents, pressed.points, MESH)[0, 0, 0, 0]
+    change = dent_inductance(design.array, level.dents, pressed.points, MESH, backing=backing)[0, 0, 0, 0]
     assert float(found.inductance_change.squeeze()) == pytest.approx(change.real, rel=1e-9)
     loss = float(found.resistance_change.squeeze())
     assert loss == pytest.approx(-2 * np.pi * backing.frequency * change.imag, rel=1e-9)
@@ -182,9 +182,8 @@ def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset)
     layers = (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),)
     deltas = np.empty((2, 2, len(X)))
     for k, f in enumerate(state.frequency for state in states):
-        (change,) = dent_inductance_over(
-            Backing(-3e-3, layers, f), design.array, level.dents, pressed.points, MESH
-        )  # fmt: skip
+        backing = Backing(-3e-3, layers, f)
+        (change,) = dent_inductance(design.array, level.dents, pressed.points, MESH, backing=backing)
         for m, state in enumerate(states):
             dented = resonances_near(
                 network, state, network.inductance + change, np.tile(network.winding_capacitance, (len(X), 1))

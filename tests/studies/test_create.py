@@ -12,8 +12,8 @@ from coilarray import load_design, new_design, save_design
 from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.design.vary import vary
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError

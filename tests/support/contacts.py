@@ -10,7 +10,7 @@ import coilarray.response.map as response_map
 import coilarray.response.setup as setup
 from coilarray.design.bundled import read
 from coilarray.design.model import load_design_file, parse_design
-from coilarray.elastomer.contact_mesh import ContactMesh
+from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.elastomer.scattering import LayerMesh
 
 COARSE = ContactMesh(8, 1.8)

@@ -8,9 +8,9 @@ import numpy as np
 
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import RESISTIVITY_COPPER
-from coilarray.electromagnetics import ac_resistance
-from coilarray.electromagnetics.ac_resistance import skin_depth
+from coilarray.electromagnetics import resistance
 from coilarray.electromagnetics.layered_strips import LayeredMedium, strip_capacitance
+from coilarray.electromagnetics.resistance import skin_depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ def parallel_traces(widths, thicknesses, x, z, currents, frequency, resistivity=
     w, t, across, up, current = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in given))
     delta = skin_depth(frequency, resistivity)
     side = float(max(w.max(), t.max()))
-    bundle = ac_resistance._section(
-        tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), ac_resistance._octaves(side, delta)
+    bundle = resistance._section(
+        tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), resistance._octaves(side, delta)
     )
     beta = np.atleast_1d((bundle.unit / delta) ** 2 / np.pi)
     density = current / np.sqrt(bundle.areas)

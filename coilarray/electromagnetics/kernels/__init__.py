@@ -3,3 +3,23 @@
 There is no validation, no units and no coils, which belong to the public functions of the package. Every numba kernel
 is serial and releases the interpreter's lock. `coilarray.compute.threads` runs several at once.
 """
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from numba import njit
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile a kernel on first use, with the machine code kept on disk.
+
+    Division by zero gives an infinity as in NumPy, a·b + c may use one rounding, and the interpreter's lock is
+    released. numba renews the stored code when the kernel's own file changes, but not when a kernel it calls does.
+    After editing a called kernel, delete ``coilarray/electromagnetics/kernels/__pycache__``.
+    """
+    compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+    return cast(Function, compiled(function))

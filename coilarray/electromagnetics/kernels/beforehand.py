@@ -15,23 +15,23 @@ from numba import boolean, float64, int64
 from numba.core.registry import CPUDispatcher
 from numba.core.types import Array
 
-from coilarray.electromagnetics.kernels import bars, far_pairs, filaments, node_pairs, paths, sections, segments
+from coilarray.electromagnetics.kernels import bars, far_pairs, paths, sections, segments
 
 _ROW, _TABLE, _INDICES = float64[::1], float64[:, ::1], int64[::1]
 _CONSTANTS = Array(float64, 1, "C", readonly=True)
 KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
     (paths._corner_rule, (_ROW, _ROW, boolean, int64, _TABLE)),
     (paths._angled_rule, (_ROW, _ROW, float64, boolean, int64, _TABLE)),
-    (filaments.filament_pair, (float64,) * 14),
+    (bars.filament_pair, (float64,) * 14),
     (bars.parallel_bars, (float64,) * 9),
     (paths._touching_parallel_bars, (_ROW, _ROW, *(float64,) * 4)),
     (far_pairs.batch_sum, (_ROW, int64, _TABLE)),
     (sections.transverse_fields, (_TABLE, _INDICES, _TABLE, _TABLE, _TABLE, _INDICES, float64[:, :, ::1])),
-    (node_pairs.add_node_sums, (*(_TABLE,) * 5, _ROW)),
+    (far_pairs.add_node_sums, (*(_TABLE,) * 5, _ROW)),
     (segments.add_magnetic_field, (_ROW, _ROW, _ROW, _TABLE, _INDICES, *(_ROW,) * 5)),
     (bars.bar_self, (float64,) * 3),
     (paths._parallel_rule, (_ROW, _ROW, *(float64,) * 3, boolean, int64, _TABLE)),
-    (filaments.filament_pair_far, (*(float64,) * 14, _CONSTANTS, _CONSTANTS)),
+    (bars.filament_pair_far, (*(float64,) * 14, _CONSTANTS, _CONSTANTS)),
     (sections.pair_logs, (_TABLE, _TABLE, float64, float64, _TABLE)),
 )
 """Kernels and the types of their arguments."""

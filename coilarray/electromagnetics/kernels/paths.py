@@ -20,8 +20,8 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.electromagnetics.kernels.bars import parallel_bars
-from coilarray.electromagnetics.kernels.compiled import kernel
+from coilarray.electromagnetics.kernels import kernel
+from coilarray.electromagnetics.kernels.bars import filament_pair, filament_pair_far, parallel_bars
 from coilarray.electromagnetics.kernels.far_pairs import (
     APART,
     CAPACITY,
@@ -32,7 +32,6 @@ from coilarray.electromagnetics.kernels.far_pairs import (
     least_distances,
     node_count,
 )
-from coilarray.electromagnetics.kernels.filaments import filament_pair, filament_pair_far
 
 Vector = tuple[float, float, float]
 

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import kernel
+from coilarray.electromagnetics.kernels import kernel
 
 ON_WIRE = 1e-12  # of the segment's length: a point nearer than this counts as on the segment, which then adds nothing
 _LN_2 = math.log(2.0)

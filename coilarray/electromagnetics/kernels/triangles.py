@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import kernel
+from coilarray.electromagnetics.kernels import kernel
 
 _NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of a pair
 _A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0

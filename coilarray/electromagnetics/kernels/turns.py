@@ -17,13 +17,10 @@ import math
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.electromagnetics.kernels.compiled import kernel
+from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
+from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, closest_offset
-
-BoolArray = npt.NDArray[np.bool_]
 
 _MEMBERS, _CHECK = 5, 4  # members that represent a series, and those in the rule that checks them
 _APART = 0.3  # of a series' width; distance from which two series are taken as a whole

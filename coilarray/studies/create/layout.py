@@ -13,8 +13,8 @@ import shapely
 
 from coilarray.circuit.coupling import design_inductance
 from coilarray.design.fab_limits import load_profile
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.studies.create.choices import Choices

@@ -11,12 +11,25 @@ import numpy as np
 from scipy.special import jv, jvp
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.scattering import Scattering
+from coilarray.elastomer.dented_layer import dent_energies
+from coilarray.elastomer.scattering import LayerMesh, Scattering
+from coilarray.electromagnetics.coil_spectrum import coil_segments
 from coilarray.electromagnetics.flat_stack import flat_profile
 
 _NODES = 8  # of a Gauss–Legendre rule for every half period of the shortest wave
 _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength
+
+
+def shortcut_inductance(source, dents, positions, shortcut):
+    """`dent_inductance` with `first_order` or `born` in place of the full solution."""
+    mesh = LayerMesh()
+
+    def solve(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, deepest: float) -> Scattering:
+        return shortcut(dent, wavenumbers, weights, mesh.harmonics)
+
+    return MU_0 * dent_energies(dents, positions, coil_segments(source), solve, mesh)
 
 
 def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
