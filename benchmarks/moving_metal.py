@@ -27,8 +27,7 @@ from coilarray.metal.finite_plates import moving_plate
 from coilarray.paper.published import published_model
 from coilarray.response.map import respond, response_map
 from coilarray.response.setup import indentation_of
-from coilarray.studies.calibrate.data import measurement, model_values
-from coilarray.studies.calibrate.model import COARSE
+from coilarray.studies.calibrate.data import COARSE, measurement, model_values
 from coilarray.studies.calibrate.plan import load_plan
 
 HEIGHTS = np.geomspace(10e-3, 32e-3, 7)  # of its lower face over the flat sheets, in m

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN, true_minus
-from coilarray.compute.recent import Recent
+from coilarray.compute.threads import Recent
 from coilarray.errors import LARGEST, GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of

@@ -18,9 +18,8 @@ import xarray as xr
 from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.compute.recent import Recent
 from coilarray.compute.store import kept_dataset
-from coilarray.compute.threads import Progress, serial_algebra
+from coilarray.compute.threads import Progress, Recent, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState, Switches

@@ -51,7 +51,7 @@ def distortion(
     drawn, imperfections = [], None
     if posterior is not None:
         from coilarray.compute.netcdf import read_checked
-        from coilarray.studies.calibrate.draws import CALIBRATION, calibrated_imperfections, posterior_draws
+        from coilarray.studies.calibrate.calibration import CALIBRATION, calibrated_imperfections, posterior_draws
 
         calibration = read_checked(posterior, CALIBRATION)
         drawn, imperfections = posterior_draws(file, calibration, draws), calibrated_imperfections(calibration)

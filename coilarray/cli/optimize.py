@@ -15,10 +15,9 @@ from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
     from coilarray.design.model import DesignFile
-    from coilarray.studies.optimize.goal import Goal
-    from coilarray.studies.optimize.goals import DerivedGoal
+    from coilarray.studies.optimize.derive import DerivedGoal
+    from coilarray.studies.optimize.goal import Goal, Trial
     from coilarray.studies.optimize.run import Optimization, SearchProgress
-    from coilarray.studies.optimize.trials import Trial
 
 
 def optimize(
@@ -99,9 +98,9 @@ def optimize(
         return
     from coilarray.compute.store import open_store
     from coilarray.report.optimization import write_optimization_report
-    from coilarray.studies.optimize.goals import keeping_rules
+    from coilarray.studies.optimize.derive import keeping_rules
     from coilarray.studies.optimize.run import optimize_design, require_coils
-    from coilarray.studies.optimize.study_file import points_found
+    from coilarray.studies.optimize.search import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
 
     wanted = derived.goal
@@ -139,8 +138,7 @@ def _goal(
     file: DesignFile, named: str | None, wishes: Sequence[str], vary: Sequence[str], keep: Sequence[str]
 ) -> DerivedGoal:
     """Read or derive the goal of the command line."""
-    from coilarray.studies.optimize.goals import DerivedGoal, adjusted, derive_goal, is_named, load_goal
-    from coilarray.studies.optimize.goals.wishes import parse_bound
+    from coilarray.studies.optimize.derive import DerivedGoal, adjusted, derive_goal, is_named, load_goal, parse_bound
     from coilarray.studies.sweep import parse_axis
 
     axes, bounds = [parse_axis(text) for text in vary], [parse_bound(text) for text in keep]

@@ -17,8 +17,7 @@ from coilarray.errors import GoalError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.studies.optimize.goal import Goal
-    from coilarray.studies.optimize.trials import Trial
+    from coilarray.studies.optimize.goal import Goal, Trial
 
 _MOST_BEST = 5  # points of a front that are printed
 
@@ -69,7 +68,7 @@ def sweep(
     shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
-    from coilarray.studies.optimize.trials import best_points
+    from coilarray.studies.optimize.goal import best_points
     from coilarray.studies.sweep import RULES, UNREAD, is_read, keeps_rules, parse_axis, plan_sweep, run_sweep
 
     file = load_design_file(design)
@@ -77,8 +76,7 @@ def sweep(
     axes, wanted = [parse_axis(text) for text in vary or ()], None
     asked = list(quantity or ())
     if goal:
-        from coilarray.studies.optimize.goals import derive_goal
-        from coilarray.studies.optimize.goals.wishes import axis_of
+        from coilarray.studies.optimize.derive import axis_of, derive_goal
 
         wanted = derive_goal(goal, file, axes).goal
         axes = axes or [axis_of(variable) for variable in wanted.variables]

@@ -2,14 +2,14 @@
 
 An entry is a small JSON file or a netCDF file. Its name is the SHA-256 of everything that decides the result: the
 inputs, the source code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
-although it changes last digits. Entries are written completely or not at all. An entry that cannot be
-read counts as missing. The folder may be deleted at any time, and several runs may use it
-at once.
+although it changes last digits. Entries are written completely or not at all. An entry that cannot be read counts as
+missing. The folder may be deleted at any time, and several runs may use it at once.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import os
@@ -17,16 +17,48 @@ import re
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.compute.checksum import canonical
-from coilarray.compute.code_version import code_version
 from coilarray.compute.files import make_folder, write_bytes, writing
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+_ROOT = Path(__file__).parent.parent
+_COMPUTES_WITH = ("numpy", "scipy", "numba")
+_SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without influence on results
+
+
+@functools.cache
+def code_version() -> str:
+    """Return the version with a hash of the code.
+
+    It is the version of coilarray. The hash covers its source and the versions of numpy, scipy and numba. Two machines
+    compute the same numbers only if it is equal, and a number kept on disk is valid only as long as it stays. The
+    package's version alone does not change when a working copy is edited or numpy is updated. The processor and its
+    mathematical library are not included. They change last digits.
+    """
+    digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
+    for path in _sources():
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"{metadata.version('coilarray')}+{digest.hexdigest()[:12]}"
+
+
+def _sources() -> list[Path]:
+    """Return the source and data files that decide results.
+
+    They are in the same order on every machine.
+    """
+    found = []
+    for folder, inside, files in os.walk(_ROOT, followlinks=True):  # geometry is a link in a working copy
+        inside[:] = [name for name in inside if name not in _SHOWS]
+        found += [Path(folder, name) for name in files if name.endswith((".py", ".toml", ".csv"))]
+    return sorted(found, key=lambda path: path.relative_to(_ROOT).as_posix())
 
 
 Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
@@ -133,3 +135,41 @@ def _controller(with_scipy: bool) -> ThreadpoolController:
     This takes milliseconds. SciPy brings its own library when it is imported.
     """
     return ThreadpoolController()
+
+
+Value = TypeVar("Value")
+
+
+class Recent(Generic[Value]):
+    """Last `size` results by key.
+
+    If a second thread requests a key, it waits for the first instead of computing the result again.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._lock = threading.Lock()
+        self._results: OrderedDict[Hashable, Future[Value]] = OrderedDict()
+
+    def get(self, key: Hashable, compute: Callable[[], Value]) -> Value:
+        """Return the result of `compute` for a key.
+
+        An exception is raised to all waiting threads and not kept.
+        """
+        with self._lock:
+            future = self._results.get(key)
+            mine = future is None
+            if future is None:
+                future = self._results[key] = Future()
+            self._results.move_to_end(key)
+            while len(self._results) > self._size:
+                self._results.popitem(last=False)
+        if mine:
+            try:
+                future.set_result(compute())
+            except BaseException as error:
+                with self._lock:
+                    if self._results.get(key) is future:
+                        del self._results[key]
+                future.set_exception(error)
+        return future.result()

@@ -41,9 +41,9 @@ from multiprocessing import get_context, parent_process, resource_tracker
 from threading import Thread, current_thread, main_thread
 from typing import Any
 
-from coilarray.compute.code_version import code_version
 from coilarray.compute.extras import import_extra
 from coilarray.compute.memory import collect_seldom
+from coilarray.compute.store import code_version
 from coilarray.compute.threads import serial_algebra
 from coilarray.errors import ClusterError, CoilarrayError, MissingDependencyError
 

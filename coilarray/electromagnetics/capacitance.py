@@ -16,7 +16,7 @@ from shapely import affinity
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.netcdf import variables
-from coilarray.compute.recent import Recent
+from coilarray.compute.threads import Recent
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.electromagnetics.lead_capacitance import lead_capacitance
 from coilarray.errors import GeometryError

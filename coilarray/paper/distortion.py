@@ -81,8 +81,8 @@ def distortion(
     imperfections : Imperfections, optional
         Deviations of the experiment, in every map. They may come from a calibration.
     draws : sequence of (Design, Imperfections)
-        Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them. Their scatter is
-        the error of x0 and of the effect of the neighbours. At least two, or none.
+        Other possible designs, as `coilarray.studies.calibrate.calibration.posterior_draws` returns them. Their scatter
+        is the error of x0 and of the effect of the neighbours. At least two, or none.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 

@@ -23,12 +23,10 @@ from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
 from coilarray.report.figures import draw
 from coilarray.report.page import now, render_page
-from coilarray.studies.optimize.goal import Objective
-from coilarray.studies.optimize.importance import importance
+from coilarray.studies.optimize.goal import Objective, Trial
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.space import Axis
-from coilarray.studies.optimize.trials import Trial
-from coilarray.studies.optimize.write import design_names
+from coilarray.studies.optimize.write import design_names, importance
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_convergence, plot_front, plot_importance
 

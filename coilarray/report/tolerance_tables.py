@@ -108,7 +108,7 @@ def yield_table(result: xr.Dataset) -> Table:
 
     A row for each limit, and a row for all together, has the share of good boards. Without limits there are no rows. In
     the linear model every board can be made. Among the drawn boards, a board that cannot be made is bad. The interval
-    is the interval of `coilarray.studies.tolerance.statistics.Yield`.
+    is the interval of `coilarray.studies.tolerance.spread.Yield`.
     """
     if "limit" not in result.dims:
         return Table("yield", "Yield", (), ())

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure, SubFigure
 from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
-from coilarray.compute.code_version import code_version
+from coilarray.compute.store import code_version
 from coilarray.viz.plots.style import save
 
 if TYPE_CHECKING:

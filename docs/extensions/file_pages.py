@@ -35,7 +35,7 @@ FILES = (
         "What `coilarray optimize` may change and what it makes better. `coilarray optimize --template` writes one.",
     ),
     (
-        "tolerance", "coilarray.studies.tolerance.files", "_File", "Manufacturing tolerances",
+        "tolerance", "coilarray.studies.tolerance.tolerances", "_File", "Manufacturing tolerances",
         "Errors of a fabricator, for `coilarray tolerance`; the bundled file of typical ones is its default.",
     ),
     (

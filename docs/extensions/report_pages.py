@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import coilarray as ca
-from coilarray.compute.code_version import code_version
+from coilarray.compute.store import code_version
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

@@ -18,7 +18,7 @@ from coilarray.circuit.impedance import (
     sweep_frequencies,
     sweep_range,
 )
-from coilarray.compute.recent import Recent
+from coilarray.compute.threads import Recent
 from coilarray.design.bundled import read
 from coilarray.electromagnetics.capacitance import coil_capacitance, self_resonance
 from coilarray.electromagnetics.resistance import resistance_matrix

@@ -41,8 +41,8 @@ from coilarray.report.target_tables import path_drive_table, range_table, target
 from coilarray.response.target import target_map
 from coilarray.response.target_range import ranges_of
 from coilarray.studies.create import broken_limits
-from coilarray.studies.optimize.goals import derive_goal, keeping_rules
-from coilarray.studies.optimize.trials import best_points
+from coilarray.studies.optimize.derive import derive_goal, keeping_rules
+from coilarray.studies.optimize.goal import best_points
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse

@@ -15,7 +15,7 @@ from support.patience import until
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.compute import workers
-from coilarray.compute.code_version import code_version
+from coilarray.compute.store import code_version
 from coilarray.compute.workers import dask_executor, open_executor, outcomes
 from coilarray.errors import ClusterError, MissingDependencyError
 from coilarray.studies.evaluate import evaluate_points

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.no_room import file_limit
 
-from coilarray.compute import code_version as versions
+from coilarray.compute import store as versions
 from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.store import FOLDER_VARIABLE, Store, content_key, locked_database, open_store
 from coilarray.errors import OutputError

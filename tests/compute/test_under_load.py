@@ -32,8 +32,7 @@ from threadpoolctl import threadpool_limits
 from coilarray.cli import optimize
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
-from coilarray.compute.recent import Recent
-from coilarray.compute.threads import run_blocks
+from coilarray.compute.threads import Recent, run_blocks
 from coilarray.design.bundled import read
 from coilarray.design.vary import vary_document
 from coilarray.paper.published import published_map

@@ -24,8 +24,7 @@ from support.references import rows
 
 import coilarray.electromagnetics.resistance as module
 from coilarray import dc_resistance, load_design, magnetic_field
-from coilarray.compute.recent import Recent
-from coilarray.compute.threads import serial_algebra
+from coilarray.compute.threads import Recent, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.sections import NEAR, isolated_modes, pair_logs
 from coilarray.electromagnetics.resistance import WIDE, cross_section, resistance_matrix, skin_depth

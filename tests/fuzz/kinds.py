@@ -72,13 +72,12 @@ from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_to_json
 from coilarray.paper.published import published_map, published_model
 from coilarray.report.localize_tables import cause_table, distortion_table, indenter_table, residual_table
 from coilarray.response.coordinates import on_board
-from coilarray.studies.calibrate.draws import CALIBRATION, calibrated_imperfections, posterior_draws
+from coilarray.studies.calibrate.calibration import CALIBRATION, calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.plan import PLANS, load_plan
 from coilarray.studies.comparison import compare_responses
 from coilarray.studies.optimize.goal import GOALS, parse_goal
 from coilarray.studies.optimize.space import axes_of
-from coilarray.studies.tolerance.files import load_tolerances, typical_text
-from coilarray.studies.tolerance.tolerances import contributors
+from coilarray.studies.tolerance.tolerances import contributors, load_tolerances, typical_text
 from coilarray.viz.studio import server
 from fuzz import mutations as change
 

@@ -19,11 +19,11 @@ from coilarray.geometry import Seat
 from coilarray.paper.published import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
 from coilarray.studies.calibrate import calibration
+from coilarray.studies.calibrate.calibration import calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.data import measurement
-from coilarray.studies.calibrate.draws import calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.fit import Problem, fit, information, together
 from coilarray.studies.calibrate.plan import DataTable, check_plan
-from coilarray.studies.calibrate.posterior import bounded_normal
+from coilarray.studies.calibrate.result import bounded_normal
 
 PAPER = load_design("gast2020")
 MU, STIFF, DEPTH = "elastomer.1.relative_permeability", "elastomer.1.youngs_modulus_kPa", "imperfections.depth_error_mm"

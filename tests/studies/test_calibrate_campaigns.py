@@ -28,7 +28,7 @@ from coilarray.hardware.record.stages import EmulatedStage
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.response.setup import DEFAULT_MESH
 from coilarray.studies.calibrate import calibration
-from coilarray.studies.calibrate.model import evaluate_model
+from coilarray.studies.calibrate.data import evaluate_model
 
 pytestmark = pytest.mark.slow
 

@@ -18,11 +18,10 @@ from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
 from coilarray.studies.create import LONG_SHAPES, Choices, reach_of_fewer_layers
-from coilarray.studies.create.arrangement import Arrangement, read_arrangement
-from coilarray.studies.create.decoupling import neighbour_coupling
-from coilarray.studies.create.plan import Plan
+from coilarray.studies.create.choices import Arrangement, read_arrangement
+from coilarray.studies.create.layout import neighbour_coupling
+from coilarray.studies.create.plan import Plan, Room, Winding, wind
 from coilarray.studies.create.tank import broken_limits, is_standard
-from coilarray.studies.create.winding import Room, Winding, wind
 
 MU_0 = 4e-7 * math.pi
 ROOM = Room(radius=10e-3, hole=3e-3, trace_width=0.15e-3, gap=0.15e-3)
@@ -184,7 +183,7 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
         error.routed = led
         raise error
 
-    module = sys.modules["coilarray.studies.create.connector"]
+    module = sys.modules["coilarray.studies.create.terminals"]
     monkeypatch.setattr(module, "route_leads", no_way)
     arrangement = Arrangement("square", 2, 2)
     plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=10e-3)

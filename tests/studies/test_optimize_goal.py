@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from coilarray import load_design
 from coilarray.errors import GoalError
+from coilarray.studies.optimize.derive import load_goal
 from coilarray.studies.optimize.goal import Goal, parse_goal
-from coilarray.studies.optimize.goals import load_goal
+from coilarray.studies.optimize.search import study_name
 from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
-from coilarray.studies.optimize.study_file import study_name
 
 PITCH = '[[variable]]\nentry = "array.pitch_mm"\nlow = 11\nhigh = 14\n'
 LEAST = '[[objective]]\nquantity = "rms_k"\ndirection = "minimize"\n'

@@ -14,9 +14,8 @@ from coilarray import load_design
 from coilarray.design.model import build_design_file
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
+from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, parse_bound, unfit_goals
 from coilarray.studies.optimize.goal import parse_goal
-from coilarray.studies.optimize.goals import NAMES, adjusted, derive_goal, unfit_goals
-from coilarray.studies.optimize.goals.wishes import parse_bound
 from coilarray.studies.optimize.space import axes_of, start_parameters
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis

@@ -20,8 +20,8 @@ from support.patience import PATIENCE
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.report.optimization import none_better
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
-from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
-from coilarray.studies.optimize.trials import better_than
+from coilarray.studies.optimize.goal import better_than
+from coilarray.studies.optimize.search import FILE, open_study, points_found, study_name
 from coilarray.viz.studio.runs import read_runs
 
 pytestmark = pytest.mark.slow

@@ -16,8 +16,7 @@ from coilarray.design.model import build_design_file, load_design_file, parse_de
 from coilarray.errors import OutputError
 from coilarray.report.optimization import chosen_designs, quantity_table, write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
-from coilarray.studies.optimize.importance import LEAST_POINTS, importance
-from coilarray.studies.optimize.write import result_data, trial_text
+from coilarray.studies.optimize.write import LEAST_POINTS, importance, result_data, trial_text
 from coilarray.studies.quantities import evaluate
 from coilarray.viz.palette import VERMILLION
 from coilarray.viz.plots.optimize import boards_figure, plot_convergence, plot_front, plot_importance

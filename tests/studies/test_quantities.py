@@ -28,7 +28,7 @@ from coilarray.response.setup import DEFAULT_MESH
 from coilarray.response.target import target_map
 from coilarray.response.target_range import ranges_of
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, evaluate, evaluation, request
-from coilarray.studies.quantities.layout import FARTHEST, LENGTH_RULES
+from coilarray.studies.quantities.coils import FARTHEST, LENGTH_RULES
 
 GAST, STARTER = load_design("gast2020"), linear(load_design("starter"))
 

@@ -10,8 +10,14 @@ from scipy.stats import kstest, norm, uniform
 
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance import Contributor, Limit, draw, errors_of
-from coilarray.studies.tolerance.sensitivity import difference_points, error_steps, sensitivity
-from coilarray.studies.tolerance.statistics import deviation_error, kept, yield_of
+from coilarray.studies.tolerance.spread import (
+    deviation_error,
+    difference_points,
+    error_steps,
+    kept,
+    sensitivity,
+    yield_of,
+)
 
 LAYERS = ("L1", "L2", "L3")
 

@@ -13,8 +13,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import DesignFile
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.values import SIDES
-from coilarray.studies.create.arrangement import read_arrangement, read_size
-from coilarray.studies.create.choices import Choices, Shape
+from coilarray.studies.create.choices import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel

@@ -19,8 +19,8 @@ from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
 from coilarray.design.units import entry_unit
 from coilarray.errors import OutputError
-from coilarray.studies.optimize.study_file import FILE, quiet, storage_on
-from coilarray.studies.optimize.trials import unbeaten
+from coilarray.studies.optimize.goal import unbeaten
+from coilarray.studies.optimize.search import FILE, quiet, storage_on
 from coilarray.studies.quantities import QUANTITIES
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
-from coilarray.studies.optimize.goals import NAMES, unfit_goals
-from coilarray.studies.optimize.study_file import FILE
+from coilarray.studies.optimize.derive import NAMES, unfit_goals
+from coilarray.studies.optimize.search import FILE
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress

@@ -23,7 +23,7 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
 
     One line about the result is returned.
     """
-    from coilarray.studies.optimize.goals import derive_goal
+    from coilarray.studies.optimize.derive import derive_goal
     from coilarray.studies.optimize.run import optimize_design
     from coilarray.studies.optimize.write import write_optimization
 

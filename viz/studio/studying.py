@@ -21,7 +21,7 @@ from coilarray.design.model import build_design_file
 from coilarray.studies.quantities import QUANTITIES
 from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
 from coilarray.studies.tolerance import analyse, load_tolerances
-from coilarray.studies.tolerance.outputs import default_quantities
+from coilarray.studies.tolerance.analysis import default_quantities
 from coilarray.viz.studio.entries import Entry, text_of
 from coilarray.viz.studio.job import progress_of
 from coilarray.viz.studio.services import Document, Stopped, Tell

@@ -13,10 +13,10 @@ from coilarray.design.units import Name, Table
 from coilarray.design.vary import plain
 from coilarray.geometry.values import Side
 from coilarray.studies.create.choices import Choices, Overlap, Shape
-from coilarray.studies.create.connector import with_connector
 from coilarray.studies.create.layout import lay_out, most_on_fewer_layers
 from coilarray.studies.create.plan import Plan
 from coilarray.studies.create.tank import tank_capacitance
+from coilarray.studies.create.terminals import with_connector
 
 _DIGITS = 3  # of an inductance that is reached
 

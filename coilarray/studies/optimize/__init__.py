@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from coilarray.studies.optimize.goal import Goal, parse_goal
-from coilarray.studies.optimize.goals import derive_goal, load_goal
+from coilarray.studies.optimize.derive import derive_goal, load_goal
+from coilarray.studies.optimize.goal import Goal, Trial, best_of, front_of, parse_goal
 from coilarray.studies.optimize.run import Optimization, optimize_design, optimize_with
-from coilarray.studies.optimize.trials import Trial, best_of, front_of
 from coilarray.studies.optimize.write import write_optimization
 
 __all__ = [

@@ -17,13 +17,19 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
 from coilarray.studies.evaluate import evaluate_points
-from coilarray.studies.optimize.goal import Goal
-from coilarray.studies.optimize.goals import keeping_rules
-from coilarray.studies.optimize.polish import polish, polish_problem
-from coilarray.studies.optimize.search import Evaluate, Outcome, search, stored_trial
+from coilarray.studies.optimize.derive import keeping_rules
+from coilarray.studies.optimize.goal import Goal, Trial, best_of, better_than, trial_of
+from coilarray.studies.optimize.search import (
+    Evaluate,
+    Outcome,
+    StudyFile,
+    open_study,
+    polish,
+    polish_problem,
+    search,
+    stored_trial,
+)
 from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
-from coilarray.studies.optimize.study_file import StudyFile, open_study
-from coilarray.studies.optimize.trials import Trial, best_of, better_than, trial_of
 
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
 """Function of the number of known points, their largest number, and the best point of a single objective."""
@@ -118,8 +124,8 @@ def optimize_design(
     design : Design or DesignFile
         Design to start from. Entries that are not variables stay unchanged.
     goal : Goal
-        Goal of the search, from `coilarray.studies.optimize.goals.load_goal`. To exclude boards that cannot be made,
-        see `coilarray.studies.optimize.goals.keeping_rules`.
+        Goal of the search, from `coilarray.studies.optimize.derive.load_goal`. To exclude boards that cannot be made,
+        see `coilarray.studies.optimize.derive.keeping_rules`.
     folder : str or Path
         Folder of the study, ``study.db``.
     workers : int or concurrent.futures.Executor

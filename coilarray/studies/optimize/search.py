@@ -1,30 +1,191 @@
-"""Search over the variables of a goal: batches of points from an Optuna sampler, the same on every run.
+"""Search over the variables of a goal, with its study on disk, and the local solver.
 
-The sampler chooses all points of a batch before any of them is evaluated, and gets their results together, in the order
-of the batch. A point therefore depends only on the goal, its place and the batches before it. It does not depend on the
-number of workers, on their speed, or on how often the run was killed and resumed. A new sampler with its own seed is
-made for each point, so its only state is the history.
+The sampler of Optuna chooses all points of a batch before any of them is evaluated, and gets their results together, in
+the order of the batch. A new sampler with its own seed is made for each point, so its only state is the history. A
+point therefore depends only on the goal, its place and the batches before it, but not on the workers, or on how often
+the run was killed and resumed.
+
+The study on disk is an Optuna study in SQLite that holds only finished trials. A sampler that works on disk takes one
+transaction for every parameter and attribute, 45 ms per trial with six variables. Here it works in memory, and each
+finished trial is written in one transaction.
+
+The best point is refined by SciPy's COBYQA, which needs no derivatives (T. M. Ragonneau, Model-Based Derivative-Free
+Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic University, 2022): quadratic models in a trust
+region, bounds always kept, constraints by sequential quadratic programming. Variables are scaled to the unit box, and
+scores by the score of the first point. A distance to a target is squared, which makes it smooth. Whole numbers, steps
+and choices are not changed.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import re
+import sqlite3
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.extras import import_extra
+from coilarray.compute.files import make_folder
+from coilarray.compute.store import content_key, delete_database, locked_database
+from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.studies.optimize.goal import Goal
+from coilarray.errors import OutputError
+from coilarray.studies.optimize.goal import Goal, Trial, trial_of
 from coilarray.studies.optimize.space import Axis, changes_of, distributions_of, start_parameters
-from coilarray.studies.optimize.study_file import StudyFile
-from coilarray.studies.optimize.trials import Trial, trial_of
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
+    from optuna.storages import RDBStorage
+    from optuna.study import Study
     from optuna.trial import FrozenTrial
     from optuna.trial import Trial as AskedTrial
+
+
+FILE = "study.db"
+"""Name of the database in the folder of the results. Any tool for Optuna reads it."""
+
+
+class StudyFile:
+    """Study on disk, made by `open_study`."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+
+    def trials(self) -> list[FrozenTrial]:
+        """Return every trial, in the order of writing.
+
+        Raises OutputError for a damaged file.
+        """
+        try:
+            return self._study.get_trials(deepcopy=False)
+        except Exception as error:  # Optuna lets through the errors of SQLAlchemy and of JSON readers
+            raise OutputError(f"cannot use {FILE}, it is damaged: {_first_line(error)}.") from None
+
+    def add(self, trial: FrozenTrial) -> None:
+        """Write a finished trial completely or not at all.
+
+        Raises OutputError on failure.
+        """
+        from optuna.exceptions import StorageInternalError
+
+        try:
+            self._study.add_trial(trial)
+        except StorageInternalError as error:
+            raise OutputError(f"cannot write {FILE}: {_first_line(error)}.") from None
+
+
+@contextmanager
+def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
+    """Open or make the study of a goal.
+
+    It also belongs to a design. It is a context manager on a folder. The folder may hold studies of other designs and
+    goals too. A study is identified by the code and by the whole goal except its trials, polish and watch. Raises
+    OutputError if the file cannot be written or holds something else, or if another search is running in the folder,
+    and MissingDependencyError if Optuna is not installed.
+    """
+    optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
+    from sqlalchemy import event
+
+    make_folder(folder)
+    path = folder / FILE
+    busy = f"another search is running in {folder}; wait for it or give another folder."
+    with locked_database(folder / "study.lock", busy), quiet():
+        there = path.exists()
+        try:
+            storage = storage_on(path.resolve())
+            event.listen(storage.engine, "connect", _without_waiting)
+            storage.engine.dispose()  # open connections are not aware of it
+            study = optuna.create_study(
+                storage=storage, study_name=study_name(design, goal), directions=goal.directions, load_if_exists=True
+            )
+        except Exception as error:  # Optuna lets through the errors of SQLAlchemy and Alembic
+            if not there:
+                delete_database(path)
+            raise OutputError(f"cannot use {path}: {_first_line(error)}.") from None
+        try:
+            yield StudyFile(study)
+        finally:
+            storage.remove_session()
+            storage.engine.dispose()
+
+
+def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
+    """Return Optuna's storage on a database.
+
+    The file is a path or, in SQLite's form, ``file:…?mode=ro``. Optuna takes a URL, in which names with %, ? or # are
+    read differently by different versions of SQLAlchemy. A database taken `as_it_is` is not completed first.
+    """
+    from optuna.storages import RDBStorage
+
+    def connect() -> sqlite3.Connection:
+        return sqlite3.connect(file, uri=isinstance(file, str), check_same_thread=False)
+
+    url, options = f"sqlite:///{FILE}", {"creator": connect}
+    return RDBStorage(url, options, skip_compatibility_check=as_it_is, skip_table_creation=as_it_is)
+
+
+def points_found(folder: Path, design: Design, goal: Goal) -> int:
+    """Return the number of points left by an earlier run.
+
+    The errors are the same as in `open_study`, but no files are made.
+    """
+    if not os.path.exists(folder / FILE):  # pathlib raises an error if the folder may not be read
+        return 0
+    with open_study(folder, design, goal) as store:
+        return len(store.trials())
+
+
+def study_name(design: Design, goal: Goal) -> str:
+    """Return the name of a study.
+
+    It is the name of the design with a hash of everything that determines the points.
+    """
+    key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
+    return f"{design.name}-{key[:16]}"
+
+
+def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
+    """Do not wait for the disk at every trial.
+
+    A killed process loses nothing, and a power cut at most the last trials.
+    """
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = NORMAL")
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Silence Optuna's notes and warnings on standard error.
+
+    Damage is reported by this package instead.
+    """
+    from optuna import logging
+
+    before = logging.get_verbosity()
+    logging.set_verbosity(logging.ERROR)
+    try:
+        yield
+    finally:
+        logging.set_verbosity(before)
+
+
+def _first_line(error: Exception) -> str:
+    """Return the first line of an error.
+
+    The class that SQLAlchemy puts before it is removed.
+    """
+    line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+    return re.sub(r"^\([\w.]+\) ", "", line)
+
 
 Outcome: TypeAlias = Mapping[str, float] | str
 """Quantities of a point by name, or the reason why it has none."""
@@ -236,3 +397,128 @@ def _outcomes(
         changes = [changes_of(axes, asked[place].params) for place in places]
         for index, outcome in evaluate(changes, goal.search.accuracy):
             yield places[index], outcome
+
+
+_FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
+_LAST_RADIUS = 1e-7
+_WORSE = 10.0  # cost of an impossible point, relative to the first point
+_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
+_MOST_EVALUATIONS = 1_000_000
+
+
+def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
+    """Return the reason why polishing is impossible.
+
+    It is empty if polishing is possible. The reason is one line.
+    """
+    if len(goal.objectives) > 1:
+        return "a goal with several objectives has no single best point to polish."
+    if not goal.polish:
+        return "the goal asks for none."
+    if best is None:
+        return "no point of the search keeps all constraints."
+    if not any(axis.continuous for axis in axes):
+        return "no variable is continuous."
+    return ""
+
+
+def polish(
+    goal: Goal, axes: Sequence[Axis], best: Trial, store: StudyFile, evaluate: Evaluate, report: Callable[[Trial], None]
+) -> None:
+    """Improve the `best` point of a search with one objective.
+
+    Only its continuous variables change. New trials are added to the study. Trials in the study are not evaluated
+    again, and the number of trials is limited by the goal. `report` is called with each trial. Raises OutputError if
+    the study cannot be written.
+    """
+    from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+    local = _Local(goal, axes, best, store, evaluate, report)
+    n = len(local.begin)
+    constraints = [NonlinearConstraint(local.violations, -np.inf, -_INSIDE)] if best.violations else []
+    with suppress(_EnoughError):
+        minimize(
+            local.cost,
+            local.begin,
+            method="COBYQA",
+            bounds=Bounds(np.zeros(n), np.ones(n)),
+            constraints=constraints,
+            # the evaluations are counted here
+            options={"maxfev": _MOST_EVALUATIONS, "initial_tr_radius": _FIRST_RADIUS, "final_tr_radius": _LAST_RADIUS},
+        )
+
+
+class _EnoughError(Exception):
+    """The goal's number of points has been evaluated."""
+
+
+@dataclass
+class _Local:
+    """Cost and violations of the points chosen by the solver.
+
+    There is one trial for each point.
+    """
+
+    _goal: Goal
+    _axes: Sequence[Axis]
+    _best: Trial
+    _store: StudyFile
+    _evaluate: Evaluate
+    _report: Callable[[Trial], None]
+
+    def __post_init__(self) -> None:
+        goal, axes, best = self._goal, self._axes, self._best
+        self._free = [axis for axis in axes if axis.continuous]
+        self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
+        self._tried = 0
+        self._seen = {json.dumps(best.changes): best} if goal.search.accuracy == "full" else {}
+        stored = [stored_trial(goal, axes, frozen) for frozen in self._store.trials()]
+        self._stored = {json.dumps(trial.changes): trial for trial in stored if trial.kind == "polish"}
+        self._objective = goal.objectives[0]
+        self._unit = abs(best.scores[0]) or 1.0
+
+    def cost(self, point: FloatArray) -> float:
+        """Return the value that the solver minimizes.
+
+        It is 1 or −1 at the first point.
+        """
+        trial = self._at(point)
+        if trial.reason:
+            return _WORSE
+        score = trial.scores[0] / self._unit
+        if self._objective.target is not None:
+            return score * score
+        return -score if self._objective.maximized else score
+
+    def violations(self, point: FloatArray) -> FloatArray:
+        """Return the violation of each bound.
+
+        An impossible point violates all bounds.
+        """
+        trial = self._at(point)
+        return np.array([trial.violations.get(key, 1.0) for key in self._best.violations])
+
+    def _at(self, point: FloatArray) -> Trial:
+        """Return the trial at a point of the unit box.
+
+        The solver asks for its cost and its violations separately.
+        """
+        changes = dict(self._best.changes)
+        parts = zip(self._free, point.tolist(), strict=True)
+        changes |= {axis.entry: axis.value(axis.at(part)) for axis, part in parts}
+        key = json.dumps(changes)
+        if key in self._seen:  # points closer than the fabrication resolution are one point
+            return self._seen[key]
+        if self._tried >= self._goal.polish:
+            raise _EnoughError
+        trial = self._stored.get(key)
+        if trial is None:
+            ((_, outcome),) = self._evaluate([changes], "full")
+            trial = trial_of(self._goal, "polish", len(self._stored), changes, outcome)
+            parameters = {axis.entry: axis.parameter(changes[axis.entry]) for axis in self._axes}
+            self._store.add(frozen_trial(self._axes, parameters, trial))
+            self._stored[key] = trial
+        self._tried += 1
+        self._report(trial)
+        self._seen[key] = trial
+        return trial

@@ -1,12 +1,17 @@
-"""Files of an optimization: every trial as CSV, everything as JSON, the chosen designs as design files."""
+"""Files of an optimization: every trial as CSV, everything as JSON, the chosen designs as design files.
+
+The importance of the variables is PED-ANOVA (S. Watanabe, A. Bansal, F. Hutter, IJCAI 2023): the Pearson divergence
+between the distribution of a variable among the best tenth of the points and its distribution among all points.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +21,41 @@ from coilarray.compute.files import make_folder, write_text
 from coilarray.design.model import DesignFile
 from coilarray.design.save import file_text
 from coilarray.design.vary import vary_chosen
-from coilarray.studies.optimize.importance import importance
+from coilarray.studies.optimize.goal import Goal, Trial
 from coilarray.studies.optimize.run import Optimization
-from coilarray.studies.optimize.trials import Trial
+from coilarray.studies.optimize.search import quiet
+from coilarray.studies.optimize.space import Axis, distributions_of
+
+LEAST_POINTS = 30
+"""Smallest number of feasible points for an importance. The best tenth of fewer would be two points."""
+
+
+def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
+    """Compute the importance of each variable.
+
+    For each objective it is the share of the variable in reaching the best tenth of the points. There is a dictionary
+    for each objective, with the largest share first. Only feasible points of the search count. The points of the local
+    solver lie too close together. Empty if there are fewer than `LEAST_POINTS` such points, or if all are equal.
+    """
+    from optuna import create_study
+    from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
+    from optuna.trial import create_trial
+
+    points = [trial for trial in trials if trial.kind == "search" and trial.feasible]
+    if len(points) < LEAST_POINTS:
+        return [{} for _ in goal.objectives]
+    distributions = distributions_of(axes)
+    parts = []
+    for k, direction in enumerate(goal.directions):
+        with quiet():
+            study = create_study(direction=direction)
+        for point in points:
+            parameters = {axis.entry: axis.parameter(point.changes[axis.entry]) for axis in axes}
+            study.add_trial(create_trial(params=parameters, distributions=distributions, value=point.scores[k]))
+        found = get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
+        parts.append(found if all(math.isfinite(part) for part in found.values()) else {})
+    return parts
+
 
 _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 

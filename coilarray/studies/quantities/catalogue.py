@@ -11,14 +11,10 @@ from typing import Any
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, listed, shown
-from coilarray.studies.quantities.couplings import COUPLINGS
+from coilarray.studies.quantities.coils import COUPLINGS, LAYOUT, RESONATORS
 from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.layout import LAYOUT
-from coilarray.studies.quantities.positions import POSITIONS
 from coilarray.studies.quantities.quantity import Quantity, Request
-from coilarray.studies.quantities.resonators import RESONATORS
-from coilarray.studies.quantities.responses import RESPONSES
-from coilarray.studies.quantities.targets import TARGETS
+from coilarray.studies.quantities.responses import POSITIONS, RESPONSES, TARGETS
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {quantity.name: quantity for quantity in (*LAYOUT, *COUPLINGS, *RESONATORS, *TARGETS, *RESPONSES, *POSITIONS)}

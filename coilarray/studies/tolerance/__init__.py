@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from coilarray.studies.tolerance.analysis import analyse, check_analysis
-from coilarray.studies.tolerance.files import load_tolerances, parse_tolerances, typical_text
-from coilarray.studies.tolerance.outputs import default_quantities
+from coilarray.studies.tolerance.analysis import analyse, check_analysis, default_quantities
 from coilarray.studies.tolerance.perturb import error_names, perturb
-from coilarray.studies.tolerance.sampling import draw, errors_of
-from coilarray.studies.tolerance.tolerances import Contributor, Limit, Positions, Spread, Tolerances, contributors
+from coilarray.studies.tolerance.spread import draw, errors_of
+from coilarray.studies.tolerance.tolerances import (
+    Contributor,
+    Limit,
+    Positions,
+    Spread,
+    Tolerances,
+    contributors,
+    load_tolerances,
+    parse_tolerances,
+    typical_text,
+)
 
 __all__ = [
     "Contributor", "Limit", "Positions", "Spread", "Tolerances", "analyse", "check_analysis", "contributors",

@@ -1,13 +1,20 @@
-"""Distributions of fabrication errors, and the outputs and limits of the boards."""
+"""Distributions of fabrication errors, outputs and limits of the boards, and their TOML files."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
 
 from coilarray.design.model import Design
+from coilarray.design.toml_file import TomlFiles
+from coilarray.design.units import Bounds, Millimetres, Position, Table, in_si, require_rising
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance.perturb import error_names
 
@@ -187,3 +194,224 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
     if not found:
         raise GoalError(f"no error of {design.name} has a spread; at least one must be above 0.")
     return tuple(found)
+
+
+SCHEMA = 1
+"""Version of the tolerance file format."""
+
+_TOLERANCES = TomlFiles("tolerance", GoalError)
+
+
+def load_tolerances(path: str | Path | None = None) -> Tolerances:
+    """Read a tolerance file.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        A TOML file. By default typical values of board houses are used.
+
+    Returns
+    -------
+    Tolerances
+        The tolerances. Tables that are missing in the file have typical values and are marked as assumed, unless the
+        file has ``others = "none"``.
+
+    Raises
+    ------
+    GoalError
+        If the file is unreadable, is not valid TOML, or has an unknown key or a value that is not allowed. The message
+        is one line with the file, the key, the given value and the allowed values.
+
+    Examples
+    --------
+    >>> load_tolerances().spreads["etch"].board
+    4.7e-06
+    """
+    if path is None:
+        return _typical()
+    return parse_tolerances(_TOLERANCES.text(path), str(path))
+
+
+def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
+    """Read tolerances from the text of a TOML file.
+
+    `origin` is the name of the text in messages. See `load_tolerances`.
+    """
+    file = _TOLERANCES.check(_File, _TOLERANCES.parse(text, origin), origin)
+    given = file.spreads()
+    for key in file.assumed:
+        if key not in given:
+            raise GoalError(f"{origin}: assumed.{key} does not name a table of errors of the file.")
+    if file.others == "none":
+        return file.build(given, file.assumed)
+    assumed = {key: reason for key, reason in _typical().assumed.items() if key not in given}
+    return file.build({**_typical().spreads, **given}, {**assumed, **file.assumed})
+
+
+def typical_text() -> str:
+    """Return the text of the bundled tolerance file.
+
+    It serves as a template.
+    """
+    return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
+
+
+# bounds far beyond any board, so that a typo is refused at its place
+_Micrometres = Annotated[float, Field(ge=0, le=10_000)]
+_UpTo100 = Annotated[float, Field(ge=0, le=100)]
+
+
+class _Errors(Table):
+    """Errors as standard deviations or, if uniform, half widths."""
+
+    distribution: Distribution = "normal"
+    """Normal with these standard deviations, or uniform with these half widths."""
+
+    def spread(self) -> Spread:
+        """Return the table in SI."""
+        scale = 1.0 if self.distribution == "normal" else 1 / math.sqrt(3)  # half width to standard deviation
+        values = [value * scale for value in in_si(self, "distribution").values()]  # of the board, then of a layer
+        return Spread(self.distribution, *values)
+
+
+class _LayerMicrometres(_Errors):
+    board_um: _Micrometres = 0.0
+    """Error that a whole board shares."""
+    layer_um: _Micrometres = 0.0
+    """Independent error of each layer."""
+
+
+class _LayerMilliradians(_Errors):
+    board_mrad: _UpTo100 = 0.0
+    """Error that a whole board shares."""
+    layer_mrad: _UpTo100 = 0.0
+    """Independent error of each layer."""
+
+
+class _LayerPercent(_Errors):
+    board_percent: _UpTo100 = 0.0
+    """Error that a whole board shares."""
+    layer_percent: _UpTo100 = 0.0
+    """Independent error of each layer."""
+
+
+class _LayerMillimetres(_Errors):
+    board_mm: _UpTo100 = 0.0
+    """Error that a whole board shares."""
+    layer_mm: _UpTo100 = 0.0
+    """Independent error of each layer."""
+
+
+class _BoardMillimetres(_Errors):
+    board_mm: _UpTo100
+    """Error of the board."""
+
+
+class _BoardPercent(_Errors):
+    board_percent: _UpTo100
+    """Error of the board."""
+
+
+class _BoardMilliradians(_Errors):
+    board_mrad: _UpTo100
+    """Error of the board."""
+
+
+class _PositionsTable(Table):
+    """``[positions]``: positions of the indenter."""
+
+    x_mm: list[Position] = Field(min_length=1, max_length=100)
+    """x of the positions, rising."""
+    y_mm: list[Position] = Field(min_length=1, max_length=100)
+    """y of the positions, rising."""
+    depth_mm: Millimetres
+    """Depth of the indentation."""
+    noise: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Standard deviation of δ of a reading."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> _PositionsTable:
+        require_rising("x_mm", self.x_mm)
+        require_rising("y_mm", self.y_mm)
+        return self
+
+    def build(self) -> Positions:
+        """Return the positions in SI.
+
+        Values are divided, so that −26 mm is exactly −0.026 m.
+        """
+        x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
+        return Positions(x, y, self.depth_mm / 1e3, self.noise)
+
+
+class _LimitTable(Bounds):
+    """``[[limit]]``: bounds for a good board."""
+
+    quantity: str
+    """Quantity of the design that a good board keeps within the bounds."""
+
+    def build(self) -> Limit:
+        """Return the limit."""
+        return Limit(self.quantity, **self.model_dump(exclude={"quantity"}, exclude_none=True))
+
+
+class _File(Table):
+    """Tables of a whole tolerance file."""
+
+    schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    """Version of the file format."""
+    others: Literal["typical", "none"] = "typical"
+    """Errors of kinds without a table: typical errors, or none."""
+    quantities: list[str] = Field(default_factory=list)
+    """Quantities of the design to spread besides L, f and k."""
+    etch: _LayerMicrometres | None = None
+    """Width of the traces."""
+    registration: _LayerMicrometres | None = None
+    """Position of the copper layers."""
+    rotation: _LayerMilliradians | None = None
+    """Rotation of the copper layers."""
+    dielectric: _LayerPercent | None = None
+    """Thickness of the dielectrics."""
+    copper: _LayerPercent | None = None
+    """Thickness of the copper."""
+    placement: _BoardMillimetres | None = None
+    """Position of the elastomer and its indenter, along x and along y."""
+    permeability: _BoardPercent | None = None
+    """Permeability of the magnetic sheets."""
+    elastomer: _LayerMillimetres | None = None
+    """Thickness of the sheets."""
+    capacitance: _BoardPercent | None = None
+    """Capacitance of the tank."""
+    plate_distance: _LayerMillimetres | None = None
+    """Distance of metal plates."""
+    plate_thickness: _LayerPercent | None = None
+    """Thickness of metal plates."""
+    conductivity: _BoardPercent | None = None
+    """Conductivity of metal."""
+    target_tilt: _BoardMilliradians | None = None
+    """Tilt of a target."""
+    positions: _PositionsTable | None = None
+    limit: list[_LimitTable] = Field(default_factory=list)
+    assumed: dict[str, str] = Field(default_factory=dict)
+    """Tables of errors that had to be assumed, with the reason."""
+
+    def spreads(self) -> dict[str, Spread]:
+        """Return the tables that the file gives."""
+        tables: dict[str, _Errors | None] = {name: getattr(self, name) for name in KINDS}
+        return {name: table.spread() for name, table in tables.items() if table is not None}
+
+    def build(self, spreads: Mapping[str, Spread], assumed: Mapping[str, str]) -> Tolerances:
+        """Return the tolerances of the file with these errors."""
+        return Tolerances(
+            dict(spreads),
+            dict(assumed),
+            tuple(self.quantities),
+            None if self.positions is None else self.positions.build(),
+            tuple(limit.build() for limit in self.limit),
+        )
+
+
+@cache
+def _typical() -> Tolerances:
+    file = _TOLERANCES.check(_File, _TOLERANCES.parse(typical_text(), "typical.toml"), "typical.toml")
+    return file.build(file.spreads(), file.assumed)

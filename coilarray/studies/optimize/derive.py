@@ -1,9 +1,12 @@
-"""Named goals that fit any design, with ranges and bounds from the given design."""
+"""Goals that fit any design: by name, by a wish, or from a file, with ranges and bounds from the design."""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +14,117 @@ from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
 from coilarray.errors import GoalError, NetworkError
 from coilarray.geometry import Target
-from coilarray.studies.optimize.goal import GOALS, Goal, check_goal, parse_goal
-from coilarray.studies.optimize.goals import ranges
-from coilarray.studies.optimize.goals.ranges import Range, rounded
-from coilarray.studies.optimize.goals.text import goal_text
-from coilarray.studies.optimize.goals.wishes import parse_wish, variable_of
-from coilarray.studies.optimize.trials import RULES
+from coilarray.studies.optimize import ranges
+from coilarray.studies.optimize.goal import GOALS, RULES, Goal, Variable, check_goal, parse_goal
+from coilarray.studies.optimize.ranges import Range, rounded
 from coilarray.studies.quantities import Evaluation, canonical, evaluate, request
 from coilarray.studies.sweep import UNREAD, Axis
+
+_STEPS = 9  # of a variable with steps in a sweep
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_QUANTITY = r"([^\[\]<>=]+(?:\[[^\[\]]*\])?)"
+_DIRECTED = re.compile(rf"(minimize|maximize)\s+{_QUANTITY}")
+_TARGET = re.compile(rf"{_QUANTITY}\s*=\s*{_NUMBER}")
+_BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
+
+
+def parse_wish(text: str) -> dict[str, Any] | None:
+    """Read a wish as an objective.
+
+    The form is ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``. None for any other text.
+
+    Examples
+    --------
+    >>> parse_wish("maximize q"), parse_wish("k[coil1,coil2]=0")
+    ({'quantity': 'q', 'direction': 'maximize'}, {'quantity': 'k[coil1,coil2]', 'target': 0.0})
+    """
+    if found := _DIRECTED.fullmatch(text.strip()):
+        return {"quantity": found[2].strip(), "direction": found[1]}
+    if found := _TARGET.fullmatch(text.strip()):
+        return {"quantity": found[1].strip(), "target": float(found[2])}
+    return None
+
+
+def parse_bound(text: str) -> dict[str, Any]:
+    """Read a bound as a constraint.
+
+    The form is ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE``. Raises GoalError for any other text.
+
+    Examples
+    --------
+    >>> parse_bound("span_mm >= 80")
+    {'quantity': 'span_mm', 'at_least': 80.0}
+    """
+    found = _BOUND.fullmatch(text.strip())
+    if found is None:
+        raise GoalError(f"--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got {text!r}.")
+    side = "at_least" if found[2] in (">=", "≥") else "at_most"
+    return {"quantity": found[1].strip(), side: float(found[3])}
+
+
+def variable_of(axis: Axis) -> dict[str, Any]:
+    """Return an axis of the command line as a variable.
+
+    The axis is START:STOP, START:STOP:COUNT as steps, or A,B,… as choices.
+    """
+    values = axis.values
+    if axis.interval:
+        return {"entry": axis.key, "low": values[0], "high": values[1]}
+    steps = {round(b - a, 9) for a, b in pairwise(values)} if axis.numeric else set()
+    if axis.numeric and len(values) > 2 and len(steps) == 1 and min(steps) > 0:
+        return {"entry": axis.key, "low": values[0], "high": values[-1], "step": steps.pop()}
+    return {"entry": axis.key, "choices": list(values)}
+
+
+def axis_of(variable: Variable) -> Axis:
+    """Return a variable as an axis of a sweep."""
+    if variable.choices is not None:
+        return Axis(variable.entry, tuple(variable.choices))
+    assert variable.low is not None  # checked by the table
+    assert variable.high is not None
+    if variable.step is None:
+        return Axis(variable.entry, (variable.low, variable.high), interval=True)
+    count = round((variable.high - variable.low) / variable.step)
+    places = {round(count * k / (_STEPS - 1)) for k in range(_STEPS)}
+    return Axis(variable.entry, tuple(variable.low + variable.step * place for place in sorted(places)))
+
+
+_TABLES = ("variable", "objective", "constraint")
+
+
+def goal_text(goal: Goal, comments: Mapping[str, str], head: str) -> str:
+    """Write a goal as the text of a goal file.
+
+    `coilarray.studies.optimize.goal.parse_goal` reads it back. `comments` has a line for each table by its place, such
+    as "variable.0". `head` are the lines at the top.
+    """
+    document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    lines = [*(f"# {line}".rstrip() for line in head.splitlines()), ""]
+    lines += [f"{key} = {_value(value)}" for key, value in document.items() if key not in (*_TABLES, "search")]
+    for table in _TABLES:
+        for k, entries in enumerate(document.get(table, [])):
+            lines += ["", f"[[{table}]]"]
+            if f"{table}.{k}" in comments:
+                lines.append(f"# {comments[f'{table}.{k}']}")
+            lines += _entries(entries)
+    lines += ["", "[search]", *_entries(document.get("search", {}))]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(table: Mapping[str, Any]) -> list[str]:
+    ordered = sorted(table, key=lambda key: key != "quantity")  # the quantity of a bound comes first
+    return [f"{key} = {_value(table[key])}" for key in ordered if table[key] is not None]
+
+
+def _value(value: Any) -> str:
+    """Return a plain value as TOML.
+
+    Inner lists have one line each.
+    """
+    if isinstance(value, list) and any(isinstance(part, list) for part in value):
+        return "[\n" + "".join(f"    {json.dumps(part, ensure_ascii=False)},\n" for part in value) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
 
 _UNKNOWNS = 3  # of a position: x, y and the depth
 _WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
