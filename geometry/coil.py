@@ -14,11 +14,11 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.usual_values import require_coil_size, warn_unusual
 from coilarray.errors import LARGEST, GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line
 from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.spiral import Winding
+from coilarray.geometry.usual_values import require_coil_size, warn_unusual
 from coilarray.geometry.values import place_in_mm
 
 CHORD = 1e-3

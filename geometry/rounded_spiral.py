@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.compute.usual_values import require_coil_size, warn_unusual
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, rounded_line
 from coilarray.geometry.spiral import Sense, Winding, WindingRule
+from coilarray.geometry.usual_values import require_coil_size, warn_unusual
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.compute.usual_values import require_coil_size, warn_unusual
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc
+from coilarray.geometry.usual_values import require_coil_size, warn_unusual
 
 Sense = Literal["ccw", "cw"]
 """Sense of rotation of the current seen from above (+z)."""

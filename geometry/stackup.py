@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from coilarray.compute.usual_values import THICKEST_DIELECTRIC, THINNEST_COPPER, warn_unusual
 from coilarray.errors import GeometryError, require_positive
+from coilarray.geometry.usual_values import THICKEST_DIELECTRIC, THINNEST_COPPER, warn_unusual
 
 COPPER_THICKNESS = 35e-6
 """Usual thickness in m of a copper layer, 1 oz."""

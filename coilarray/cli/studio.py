@@ -100,9 +100,9 @@ def _folder(design: str | None, folder: Path | None) -> Path:
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:
     """See `coilarray.viz.studio.services.Summarize`; the numbers are those of the report."""
     from coilarray.circuit.impedance import scan_design
-    from coilarray.compute.usual_values import unusual_values
     from coilarray.design.write import design_document
     from coilarray.geometry import check_rules
+    from coilarray.geometry.usual_values import unusual_values
     from coilarray.report.summary import position_bounds, summary_table, verdicts
     from coilarray.viz.studio.services import Summary
 

@@ -33,32 +33,21 @@ _VALUE_BYTES, _FILE_BYTES = 8, 16
 
 
 def canonical(*parts: Any) -> bytes:
-    """Return the canonical bytes of values.
+    """Canonical bytes of values, for checksums and keys.
 
-    They are used for checksums and keys. Equal values have equal bytes on every machine. The parts are tables, lists,
-    texts, numbers, arrays and dataclasses of these. The order of a table's entries does not matter. 1 and 1.0 are
-    different.
+    The parts are tables, lists, texts, numbers, arrays and dataclasses of these. Equal values have equal bytes on every
+    machine. The order of a table's entries does not matter. 1 and 1.0 are different.
     """
     return _ENCODER.encode(parts).encode()
 
 
 def checksum(*parts: Any) -> str:
-    """Return the checksum of values, as 16 hexadecimal digits.
-
-    It is 64 bits of BLAKE2b (RFC 7693) of the values in the form of `canonical`.
-
-    Examples
-    --------
-    >>> checksum("coil1", 5.27e-05)
-    '644f82e2f56f9764'
-    """
+    """Checksum of values as 16 hexadecimal digits: BLAKE2b (RFC 7693) of `canonical`."""
     return hashlib.blake2b(canonical(*parts), digest_size=_VALUE_BYTES).hexdigest()
 
 
 class TableSeal:
-    r"""Checksums of the lines of a CSV.
-
-    They are made in the order in which the lines are written.
+    """Checksums of the lines of a CSV, in the order in which they are written.
 
     Examples
     --------
@@ -74,19 +63,13 @@ class TableSeal:
         self._lines = 0
 
     def line(self, cells: Iterable[object]) -> str:
-        """Return the next line with its checksum and its end.
-
-        The first line is the head.
-        """
+        """Return the next line with its checksum and its end. The first line is the head."""
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="").writerow(cells)
         return self.text_line(buffer.getvalue())
 
     def text_line(self, text: str) -> str:
-        """Return the next line, from its text with commas.
-
-        See `line`.
-        """
+        """Return the next line, from its text with commas."""
         self._digest.update(f"{text}\n".encode())
         self._lines += 1
         return f"{text},{COLUMN if self._lines == 1 else self._digest.hexdigest()}\n"
@@ -99,10 +82,7 @@ class TableSeal:
 
 
 def with_checksums(table: str) -> str:
-    """Return a CSV with the checksums of `TableSeal`.
-
-    Each line gets a checksum, and the table a last line. No cell may have a line break.
-    """
+    """Return a CSV with the checksums of `TableSeal`. No cell may have a line break."""
     seal = TableSeal()
     return "".join(map(seal.text_line, table.splitlines())) + seal.end()
 
@@ -113,11 +93,10 @@ def has_checksums(table: str) -> bool:
 
 
 def checked_rows(table: str, name: object, *, cut: bool = False) -> tuple[list[list[str]], bool]:
-    """Check a CSV of `TableSeal`, and return its cells.
+    """Check a CSV of `TableSeal`; return its cells without checksums, and whether it is whole.
 
-    The cells of its lines are returned without the checksums, and whether the table is whole. Raises DamagedError,
-    which names the file, if anything has changed. A table without its last line, as a killed program leaves it, raises
-    it too, unless `cut` requests its whole lines.
+    Raises DamagedError, which names the file, if anything has changed, or if the last line is missing, as a killed
+    program leaves it, unless `cut` requests the whole lines.
     """
     *lines, rest = table.split("\n")
     last = lines.pop() if lines and not rest and lines[-1].startswith(_LAST_LINE) else None
@@ -135,10 +114,7 @@ def checked_rows(table: str, name: object, *, cut: bool = False) -> tuple[list[l
 
 
 def sealed(data: bytes) -> bytes:
-    """Return a file's content with its seal.
-
-    The seal is at the end.
-    """
+    """Return a file's content with its seal at the end."""
     digest = hashlib.blake2b(data, digest_size=_FILE_BYTES).hexdigest()
     return data + f"\n# coilarray checksum {digest}\n".encode("ascii")
 
@@ -149,10 +125,7 @@ def has_seal(data: bytes) -> bool:
 
 
 def unsealed(data: bytes, name: object) -> bytes:
-    """Return the content of a file without its seal.
-
-    Raises DamagedError, which names the file, if the seal is wrong or missing.
-    """
+    """Return a file's content without its seal. Raises DamagedError if the seal is wrong or missing."""
     if not has_seal(data):
         raise DamagedError(f"{name} is cut: its last line, a checksum, is missing.")
     content = data[:-_LENGTH]

@@ -42,17 +42,11 @@ class DisplayUnit:
     significant: bool = False
 
     def label(self, quantity: str) -> str:
-        """Return the quantity's name with the unit in brackets.
-
-        The brackets are left out if there is no unit.
-        """
+        """Return the quantity's name with the unit in brackets, if there is one."""
         return f"{quantity} ({self.symbol})" if self.symbol else quantity
 
     def texts(self, numbers: Sequence[float]) -> list[str]:
-        """Return numbers in SI as text in this unit.
-
-        They have a true minus sign and never a minus zero.
-        """
+        """Return numbers in SI as texts in this unit, with a true minus sign."""
         shown = [number * self.factor for number in numbers]
         if self.significant:
             return [true_minus(_with_power(f"{number:.{self.digits or _LARGEST_DIGITS}g}")) for number in shown]
@@ -66,26 +60,18 @@ class DisplayUnit:
         return np.asarray(values, dtype=np.float64) * self.factor
 
     def text(self, value: Any, digits: str = "") -> str:
-        """Return a value as a number with unit.
-
-        The value is in SI. `digits` is a precision as in ``".3"``.
-        """
+        """Return a value in SI as a number with unit. `digits` is a precision as in ``".3"``."""
         between = "·" if self.symbol.startswith("10") else " "
         return true_minus(f"{float(value) * self.factor + 0.0:{digits}g}{between}{self.symbol}".rstrip())
 
 
 def number_text(number: float, digits: int, sign: str = "-") -> str:
-    """Return a number with fixed decimal places as text.
-
-    It has a true minus sign, but no sign before a zero. If `sign` is "+", positive numbers have a plus sign.
-    """
+    """Return a number with fixed decimal places and a true minus sign. "+" as `sign` shows plus signs."""
     return true_minus(f"{round(number, digits) + 0.0:{sign}.{digits}f}")
 
 
 def value_text(value: object) -> str:
-    """Return a value as text.
-
-    It is an entry of a design or a quantity. Numbers have up to six digits. A missing value is a dash.
+    """Return an entry of a design or a quantity as text, with up to six digits.
 
     Examples
     --------
@@ -100,13 +86,7 @@ def value_text(value: object) -> str:
 
 
 def power_of_ten(exponent: int) -> str:
-    """Return 10 to a power as text.
-
-    Examples
-    --------
-    >>> power_of_ten(-6)
-    '10⁻⁶'
-    """
+    """Return 10 to a power as text, such as 10⁻⁶."""
     return f"10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
@@ -117,18 +97,12 @@ def _with_power(text: str) -> str:
 
 
 def true_minus(text: str) -> str:
-    """Replace hyphens by minus signs.
-
-    They are as wide as a plus.
-    """
+    """Replace hyphens by minus signs, which are as wide as a plus."""
     return text.replace("-", "−")
 
 
 def _decimals(numbers: Sequence[float]) -> int:
-    """Return the decimal places for four significant digits.
-
-    They are chosen for the largest number. Whole numbers get none.
-    """
+    """Return the decimal places for four digits of the largest number."""
     largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
     if largest == 0.0 or all(float(number).is_integer() for number in numbers):
         return 0
@@ -158,9 +132,5 @@ _UNITS = {
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Return the customary unit for values in an SI unit.
-
-    It is the SI unit itself if there is no other. The SI unit has the form of the attribute ``units`` of a dataset,
-    such as "H" or "ohm". "" and "1" are pure numbers.
-    """
+    """Return the customary unit for an SI unit of a dataset, or the SI unit itself."""
     return _UNITS.get(unit or "1", DisplayUnit(unit))

@@ -16,9 +16,8 @@ from coilarray.errors import MissingDependencyError
 def import_extra(module: str, purpose: str, *, package: str, extra: str) -> ModuleType:
     """Import a module of an optional library.
 
-    `module` is its dotted name. `purpose` is the work that needs the library, in the plural, such as "STEP files".
-    MissingDependencyError has the command to install it, `package` by the `extra` of coilarray, or the reason why it
-    cannot be loaded.
+    `purpose` is the work that needs the library, in the plural, such as "STEP files". MissingDependencyError has the
+    command to install `package` by the `extra` of coilarray, or the reason why it cannot be loaded.
     """
     try:
         return importlib.import_module(module)
@@ -34,18 +33,12 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 
 
 def not_installed(purpose: str, package: str, extra: str) -> str:
-    """Return the message on how to install `package`.
-
-    It is installed by an extra of coilarray. `purpose` is in the plural.
-    """
+    """Return the message on how to install `package` by an extra."""
     return f"{purpose} need {package}, which is not installed: {_install_command(extra)}."
 
 
 def _install_command(extra: str) -> str:
-    """Return the command that adds an extra to this coilarray.
-
-    It uses the running Python and the way in which coilarray was installed.
-    """
+    """Return the command that adds an extra to this coilarray."""
     return f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
 
 
@@ -57,10 +50,7 @@ def python_command(folder: Path) -> str:
 
 
 def _requirement(extra: str) -> str:
-    """Return the requirement by which pip finds this coilarray.
-
-    It is a name, a folder, a file or an address.
-    """
+    """Return the requirement by which pip finds this coilarray: a name, a folder or an address."""
     from importlib.metadata import PackageNotFoundError, distribution  # every command imports this module
     from urllib.parse import urlsplit
     from urllib.request import url2pathname

@@ -30,7 +30,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file completely or not at all.
 
     `write` fills a temporary file beside `path` with the same suffix, which then gets the name `path`. Raises
-    OutputError if the file cannot be written, in which case `path` is unchanged.
+    OutputError.
     """
     with writing(path):
         remove_left(path.parent)
@@ -47,18 +47,12 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def hidden_prefix(name: str) -> str:
-    """Return the prefix of temporary files beside a file.
-
-    `remove_left` recognizes temporary files and folders by it.
-    """
+    """Return the prefix of temporary files beside a file, by which `remove_left` knows them."""
     return f".{name[:50]}-coilarray-{os.getpid()}-"
 
 
 def remove_left(folder: Path) -> None:
-    """Delete temporary files and folders of killed programs.
-
-    The programs ran on this computer.
-    """
+    """Delete temporary files and folders of killed programs of this computer."""
     with suppress(OSError):  # files that cannot be listed or deleted stay
         for entry in list(os.scandir(folder)):
             found = _LEFT.fullmatch(entry.name)
@@ -70,10 +64,7 @@ def remove_left(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether there is a process of this number.
-
-    Always True on Windows, where the check would end the process.
-    """
+    """Whether there is a process of this number. Always True on Windows, where the check would end it."""
     if os.name != "posix":
         return True
     try:
@@ -86,28 +77,19 @@ def _is_alive(process: int) -> bool:
 
 
 def announce_to(tell: Callable[[Path, Path], None]) -> None:
-    """Call `tell` with every complete temporary file.
-
-    It also gets the name that the file gets next. It replaces any earlier function.
-    """
+    """Call `tell` with every complete temporary file and the name that it gets next."""
     _TOLD[:] = [tell]
 
 
 def announce(temporary: Path, path: Path) -> None:
-    """Announce the renaming of a temporary file.
-
-    The file is about to get its name.
-    """
+    """Announce that a temporary file is about to get its name."""
     for tell in _TOLD:
         tell(temporary, path)
 
 
 @contextmanager
 def writing(path: object, *others: type[Exception]) -> Iterator[None]:
-    """Convert errors of writing to OutputError with the file's name.
-
-    `others` are further errors with the same meaning, such as ValueError for a name with a zero byte.
-    """
+    """Convert errors of writing, and `others`, to OutputError with the file's name."""
     failures: tuple[type[Exception], ...] = (OSError, *others)
     try:
         yield
@@ -116,10 +98,7 @@ def writing(path: object, *others: type[Exception]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file, completely or not at all.
-
-    Raises OutputError on failure.
-    """
+    """Write a UTF-8 text file completely or not at all. Raises OutputError."""
 
     def write(temporary: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
@@ -128,10 +107,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file, completely or not at all.
-
-    Raises OutputError on failure.
-    """
+    """Write a file completely or not at all. Raises OutputError."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(data)
@@ -147,10 +123,7 @@ def require_suffix(path: Path, *suffixes: str) -> None:
 
 
 def read_text(path: Path, error: type[CoilarrayError]) -> str:
-    """Read a UTF-8 text file.
-
-    It may have a byte order mark. Raises `error`, with one line, on failure.
-    """
+    """Read a UTF-8 text file, with or without byte order mark. Raises `error` with one line."""
     try:
         return text_of_file(path)
     except UnicodeDecodeError:
@@ -160,19 +133,12 @@ def read_text(path: Path, error: type[CoilarrayError]) -> str:
 
 
 def text_of_file(path: Path, most: int = MOST_BYTES) -> str:
-    """Read a text file without its byte order mark.
-
-    The file is read by `bytes_of_file`. Raises UnicodeDecodeError if it is not UTF-8.
-    """
+    """Read a text file without its byte order mark. Raises UnicodeDecodeError."""
     return io.TextIOWrapper(io.BytesIO(bytes_of_file(path, most)), encoding="utf-8-sig").read()
 
 
 def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file or a pipe.
-
-    Its size is limited. Raises OSError on failure, for a device, and for more than `most` bytes. A pipe into which no
-    program writes is empty.
-    """
+    """Read a file or a pipe of at most `most` bytes. Raises OSError, also for a device."""
     with open(path, "rb", opener=_open_at_once) as file:
         found = os.fstat(file.fileno())
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode)):
@@ -186,18 +152,12 @@ def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def _open_at_once(name: str, flags: int) -> int:
-    """Open a file without waiting.
-
-    A pipe may have no program at its other end.
-    """
+    """Open a file without waiting for a program at the other end of a pipe."""
     return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its missing parents.
-
-    Raises OutputError on failure.
-    """
+    """Make a folder and its missing parents. Raises OutputError."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

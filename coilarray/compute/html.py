@@ -12,21 +12,9 @@ _STYLE = "<style>.coilarray th, .coilarray td { text-align: left; } .coilarray i
 
 
 def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str | None = None) -> str:
-    r"""Return a table as HTML, with all text escaped.
+    """Return a table as HTML, with all text escaped.
 
-    Parameters
-    ----------
-    headers : sequence of str
-        Headings of the columns. Empty for a table without headings.
-    rows : iterable of sequence of str
-        Text of the cells.
-    mark : str, optional
-        Rows with a cell of this text get the class ``mark``.
-
-    Examples
-    --------
-    >>> html_table(["coil"], [["a<b"]])
-    '<table>\n<thead><tr><th>coil</th></tr></thead>\n<tbody>\n<tr><td>a&lt;b</td></tr>\n</tbody></table>'
+    `headers` may be empty. Rows with a cell of the text `mark` get the class ``mark``.
     """
     many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
     head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
@@ -36,10 +24,7 @@ def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str 
 
 
 def html_card(title: str, *parts: str) -> str:
-    """Return the display of a value in a notebook.
-
-    It has a title in words, and tables or pictures as HTML below it.
-    """
+    """Return the display of a value in a notebook: a title and parts as HTML."""
     return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
 
 

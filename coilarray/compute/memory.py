@@ -21,33 +21,22 @@ _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 class MemoryLimitError(CoilarrayError, MemoryError):
-    """Work needs more memory than is allowed.
-
-    The message names the work, its need and the allowed memory.
-    """
+    """Work needs more memory than is allowed. The message names both."""
 
 
 def collect_seldom() -> None:
-    """Reduce the garbage collection of this process.
+    """Search cycles of dead objects a hundred times less often.
 
-    Cycles of dead objects are searched a hundred times less often than by default. Imports, kernels and pictures make
-    very many lasting objects. Searching them repeatedly takes a tenth of a command's time, and a fifth of the
-    compilation.
+    Imports, kernels and pictures make very many lasting objects. Searching them repeatedly takes a tenth of a command's
+    time, and a fifth of the compilation.
     """
     gc.set_threshold(_OBJECTS_A_COLLECTION, 20, 20)
 
 
 def require_memory(size: float, what: str, advice: str = "") -> None:
-    """Refuse work that needs more bytes than `allowed_memory`.
+    """Refuse work that needs more bytes than `allowed_memory`, before it allocates.
 
-    `what` is the subject of the message. Call it before allocating.
-
-    Examples
-    --------
-    >>> require_memory(1e18, "a huge map", "take fewer points")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    coilarray.compute.memory.MemoryLimitError: a huge map needs about 1e+09 GB of memory; ... GB are allowed: take fewer
-    points.
+    `what` is the subject of the message.
     """
     if size <= _SMALL and LIMIT_VARIABLE not in os.environ:
         return
@@ -62,8 +51,7 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
 def allowed_memory() -> float:
     """Memory in bytes that one piece of work may use.
 
-    It is `SHARE` of the free memory, or the value of ``COILARRAY_MEMORY_GB``. Raises MemoryLimitError if this value is
-    not a positive number.
+    It is `SHARE` of the free memory, or ``COILARRAY_MEMORY_GB``. Raises MemoryLimitError if this is not positive.
     """
     said = os.environ.get(LIMIT_VARIABLE)
     if said is None:
@@ -78,10 +66,10 @@ def allowed_memory() -> float:
 
 
 def available_memory() -> float:
-    """Memory in bytes that is available without swapping.
+    """Memory in bytes that is available without swapping, infinite if unknown.
 
-    It is infinite if the system does not report it. It is the least of the free memory of the machine, of every control
-    group of this process, as set by containers and batch systems, and of its own limit (``ulimit -v``).
+    It is the least of the free memory of the machine, of every control group of this process, as set by containers and
+    batch systems, and of its own limit (``ulimit -v``).
     """
     return min(_free_on_machine(), _left_in_groups(), own_limit())
 
@@ -98,10 +86,7 @@ def _free_on_machine() -> float:
 
 
 def _left_in_groups() -> float:
-    """Memory in bytes left in the control groups.
-
-    Both versions of control groups are read. Pages of files that can be given up count as free.
-    """
+    """Memory in bytes left in the control groups of both versions, with caches as free."""
     left = float("inf")
     for line in _text(_PROC / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
@@ -128,10 +113,7 @@ def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
 
 
 def own_limit() -> float:
-    """Address space in bytes left to this process (``ulimit -v``).
-
-    It is infinite without a limit.
-    """
+    """Address space in bytes left to this process (``ulimit -v``), infinite without a limit."""
     try:
         import resource
     except ImportError:  # Windows
@@ -142,10 +124,7 @@ def own_limit() -> float:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """Numbers of a file by name.
-
-    Each line has a name and a number.
-    """
+    """Numbers of a file by name, from lines of a name and a number."""
     words = [line.replace(":", " ").split() for line in _text(path).splitlines()]
     return {line[0]: int(line[1]) for line in words if len(line) > 1 and line[1].isdecimal()}
 

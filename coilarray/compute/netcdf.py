@@ -26,10 +26,7 @@ _SHOWN = 100  # characters of names in a message
 
 
 class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
-    """HDF5 file that opens each of its objects once.
-
-    h5netcdf requests every variable about twenty times.
-    """
+    """HDF5 file that opens each of its objects once; h5netcdf requests every variable twenty times."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -54,29 +51,10 @@ class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
 class Entry:
     """Requirements on a variable, coordinate or attribute.
 
-    Parameters
-    ----------
-    unit : str, optional
-        Unit of the numbers, which ``units`` of a file must not contradict. Empty for any unit, None for texts.
-    dims : tuple of str
-        Dimensions of a variable. A file may have them in any order.
-    needed : bool
-        Whether a dataset without it is refused.
-    low, high : float
-        Range of the numbers.
-    gaps : bool
-        Whether a number may be NaN.
-    rising : bool
-        Whether the numbers must rise, by a nanometre or more. If `low` is 0, the first number is 0 or at least a
-        nanometre. Names along a dimension of their own must differ in any case.
-    fewer_dims : bool
-        Whether it may be without some of the dimensions.
-    longest : int
-        Most characters of a text.
-    names : tuple of str
-        Texts that must be among its own.
-    flag : bool
-        Whether it is a boolean instead of a number.
+    `unit` is "" for any unit, and None for texts. A file may have the `dims` in any order, and with `fewer_dims` not
+    all of them. `gaps` allows NaN. `rising` numbers rise by a nanometre or more, and begin with 0 or at least a
+    nanometre if `low` is 0. `longest` is the number of characters of a text, `names` are texts that must be there, and
+    `flag` is a boolean.
     """
 
     unit: str | None
@@ -94,10 +72,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Schema:
-    """Requirements on a kind of dataset.
+    """Requirements on a kind of dataset, of which other contents are ignored.
 
-    Other contents of the dataset are ignored. `error` is raised for a dataset of another kind, and `summary` describes
-    the kind in the message. Each of `together` are variables of which a dataset has all or none.
+    `error` is raised for a dataset of another kind, which `summary` describes. Each of `together` are variables of
+    which a dataset has all or none.
     """
 
     error: type[CoilarrayError]
@@ -112,9 +90,9 @@ class Schema:
         return [name for name, entry in self.variables.items() if entry.needed]
 
     def checked(self, dataset: xr.Dataset, who: str) -> xr.Dataset:
-        """Return a checked dataset.
+        """Return a dataset with numbers in float64 and dimensions in order.
 
-        Its numbers are in float64, and its dimensions in order. An `error` names the first wrong field of `who`.
+        Raises `error` with the first wrong field of `who`.
 
         Examples
         --------
@@ -208,10 +186,7 @@ _LEAST_STEP = 1e-9  # m; closer positions have another unit or do not belong to 
 def variables(
     *rows: tuple[str, tuple[str, ...], Any, str, str],
 ) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-    """Make the variables of a dataset from rows.
-
-    A row has a name, dimensions, values, the unit ("" for none), and the name in words.
-    """
+    """Make variables from rows of name, dimensions, values, unit ("" for none) and name in words."""
     return {
         name: (dims, values, ({"units": unit} if unit else {}) | {"long_name": words})
         for name, dims, values, unit, words in rows
@@ -219,10 +194,7 @@ def variables(
 
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as netCDF, completely or not at all.
-
-    Raises OutputError on failure.
-    """
+    """Write a dataset as netCDF, completely or not at all. Raises OutputError."""
     write_bytes(path, netcdf_of(dataset))
 
 
@@ -236,10 +208,7 @@ def netcdf_of(dataset: xr.Dataset) -> bytes:
 
 @contextmanager
 def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterator[Any]:
-    """Write a dataset into a netCDF file in memory.
-
-    Within the block more can be added to the yielded h5netcdf.File. `options` are options of this file.
-    """
+    """Write a dataset into a netCDF file in memory, and yield the h5netcdf.File."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
@@ -249,10 +218,7 @@ def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterato
 
 
 def load_part(path: Path) -> xr.Dataset | None:
-    """Read a dataset from a netCDF file.
-
-    None if the file does not exist or cannot be read.
-    """
+    """Read a dataset from a netCDF file, None if it does not exist or cannot be read."""
     try:
         return _load(path)
     except Exception:  # h5py, h5netcdf and xarray raise many kinds of errors for a damaged file
@@ -260,10 +226,9 @@ def load_part(path: Path) -> xr.Dataset | None:
 
 
 def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
-    """Read a dataset from a netCDF file and check it.
+    """Read a dataset from a netCDF file and check it by the schema whose variables it has.
 
-    The schema is the schema whose needed variables it has, otherwise the first. Raises the schema's error if the file
-    is of another kind, and MemoryLimitError if it is larger than the memory.
+    Raises the schema's error for a file of another kind, and MemoryLimitError if it is larger than the memory.
     """
     error = schemas[0].error
     if not path.is_file():

@@ -36,12 +36,10 @@ _SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without i
 
 @functools.cache
 def code_version() -> str:
-    """Return the version with a hash of the code.
+    """Version of coilarray with a hash of its source and of numpy, scipy and numba.
 
-    It is the version of coilarray. The hash covers its source and the versions of numpy, scipy and numba. Two machines
-    compute the same numbers only if it is equal, and a number kept on disk is valid only as long as it stays. The
-    package's version alone does not change when a working copy is edited or numpy is updated. The processor and its
-    mathematical library are not included. They change last digits.
+    Two machines compute the same numbers only if it is equal, and a kept number is valid only as long as it stays. The
+    processor and its mathematical library are not included. They change last digits.
     """
     digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
     for path in _sources():
@@ -50,10 +48,7 @@ def code_version() -> str:
 
 
 def _sources() -> list[Path]:
-    """Return the source and data files that decide results.
-
-    They are in the same order on every machine.
-    """
+    """Return the source and data files that decide results, in the same order on every machine."""
     found = []
     for folder, inside, files in os.walk(_ROOT, followlinks=True):  # geometry is a link in a working copy
         inside[:] = [name for name in inside if name not in _SHOWS]
@@ -72,18 +67,12 @@ _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 @dataclasses.dataclass(frozen=True)
 class Store:
-    """Results in a folder, made by `open_store`.
-
-    Subfolders are named by the first two digits of the keys.
-    """
+    """Results in a folder, in subfolders named by the first two digits of the keys."""
 
     folder: Path
 
     def get(self, key: str) -> Any | None:
-        """Return the JSON value kept under a key.
-
-        None if it is missing or cannot be read.
-        """
+        """Return the JSON value kept under a key, None if missing or unreadable."""
         path = self._path(key, "json")
         try:
             return json.loads(path.read_bytes())
@@ -91,28 +80,19 @@ class Store:
             return None
 
     def put(self, key: str, value: Any) -> None:
-        """Keep a JSON value under a key.
-
-        Raises OutputError if the file cannot be written.
-        """
+        """Keep a JSON value under a key. Raises OutputError."""
         path = self._path(key, "json")
         make_folder(path.parent)
         write_bytes(path, json.dumps(value).encode())
 
     def get_dataset(self, key: str) -> xr.Dataset | None:
-        """Return the dataset kept under a key.
-
-        None if it is missing or cannot be read.
-        """
+        """Return the dataset kept under a key, None if missing or unreadable."""
         from coilarray.compute.netcdf import load_part
 
         return load_part(self._path(key, "nc"))
 
     def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
-        """Keep a dataset under a key.
-
-        Raises OutputError if the file cannot be written.
-        """
+        """Keep a dataset under a key. Raises OutputError."""
         from coilarray.compute.netcdf import save_dataset
 
         path = self._path(key, "nc")
@@ -120,10 +100,7 @@ class Store:
         save_dataset(dataset, path)
 
     def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """Return the dataset kept for some parts, or compute it.
-
-        The parts are as in `content_key`. A computed dataset is kept if there is room.
-        """
+        """Return the dataset kept for some parts, as in `content_key`, or compute and keep it."""
         key = content_key(*parts)
         found = self.get_dataset(key)
         if found is None:
@@ -166,18 +143,12 @@ def open_store(folder: str | Path | None = None) -> Store:
 
 
 def store_to_keep(keep: bool | str | Path) -> Store | None:
-    """Open the store of a study's evaluations, if wanted.
-
-    It is the default store, or the store of a folder.
-    """
+    """Open the default store, or the store of a folder, if wanted."""
     return open_store(None if keep is True else keep) if keep else None
 
 
 def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Return a dataset from the default store, or compute it.
-
-    It is as in `Store.dataset`. If the store cannot be made, the dataset is only computed.
-    """
+    """Return a dataset from the default store, or compute it, as `Store.dataset`."""
     try:
         store = open_store()
     except OutputError:
@@ -186,21 +157,16 @@ def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.
 
 
 def content_key(*parts: Any) -> str:
-    """Return the key of a result, a SHA-256 in hexadecimal.
-
-    It is the hash of the parts and of `code_version`. The parts are everything that decides the result besides the
-    code, as in `canonical`.
-    """
+    """SHA-256 of `code_version` and the parts, everything else that decides a result."""
     return hashlib.sha256(canonical(code_version(), *parts)).hexdigest()
 
 
 @contextmanager
 def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
-    """Open a SQLite file exclusively.
+    """Open a SQLite file in autocommit mode that no other process can use meanwhile.
 
-    No other process can use it meanwhile. The lock ends with this process on every system. The file is made if it does
-    not exist, empty as a plain lock, and is in autocommit mode. Raises OutputError if another process has locked the
-    file, with `message` as the text, if it cannot be written, or if it is not a database.
+    The lock ends with this process on every system. The file is made if it does not exist, empty as a plain lock.
+    Raises OutputError with `message` if another process has locked it, and if it cannot be written or is no database.
     """
     with writing(path, sqlite3.Error, ValueError):
         there = path.exists()
@@ -222,9 +188,6 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
 
 
 def delete_database(path: Path) -> None:
-    """Delete a SQLite file and its auxiliary files.
-
-    All connections must be closed.
-    """
+    """Delete a SQLite file and its auxiliary files. All connections must be closed."""
     for end in ("", "-wal", "-shm", "-journal"):
         Path(f"{path}{end}").unlink(missing_ok=True)

@@ -28,10 +28,7 @@ Progress = Callable[[int, int], None]
 
 
 def cores() -> int:
-    """Return the number of processor cores this process may use.
-
-    ``COILARRAY_THREADS`` overrides it.
-    """
+    """Return the number of processor cores this process may use, or ``COILARRAY_THREADS``."""
     said = os.environ.get("COILARRAY_THREADS", "")
     if said.isdecimal() and int(said) > 0:
         return int(said)
@@ -39,10 +36,7 @@ def cores() -> int:
 
 
 def part_of(progress: Progress | None, number: int, parts: int) -> Progress | None:
-    """Return the progress callback of one part of the work.
-
-    The part is `number`, from 0, of `parts` equal parts.
-    """
+    """Return the progress callback of part `number`, from 0, of equal `parts`."""
     if progress is None or parts < 2:
         return progress
     return lambda done, total: progress(number * total + done, parts * total)
@@ -62,10 +56,9 @@ def ranges(count: int, size: int) -> list[tuple[int, int]]:
 def run_blocks(
     work: Callable[[Item], Result], items: Iterable[Item], *, progress: Progress | None = None
 ) -> Sequence[Result]:
-    """Apply `work` to every item, on one thread per core.
+    """Apply `work` to every item, on one thread per core; results in the order of the items.
 
-    Results come in the order of the items. An exception in one block ends the whole run: blocks not yet begun are
-    dropped and the exception is raised.
+    An exception in one block ends the whole run: blocks not yet begun are dropped and the exception is raised.
     """
     todo = list(items)
     if not todo:
@@ -90,8 +83,7 @@ def run_blocks(
 def threads(count: int) -> Iterator[ThreadPoolExecutor]:
     """Open `count` threads for a ``with`` block.
 
-    If the block raises an exception, work that has not begun is dropped. Begun work is waited for, except after an
-    interrupt, which would come late.
+    After an exception work that has not begun is dropped, and begun work is waited for, except after an interrupt.
     """
     pool = ThreadPoolExecutor(max_workers=count)
     try:
@@ -103,10 +95,7 @@ def threads(count: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Progress | None) -> Sequence[Result]:
-    """Apply `work` in this thread.
-
-    Starting another thread for each of many small blocks costs as much as the blocks do.
-    """
+    """Apply `work` in this thread: threads for many small blocks cost as much as the blocks."""
     results = []
     with serial_algebra():
         for item in todo:
@@ -118,11 +107,10 @@ def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Pr
 
 @contextmanager
 def serial_algebra() -> Iterator[None]:
-    """Limit the linear algebra to one thread.
+    """Limit the linear algebra to one thread while the block, or the decorated function, runs.
 
-    The limit holds while the block, or the decorated function, runs. The last bits of results depend on the number of
-    threads. In most builds the limit belongs to the whole process. If blocks run in several threads at once, the first
-    that ends may lift it for all.
+    The last bits of results depend on the number of threads. In most builds the limit belongs to the whole process. If
+    blocks run in several threads at once, the first that ends may lift it for all.
     """
     with _controller("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
         yield
@@ -130,10 +118,7 @@ def serial_algebra() -> Iterator[None]:
 
 @cache
 def _controller(with_scipy: bool) -> ThreadpoolController:
-    """Find the linear algebra libraries once.
-
-    This takes milliseconds. SciPy brings its own library when it is imported.
-    """
+    """Find the linear algebra libraries once, in milliseconds. SciPy brings its own."""
     return ThreadpoolController()
 
 
@@ -141,10 +126,7 @@ Value = TypeVar("Value")
 
 
 class Recent(Generic[Value]):
-    """Last `size` results by key.
-
-    If a second thread requests a key, it waits for the first instead of computing the result again.
-    """
+    """Last `size` results by key, shared by all threads of the process."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -152,7 +134,7 @@ class Recent(Generic[Value]):
         self._results: OrderedDict[Hashable, Future[Value]] = OrderedDict()
 
     def get(self, key: Hashable, compute: Callable[[], Value]) -> Value:
-        """Return the result of `compute` for a key.
+        """Return the result of `compute` for a key; a second thread waits for the first.
 
         An exception is raised to all waiting threads and not kept.
         """

@@ -131,7 +131,7 @@ def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable
         while True:
             while len(pending) < watch.most and (following := next(todo, None)) is not None:
                 number, item = following
-                pending[_submitted(executor, pickle.dumps((function, item)))] = number
+                pending[_submitted(executor, function, item)] = number
             if not pending:
                 return
             done, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
@@ -144,9 +144,11 @@ def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable
             future.cancel()
 
 
-def _submitted(executor: Executor, payload: bytes) -> Future[Any]:
+def _submitted(executor: Executor, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+    if isinstance(executor, _ThisProcess):
+        return executor.submit(_outcome, function, item)
     try:
-        return executor.submit(_perform, payload, code_version(), _HERE)
+        return executor.submit(_perform, pickle.dumps((function, item)), code_version(), _HERE)
     except BrokenExecutor:
         raise _lost() from None
 
@@ -159,7 +161,10 @@ def _perform(payload: bytes, version: str, home: str) -> Any:
                 f"a worker has coilarray {code_version()}; here it is {version}: install the same on all machines."
             )
         _one_thread_for_good()
-    function, item = pickle.loads(payload)
+    return _outcome(*pickle.loads(payload))
+
+
+def _outcome(function: Callable[[Any], Any], item: Any) -> Any:
     try:
         return function(item)
     except (ClusterError, MissingDependencyError):

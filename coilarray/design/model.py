@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.usual_values import reading, unusual_values
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.circuit_table import PASSIVE
@@ -48,6 +47,7 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.connector import route_leads
 from coilarray.geometry.sheet import Base, Strain
+from coilarray.geometry.usual_values import reading, unusual_values
 
 
 @dataclass(frozen=True)

@@ -54,10 +54,7 @@ def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _kept(entry: object) -> Outcome | None:
-    """Return the outcome in an entry of the store.
-
-    None if the entry is not an outcome.
-    """
+    """Return the outcome in an entry of the store, None if it is not an outcome."""
     match entry:
         case {"reason": str(reason)}:
             return reason
@@ -67,10 +64,7 @@ def _kept(entry: object) -> Outcome | None:
 
 
 def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
-    """Make a point as plain data.
-
-    For an impossible point it is the reason.
-    """
+    """Make a point as plain data, or the reason why it is impossible."""
     try:
         return {"document": vary_document(document, change), **how}
     except DesignError as error:

@@ -82,10 +82,9 @@ class Axis:
         return [_label(value) for value in self.values]
 
     def sample(self, parts: Sequence[float], *, whole: bool) -> list[Any]:
-        """Return the values at fractions of the interval.
+        """Return the values at fractions of the interval, from 0 to less than 1.
 
-        `parts` are fractions from 0 to less than 1. Raises GoalError if an entry takes only whole numbers and the
-        interval has none.
+        Raises GoalError if an entry takes only whole numbers and the interval has none.
         """
         if not self.interval:
             return [self.values[int(part * len(self.values))] for part in parts]
@@ -98,10 +97,7 @@ class Axis:
         return [low + part * (high - low) for part in parts]
 
     def stepped(self, *, whole: bool) -> Axis:
-        """Return an interval as values for a grid.
-
-        They extend from end to end. Raises GoalError as `sample` does.
-        """
+        """Return an interval as values for a grid, from end to end. Raises GoalError as `sample`."""
         if not self.interval:
             return self
         low, high = self.values
@@ -247,16 +243,11 @@ def plan_sweep(
 ) -> Sweep:
     """Choose the points of a sweep, and check the sweep.
 
-    Problems that would otherwise show only after the work are refused here, see `sweep`. The points are all
-    combinations of the axes' values, or `samples` points that cover the axes evenly: a Sobol sequence scrambled by
-    `seed`. A larger number of samples begins with the same samples, so a sweep can be refined.
-
-    Raises
-    ------
-    GoalError
-        If there is no axis or no quantity, an entry is repeated, there are more than `MOST_POINTS` points, a quantity
-        is unknown, no design of the sweep has a named coil, or none of up to 200 points spread over the sweep gives a
-        design, for example because of an unknown entry.
+    The points are all combinations of the axes' values, or `samples` points that cover the axes evenly: a Sobol
+    sequence scrambled by `seed`. A larger number of samples begins with the same samples, so a sweep can be refined.
+    Raises GoalError if there is no axis or no quantity, an entry is repeated, there are more than `MOST_POINTS` points,
+    a quantity is unknown, no design of the sweep has a named coil, or none of up to 200 points spread over the sweep
+    gives a design, for example because of an unknown entry.
     """
     keys = [axis.key for axis in axes]
     if not keys:
@@ -288,25 +279,12 @@ def run_sweep(
     progress: Progress | None = None,
     watch: Callable[[Callable[[], xr.Dataset]], None] | None = None,
 ) -> xr.Dataset:
-    """Evaluate all points of a sweep.
+    """Evaluate all points of a sweep that are not in the `cache`, as the dataset of `sweep`.
 
-    Points in the `cache` are not computed again. After every point `watch` is called with a function that returns the
-    result so far. In it, points that are not computed yet are NaN and have no reason.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions are the entries of a grid, or ``sample``. The entries' values are coordinates in the units of their
-        keys, as texts if they are not numbers. The attribute ``design_value`` is the design's own value. There is a
-        variable for each quantity, by its canonical name and in its unit, NaN if a point has no value. ``reason`` gives
-        the cause, and is empty otherwise. `RULES` is always included, see `keeps_rules`. `UNREAD` is included if values
-        are read by a converter, see `is_read`. The attributes are units, long names, ``sampling``, ``accuracy``, and
-        the attributes of `coilarray.circuit.coupling.provenance`.
-
-    Raises
-    ------
-    ClusterError, OutputError
-        As in `coilarray.studies.evaluate.evaluate_points`.
+    Dimensions are the entries of a grid, or ``sample``. Entries that are not numbers are texts. `RULES` is always
+    included, see `keeps_rules`, and `UNREAD` if values are read by a converter, see `is_read`. After every point
+    `watch` is called with a function that returns the result so far, in which points that are not computed yet are NaN
+    without a reason. Raises ClusterError if workers are lost, and OutputError if the store cannot be written.
     """
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)
@@ -325,26 +303,17 @@ def run_sweep(
 
 
 def keeps_rules(result: xr.Dataset) -> xr.DataArray:
-    """Whether the points of a sweep keep every fabrication rule.
-
-    Points without a result do not.
-    """
+    """Whether the points of a sweep have a result and keep every fabrication rule."""
     return result[RULES] == 0
 
 
 def is_read(result: xr.Dataset) -> xr.DataArray:
-    """Whether a converter can read all values behind a point.
-
-    It is True if the quantities need no converter.
-    """
+    """Whether a converter can read all values behind a point, or none is needed."""
     return result[UNREAD] == 0 if UNREAD in result else xr.ones_like(result[RULES], dtype=bool)
 
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:
-    """Return values and reasons as the dataset of `run_sweep`.
-
-    The values have the shape (quantities, points).
-    """
+    """Return values (quantities, points) and reasons as the dataset of `run_sweep`."""
     dims, shape = plan.dims, plan.shape
     variables = {
         one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})
@@ -359,10 +328,7 @@ def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) 
 
 
 def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
-    """Values of an entry along its dimension, with unit.
-
-    The unit follows from the end of the key. The attributes include the value in the design.
-    """
+    """Values of an entry along its dimension, with the unit of its key and the design's value."""
     grid = plan.sampling == "grid"
     values = axis.values if grid else [point[axis.key] for point in plan.points]
     attributes: dict[str, Any] = {"long_name": axis.key}
@@ -406,10 +372,7 @@ def _check_number(points: int) -> None:
 
 
 def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
-    """Build designs until one is possible.
-
-    Each coil must be in one of the designs.
-    """
+    """Build designs until one is possible. Each coil must be in one of the designs."""
     missing = {name: one.key for one in requests for name in one.coils}
     names: tuple[str, ...] = ()
     reason = ""
@@ -433,10 +396,7 @@ def _is_whole(value: object) -> bool:
 
 
 def _listed(text: str) -> tuple[Any, ...]:
-    """Read values in the form of a TOML list.
-
-    A value that is not a TOML text, number or list is taken as a text.
-    """
+    """Read values in the form of a TOML list; a value that is none is taken as a text."""
     try:
         document = _VALUES.parse(f"values = [{text}]", "--vary")
     except GoalError:

@@ -67,10 +67,7 @@ class Calibration:
 
     @property
     def _fitted(self) -> list[tuple[str, str, str, str]]:
-        """Fitted unknowns of the best combination, as text.
-
-        Each has a name, a value, a standard deviation and a unit.
-        """
+        """Name, value, standard deviation and unit of the best combination's unknowns, as text."""
         best = self.dataset.isel(combination=0)
         own = best.isel(unknown=np.flatnonzero(np.isfinite(best["value"].values)))
         columns = (own[name].values.tolist() for name in ("unknown", "value", "std", "unit"))
@@ -213,10 +210,7 @@ def calibrate(
 
 
 def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case | Unsolved:
-    """Make the case of a combination.
-
-    It is a problem if the combination is impossible.
-    """
+    """Make the case of a combination, or the reason why it is impossible."""
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
     document: dict[str, Any] = {key: plain(value) for key, value in file.document.items() if key not in _SAYS_NOTHING}
@@ -232,10 +226,7 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
 
 
 def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[str]) -> DesignFile:
-    """Return a file with the document of a case.
-
-    Parts that the case left out are added: title, source, and the remaining assumptions.
-    """
+    """Return a file with the document of a case, with title, source and remaining assumptions."""
     says = {key: file.document[key] for key in file.document if key in document or key in _SAYS_NOTHING}
     whole = no_longer_assumed({**says, **document}, found)
     values = build_design_file(document, file.design.name).values
@@ -244,10 +235,7 @@ def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[s
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:
-    """Return tables without an entry.
-
-    Raises DesignError if the entry does not exist.
-    """
+    """Return tables without an entry. Raises DesignError if it does not exist."""
     if isinstance(table, list) and parts[0].isdecimal() and int(parts[0]) < len(table) and len(parts) > 1:
         place = int(parts[0])
         return [*table[:place], _without(table[place], parts[1:], key), *table[place + 1 :]]
@@ -258,10 +246,7 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
 
 
 def _start(unknown: Unknown, given: object) -> float:
-    """First guess of an unknown.
-
-    It is the given guess, otherwise the design's own value if it is between the bounds, otherwise their middle.
-    """
+    """First guess of an unknown: given, the design's own value, or the middle of the bounds."""
     own = 0.0 if unknown.name.startswith(IMPERFECTION) else given
     if unknown.start is not None:
         return unknown.start
@@ -290,10 +275,7 @@ def _fit_all(
     store: Store | None,
     progress: Progress | None,
 ) -> list[Fit]:
-    """Fit all combinations side by side on the workers.
-
-    Evaluations in the store are not repeated.
-    """
+    """Fit all combinations side by side, without evaluations that the store has."""
     ellipses = measured.request["kind"] == "ellipses"
     how = {
         "request": measured.request,
@@ -352,25 +334,10 @@ def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
 def posterior_draws(
     design: Design | DesignFile, calibration: xr.Dataset, count: int
 ) -> list[tuple[Design, Imperfections]]:
-    """Draw designs and imperfections from a posterior.
+    """Draw designs and imperfections from the posterior of a calibration's best combination.
 
-    It is the posterior of the best combination of a calibration.
-
-    Parameters
-    ----------
-    design : Design or DesignFile
-        The calibrated design, or another design. Its entries that were unknown take the drawn values.
-    calibration : xarray.Dataset
-        Dataset of `coilarray.studies.calibrate.calibrate`.
-    count : int
-        Number of draws, at most the number in the dataset.
-
-    Raises
-    ------
-    GoalError
-        If the dataset is not a calibration, or has fewer draws.
-    DesignError
-        If the design lacks an entry.
+    The entries of the design that were unknown take the drawn values. The calibration is the dataset of `calibrate`.
+    Raises GoalError if it is none or has fewer than `count` draws, and DesignError if the design lacks an entry.
     """
     best = _best(calibration)
     if not 1 <= count <= best.sizes["draw"]:

@@ -43,23 +43,13 @@ _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond doe
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured numbers and their model request.
+    """Measured numbers, and the request for the same numbers of a model.
 
-    The request is for the same numbers of a model.
-
-    Parameters
-    ----------
-    values, std, weight : ndarray, shape (n,)
-        Numbers in SI, NaN if unknown, their standard deviations, and the number of independent numbers for which each
-        stands. A weight of 0 marks a number that is predicted, not fitted.
-    coords : mapping of str to sequence
-        ``quantity`` ("delta", "A", "B", "x0" or "peak") and ``state`` of each. For a response ``depth``, ``y`` and
-        ``x`` in m, for ellipses ``level``.
-    request : mapping of str to object
-        Plain values that `model_values` needs.
-    noise_freedom : float
-        Degrees of freedom with which the scale of the standard deviations is known. It is infinite if they are given,
-        and 0 if they are relative and their scale comes from the residuals.
+    `values` and `std` (n,) are in SI, NaN if unknown. `weight` (n,) is the number of independent numbers for which each
+    stands. A weight of 0 marks a number that is predicted, not fitted. `coords` are ``quantity`` ("delta", "A", "B",
+    "x0" or "peak") and ``state`` of each, for a response ``depth``, ``y`` and ``x`` in m, and for ellipses ``level``.
+    `noise_freedom` are the degrees of freedom with which the scale of the standard deviations is known: infinite if
+    they are given, 0 if they are relative and their scale comes from the residuals.
     """
 
     values: FloatArray
@@ -71,10 +61,10 @@ class Measurement:
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
-    """Select the measured data of a plan.
+    """Select the measured data of a plan from a response or ellipses.
 
-    They come from a response or ellipses. Raises GoalError if the data or the design lack a state, or nothing could be
-    fitted, and LocalizeError if the data are not a response.
+    Raises GoalError if the data or the design lack a state, or nothing could be fitted, and LocalizeError if the data
+    are not a response.
     """
     if not isinstance(data, EllipseModel):
         data = RESPONSE.checked(data, "the measured response")
@@ -98,11 +88,11 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
 
 
 def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray:
-    """Reduce a computed response to the measured numbers.
+    """Reduce a computed response to the measured numbers, NaN if missing.
 
-    They are in the order of a `Measurement` with this request, NaN if missing. Semi-axes of a level above the peak are
-    0. If too little of a level is in the window to determine its ellipse, they are the length of the map, which is
-    larger. Raises LocalizeError if a map has no ellipse of a state.
+    They are in the order of a `Measurement` with this request. Semi-axes of a level above the peak are 0. If too little
+    of a level is in the window to determine its ellipse, they are the length of the map, which is larger. Raises
+    LocalizeError if a map has no ellipse of a state.
     """
     states = list(request["states"])
     if request["kind"] == "response":
@@ -120,10 +110,7 @@ def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray
 
 
 def _check_places(data: xr.Dataset, design: Design) -> None:
-    """Refuse a response with a coil of the design elsewhere.
-
-    The GoalError names the first such coil.
-    """
+    """Refuse a response with a coil of the design elsewhere, by a GoalError that names it."""
     if not {"coil", "coil_x", "coil_y"} <= set(data.coords):
         return
     centres = dict(zip(design.array.names, design.array.centres[:, :2] - map_origin(design.indentation), strict=True))
@@ -169,11 +156,10 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
 
 
 def _noise_freedom(data: xr.Dataset, known: npt.NDArray[np.bool_]) -> float:
-    """Degrees of freedom of a recording's ``delta_std``.
+    """Degrees of freedom of a recording's ``delta_std``, all states together.
 
-    All states are taken together. For repeats it is one less than the repeats at every position. For differences of N
-    successive baselines it is 2 (N − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other deviation
-    is taken as given.
+    For repeats it is one less than the repeats at every position. For differences of N successive baselines it is 2 (N
+    − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other deviation is taken as given.
     """
     positions = known.sum(axis=(0, 1, 2)).astype(np.float64)
     match data["delta_std"].attrs.get("found_from"):
@@ -185,10 +171,9 @@ def _noise_freedom(data: xr.Dataset, known: npt.NDArray[np.bool_]) -> float:
 
 
 def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    """Select A, B, x0 and the peak of every state.
+    """Select A, B, x0 and the peak of every state. x0 is always predicted.
 
-    x0 is always predicted. The levels of a polynomial with five coefficients are together no more than five independent
-    numbers.
+    The levels of a polynomial with five coefficients are together no more than five independent numbers.
     """
     setup, levels = indentation_of(design).in_ellipse_window(), np.array(sorted(table.levels))
     share = min(1.0, (DEGREE + 1) / len(levels))
@@ -221,8 +206,8 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     """Evaluate one point of a fit, on a worker.
 
     The item has the ``document`` of the changed design, the ``start`` document of the design with which the fit began,
-    the values of ``imperfections`` by name, the ``request`` of a measurement, ``circuit`` and ``mesh`` of the plan, and
-    the folder of ``parts``, which may be empty. The numbers are returned by their place.
+    values of ``imperfections`` by name, the ``request`` of a measurement, ``circuit`` and ``mesh`` of the plan, and the
+    folder of ``parts``, which may be empty. The numbers are returned by their place.
     """
     document, request = item["document"], item["request"]
     whole = build_design(document, document["name"])
@@ -258,9 +243,6 @@ def imperfections_of(values: Mapping[str, float]) -> Imperfections:
 
 
 def _network(design: Design, start: Mapping[str, Any]) -> Network:
-    """Circuit of a design with all losses and strays.
-
-    They are computed under the sheets with which the fit began.
-    """
+    """Circuit with all losses and strays, under the sheets with which the fit began."""
     flat = replace(design, sheets=build_design(start, start["name"]).sheets, indentation=None)
     return design_circuit(flat)

@@ -38,16 +38,9 @@ _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any ca
 class Problem:
     """Least-squares problem of a fit.
 
-    It has measured numbers, unknowns with bounds and priors, and the noise.
-
-    Parameters
-    ----------
-    low, high, start, prior_mean, prior_std : ndarray, shape (unknowns,)
-        Bounds, first guesses and priors in any units. A flat prior has a mean of NaN and an infinite deviation.
-    measured, std, weight : ndarray, shape (n,)
-        As in `coilarray.studies.calibrate.data.Measurement`.
-    noise_freedom : float
-        Degrees of freedom with which the scale of `std` is known: infinite if it is given, 0 if it is unknown.
+    `low`, `high`, `start`, `prior_mean` and `prior_std` (unknowns,) are in any units. A flat prior has a mean of NaN
+    and an infinite deviation. `measured`, `std` and `weight` (n,) and `noise_freedom` are as in
+    `coilarray.studies.calibrate.data.Measurement`.
     """
 
     low: FloatArray
@@ -88,33 +81,21 @@ class Problem:
         return self.high - self.low
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """Weighted residuals in standard deviations, shape (n,).
-
-        `values` are the model's numbers.
-        """
+        """Weighted residuals (n,) of the model's numbers, in standard deviations."""
         off = np.where(self.weight > 0, (values - self.measured) / self.std, 0.0)
         return np.sqrt(self.weight) * np.where(np.isfinite(off), off, _ABSENT)
 
     def prior_residuals(self, point: FloatArray) -> FloatArray:
-        """Distance of unknowns from their prior means.
-
-        It is in standard deviations, and 0 for a flat prior.
-        """
+        """Distance of unknowns from their prior means in standard deviations, 0 if flat."""
         return np.where(np.isfinite(self.prior_std), (point - np.nan_to_num(self.prior_mean)) / self.prior_std, 0.0)
 
     def weighted(self, slopes: FloatArray) -> FloatArray:
-        """Slopes of `residuals` from slopes of the model's numbers.
-
-        They have the shape (n, unknowns), and are 0 if the model lacks a number.
-        """
+        """Slopes of `residuals` (n, unknowns) from slopes of the model's numbers, 0 if missing."""
         rows = np.where(self.weight > 0, np.sqrt(self.weight) / self.std, 0.0)[:, None] * slopes
         return np.where(np.isfinite(rows), rows, 0.0)
 
     def scale_at(self, residuals: FloatArray) -> float:
-        """Scale of the noise.
-
-        It is 1 if the noise is given. Otherwise it follows from the residuals and the prior knowledge of the scale.
-        """
+        """Scale of the noise: 1 if given, otherwise from the residuals and its prior."""
         if np.isinf(self.noise_freedom):
             return 1.0
         square = float(residuals @ residuals + self.noise_freedom) / self.scale_freedom
@@ -122,10 +103,7 @@ class Problem:
 
     @cached_property
     def least_scale(self) -> float:
-        """Lower limit of the noise scale, from the data's rounding.
-
-        No smaller scale is ever estimated.
-        """
+        """Lower limit of the noise scale, from the data's rounding."""
         known = self.weight > 0
         size = float(np.sqrt(np.mean((self.measured[known] / self.std[known]) ** 2)))
         return _ROUNDING * (size or 1.0)
@@ -136,9 +114,9 @@ class Fit:
     """Result of a fit.
 
     `point` (unknowns,) is the best point. `values` (n,) are the model's numbers there, `before` (n,) at the first
-    guess, and `slopes` (n, unknowns) their slopes by the unknowns. `scale` is the factor of all standard deviations, 1
-    if the noise is given. `converged` is True if no better point is near, and `evaluations` is their number. `problem`
-    is the reason why there is no fit, in which case the arrays may be empty.
+    guess, and `slopes` (n, unknowns) their slopes by the unknowns. `scale` is the factor of all standard deviations.
+    `converged` is True if no better point is near. `problem` is the reason why there is no fit, in which case arrays
+    may be empty.
     """
 
     point: FloatArray
@@ -152,20 +130,14 @@ class Fit:
 
 
 def information(problem: Problem, fit: Fit) -> FloatArray:
-    """Information matrix of data and priors at a fit.
-
-    It has the shape (unknowns, unknowns) and is positive definite.
-    """
+    """Information matrix of data and priors at a fit, positive definite."""
     rows = problem.weighted(fit.slopes) / fit.scale
     prior = 1 / problem.prior_std**2 + (_RIDGE / problem.span) ** 2
     return np.asarray(rows.T @ rows + np.diag(prior))
 
 
 def gradient(problem: Problem, fit: Fit) -> FloatArray:
-    """Slope of χ²/2 of data and priors by the unknowns.
-
-    It is taken at a fit and has the shape (unknowns,).
-    """
+    """Slope of χ²/2 of data and priors by the unknowns, at a fit."""
     from_data = problem.weighted(fit.slopes).T @ problem.residuals(fit.values) / fit.scale**2
     return np.asarray(from_data + problem.prior_residuals(fit.point) / problem.prior_std)
 
@@ -176,10 +148,7 @@ def at_bound(problem: Problem, point: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def fit(problem: Problem) -> Asking:
-    """Fit the unknowns of a problem.
-
-    The generator is driven as described in `Asking`.
-    """
+    """Fit the unknowns of a problem. The generator is driven as described in `Asking`."""
     asked = 1
     point = np.clip(problem.start, problem.low, problem.high)
     (first,) = yield [point]
@@ -227,10 +196,7 @@ def fit(problem: Problem) -> Asking:
 def _slopes(
     problem: Problem, point: FloatArray, values: FloatArray, steps: FloatArray
 ) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int, str]]:
-    """Slopes of the model's numbers by differences.
-
-    The number of evaluations and the reason for a failure are returned too.
-    """
+    """Slopes of the model's numbers by differences, evaluations, and the reason for a failure."""
     slopes, reason = np.zeros((len(values), len(point))), ""
     inwards = np.where(point + steps * problem.span <= problem.high, 1.0, -1.0)
     todo, made = list(range(len(point))), 0
@@ -251,19 +217,13 @@ def _slopes(
 
 
 def _difference_steps(problem: Problem, now: Fit) -> FloatArray:
-    """Half a standard deviation of every unknown, within its range.
-
-    The data then change by half of their noise.
-    """
+    """Half a standard deviation of every unknown, within its range."""
     deviation = np.sqrt(np.diag(np.linalg.inv(information(problem, now))))
     return np.clip(0.5 * deviation / problem.span, *_STEPS)
 
 
 def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
-    """Slopes and residuals of data and priors.
-
-    Slopes are in ranges of the unknowns. Both are in standard deviations.
-    """
+    """Slopes in ranges of the unknowns, and residuals, of data and priors in standard deviations."""
     data = problem.weighted(now.slopes) * problem.span / now.scale
     prior = np.diag(problem.span / problem.prior_std)
     offsets = problem.residuals(now.values) / now.scale, problem.prior_residuals(now.point)
@@ -271,10 +231,7 @@ def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
-    """Damped least-squares step in the box.
-
-    The model is linear.
-    """
+    """Damped least-squares step of the linear model in the box."""
     slopes, offsets = _rows(problem, now)
     size = np.sqrt((slopes**2).sum(axis=0) + _RIDGE**2)
     matrix = np.vstack((slopes, np.sqrt(damping) * np.diag(size))) if damping else slopes
@@ -286,10 +243,7 @@ def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
 
 
 def _gain(problem: Problem, now: Fit, move: FloatArray) -> float:
-    """Reduction of χ²/2 by a step.
-
-    It is predicted by the linear model.
-    """
+    """Reduction of χ²/2 by a step in the linear model."""
     slopes, offsets = _rows(problem, now)
     after = offsets + slopes @ (move / problem.span)
     return float(offsets @ offsets - after @ after) / 2
@@ -302,10 +256,7 @@ def _cost(problem: Problem, point: FloatArray, values: FloatArray, scale: float)
 
 
 def together(fits: Sequence[Asking]) -> Generator[list[tuple[int, FloatArray]], list[FloatArray | str], list[Fit]]:
-    """Drive several fits side by side.
-
-    Their points are yielded together, each with the number of its fit.
-    """
+    """Drive several fits side by side; yield their points, each with the number of its fit."""
     ended: dict[int, Fit] = {}
     asking = {k: next(one) for k, one in enumerate(fits)}
     while asking:

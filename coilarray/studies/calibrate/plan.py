@@ -65,19 +65,15 @@ IMPERFECTION = "imperfections."
 
 
 def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Separate values of the design and of the experiment.
-
-    The names of the latter lose their prefix.
-    """
+    """Separate values of the design and of the experiment, whose names lose their prefix."""
     entries = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
     return entries, {key.removeprefix(IMPERFECTION): value for key, value in values.items() if key not in entries}
 
 
 class Unknown(Table):
-    """``[[unknown]]``: an entry of the design, between bounds.
+    """``[[unknown]]``: an entry of the design, or several with one value, between bounds.
 
-    Several entries may share one value. The prior is flat between the bounds. With `prior_mean` and `prior_std` it is
-    normal and cut off there.
+    The prior is flat. With `prior_mean` and `prior_std` it is normal and cut off at the bounds.
     """
 
     entry: Annotated[
@@ -121,10 +117,7 @@ class Unknown(Table):
 
 
 class Choice(Table):
-    """``[[alternative.choice]]``: entries that it sets and removes.
-
-    It may have its own unknowns.
-    """
+    """``[[alternative.choice]]``: entries that it sets and removes, and its own unknowns."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the answer."""
@@ -147,10 +140,7 @@ class Choice(Table):
 
 
 class Alternative(Table):
-    """``[[alternative]]``: a question with a few possible answers.
-
-    Each answer is fitted.
-    """
+    """``[[alternative]]``: a question with a few possible answers, each of which is fitted."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the question."""
@@ -167,14 +157,11 @@ class Alternative(Table):
 class DataTable(Table):
     """``[data]``: the fitted part of the measurement, and its noise.
 
-    ``states`` are all by default. The states of ``tested`` are only predicted, as a test of the fit to the others.
-    ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are fitted by default.
-    ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations. ``delta_std`` is the standard deviation of δ of
-    a response that has none of its own. ``noise = "estimated"`` takes the deviations as relative and estimates their
-    scale from the residuals. It is the default for ellipses and for a response without standard deviations. ``noise =
-    "given"`` trusts them. The noise of a recording is by default known as well as its repeats or baselines determine
-    it. ``circuit`` is "full" or "ideal", which is without losses and strays, and changes δ by less than 1 %. The
-    default for ellipses is "ideal" and ``mesh = "coarse"``, which is accurate to 1e-3 of δ.
+    By default all ``states`` are fitted, and of ellipses A, B and the peak. ``noise = "estimated"`` takes the
+    deviations as relative and estimates their scale from the residuals. It is the default for ellipses and for a
+    response without standard deviations. ``noise = "given"`` trusts them. The noise of a recording is by default known
+    as well as its repeats or baselines determine it. ``circuit = "ideal"`` is without losses and strays, and changes δ
+    by less than 1 %. It is the default for ellipses, with ``mesh = "coarse"``, which is accurate to 1e-3 of δ.
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
@@ -238,40 +225,18 @@ class Plan(Table):
         return self
 
     def combinations(self) -> list[tuple[Choice, ...]]:
-        """Return every combination of one choice per alternative.
-
-        Without alternatives there is one empty combination.
-
-        Returns
-        -------
-        list of tuple of Choice
-            One choice for each alternative.
-        """
+        """Return every combination of one choice per alternative, one empty one without alternatives."""
         return list(itertools.product(*(one.choices for one in self.alternatives)))
 
     def unknowns_of(self, choices: tuple[Choice, ...]) -> list[Unknown]:
-        """Return the unknowns of a combination.
-
-        The unknowns of the plan come first, then the unknowns of its choices.
-
-        Returns
-        -------
-        list of Unknown
-            Unknowns that are fitted in this combination.
-        """
+        """Return the unknowns of a combination: of the plan, then of its choices."""
         return [*self.unknowns, *(unknown for choice in choices for unknown in choice.unknowns)]
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Read a calibration plan.
+    """Read a calibration plan from a TOML file or by the name of a bundled plan.
 
-    `name_or_path` is the path of a TOML file, or the name of a bundled plan. Raises GoalError for an unreadable file,
-    wrong TOML, an unknown key or a value that is not allowed, in one line.
-
-    Returns
-    -------
-    Plan
-        The plan.
+    Raises GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
 
     Examples
     --------
@@ -282,18 +247,12 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
 
 def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
-    """Read a calibration plan from TOML tables.
-
-    See `load_plan`.
-    """
+    """Read a calibration plan from TOML tables. See `load_plan`."""
     return PLANS.check(Plan, document, origin)
 
 
 def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
-    """Return the plan of unknowns between bounds.
-
-    The bounds are (low, high) or (low, high, start), by entry.
-    """
+    """Return the plan of unknowns between (low, high) or (low, high, start), by entry."""
     tables = []
     for entry, values in unknowns.items():
         numbers = [float(value) for value in values]

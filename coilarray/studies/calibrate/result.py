@@ -32,11 +32,11 @@ _DRAWS = 4096  # of a scrambled Sobol sequence
 def bounded_normal(
     mean: FloatArray, covariance: FloatArray, low: FloatArray, high: FloatArray, count: int, freedom: float = np.inf
 ) -> tuple[FloatArray, float]:
-    """Draw from a normal distribution of n variables with bounds.
+    """Draw from a normal distribution of n variables with bounds (n,).
 
-    The bounds have the shape (n,). Returns draws, shape (count, n), and the logarithm of the probability of the box
-    before it was cut out. With a finite `freedom` it is Student's distribution, whose scale is only estimated. The
-    probability always belongs to the normal distribution.
+    Returns draws (count, n), and the logarithm of the probability of the box before it was cut out. With a finite
+    `freedom` it is Student's distribution, whose scale is only estimated. The probability always belongs to the normal
+    distribution.
 
     Examples
     --------
@@ -61,10 +61,7 @@ def bounded_normal(
 def _separated(
     mean: FloatArray, lower: FloatArray, low: FloatArray, high: FloatArray, parts: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Draw points, with the logarithms of their weights.
-
-    `parts` are numbers between 0 and 1.
-    """
+    """Draw points from numbers between 0 and 1, with the logarithms of their weights."""
     normal, weight = np.zeros_like(parts), np.zeros(len(parts))
     for k in range(len(mean)):
         shift = mean[k] + scale * (normal @ lower[k])
@@ -126,10 +123,7 @@ class Unsolved:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Fitted combination with its posterior and figures.
-
-    It has the covariance of the unknowns and draws from their posterior.
-    """
+    """Fitted combination with the covariance of its unknowns, draws and figures."""
 
     case: Case
     problem: Problem
@@ -160,10 +154,10 @@ def solution(case: Case, problem: Problem, found: Fit) -> Solution:
 
 
 def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
-    """Log-likelihoods of the data, best and averaged over scales.
+    """Log-likelihoods of the data at the best scale of the noise, and averaged over scales.
 
-    The first is taken at the best scale of the noise. If the noise is given, both are equal. Otherwise the square of
-    the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s² if nothing is known.
+    If the noise is given, both are equal. Otherwise the square of the scale has the scaled inverse χ² prior with
+    `noise_freedom`. Its limit is 1/s² if nothing is known.
     """
     r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
     square = float(r @ r)
@@ -179,10 +173,7 @@ def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
 
 
 def _fit_probability(problem: Problem, square: float) -> float:
-    """Probability of a larger χ² by noise alone.
-
-    NaN if the size of the noise follows only from the data.
-    """
+    """Probability of a larger χ² by noise alone, NaN if only the data tell its size."""
     freedom, known = max(problem.freedom, 1e-9), problem.noise_freedom
     if np.isinf(known):
         return float(chi2.sf(square, freedom))
@@ -205,10 +196,7 @@ def _log_prior(problem: Problem, point: FloatArray) -> float:
 
 
 def _undetermined(row: Solution) -> list[str]:
-    """Describe the directions that the data leave undetermined.
-
-    The data determine them less well than the priors.
-    """
+    """Describe the directions that the data determine less well than the priors."""
     problem = row.problem
     prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.span * _FLAT_STD)
     rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
@@ -236,10 +224,7 @@ def _unit(entry: str) -> str:
 def result_dataset(
     design: Design, measured: Measurement, plan: Plan, rows: Sequence[Solution | Unsolved]
 ) -> xr.Dataset:
-    """Return all results of every combination, in the given order.
-
-    See `coilarray.studies.calibrate.calibrate`.
-    """
+    """Return all results of every combination in the given order, see `calibrate`."""
     combinations = [row if isinstance(row, Unsolved) else row.case for row in rows]
     names = list(dict.fromkeys(unknown.name for one in combinations for unknown in one.unknowns))
     n, m = len(names), len(measured.values)

@@ -17,10 +17,7 @@ from coilarray.geometry.values import SIDES, Side
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Arrangement of the coils: a lattice and its repetitions.
-
-    The lattice is named as in a design file.
-    """
+    """Arrangement of the coils: a lattice of a design file and its repetitions."""
 
     lattice: LatticeKind
     columns: int = 1
@@ -59,8 +56,7 @@ def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
     """Read the number and arrangement of the coils.
 
     The text is 1, 6 for a row, 4x4, 3-hex for a triangle, or 7-hex for rings about a centre. Hexagons and circles in
-    rows and columns lie on a hexagonal lattice, in which all neighbours are equally far. Raises DesignError for another
-    text.
+    rows and columns lie on a hexagonal lattice, in which all neighbours are equally far. Raises DesignError.
     """
     found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", str(coils).strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)
@@ -83,11 +79,7 @@ def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
 
 
 def read_size(text: str) -> float | tuple[float, float]:
-    """Read a coil's size and return it in m.
-
-    It is a width, or width and height. The text is in mm, with width and height as 20x12. Raises DesignError for any
-    other text.
-    """
+    """Read a coil's size in mm, a width or 20x12, and return it in m. Raises DesignError."""
     try:
         sides = [float(side) * 1e-3 for side in text.lower().replace("×", "x").split("x")]
     except ValueError:
@@ -112,9 +104,9 @@ _FROM_TO = {
 
 @dataclass(frozen=True)
 class Choices:
-    """Choices for a new design, in SI, with their defaults.
+    """Choices for a new design in SI, with their defaults, as in `new_design`.
 
-    They are described in `new_design`. Raises DesignError for choices that are evidently impossible, before any work.
+    Raises DesignError for choices that are evidently impossible, before any work.
     """
 
     coils: str | int = "3"
@@ -162,20 +154,14 @@ class Choices:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Width and height of a coil in m.
-
-        By default long shapes are longer than wide.
-        """
+        """Width and height of a coil in m. Long shapes are longer than wide by default."""
         usual = (20e-3, 12e-3) if self.shape in LONG_SHAPES else 16e-3
         size = usual if self.size is None else self.size
         return size if isinstance(size, tuple) else (size, size)
 
     @property
     def layers_of_fab(self) -> int | None:
-        """Layers of the boards that the named service makes.
-
-        None for a service that makes any number, and if no service is named.
-        """
+        """Layers of the boards of the named service, None if it makes any number."""
         return None if self.fab is None else load_profile(self.fab).rules.max_layers
 
     @cached_property

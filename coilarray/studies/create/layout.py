@@ -35,30 +35,12 @@ _SLOPE, _CORRECTIONS = 0.01, 2
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
-    """Find the pitch of zero neighbour coupling.
+    """Find the pitch of zero neighbour coupling, in m to 10 µm, the largest of several.
 
-    The coupling is the mean of all neighbours. The fields inside and around a coil have opposite signs. Neighbours that
-    overlap more than at this pitch couple positively, and others negatively. Neighbours on different pairs of layers
-    differ slightly, so their mean is brought to zero.
-
-    Parameters
-    ----------
-    width : float
-        Width of a coil in m.
-    design_at : callable
-        Function that returns the design of some neighbouring coils for a pitch in m.
-    rough_at : callable
-        Function that returns a quicker model of it, in which the pitch is searched first.
-
-    Returns
-    -------
-    float
-        Pitch in m, rounded to 10 µm. Of several pitches it is the largest.
-
-    Raises
-    ------
-    DesignError
-        If there is no such pitch between 0.4 and 1 widths.
+    The coupling is the mean of all neighbours, which differ slightly on different pairs of layers. The fields inside
+    and around a coil have opposite signs. Neighbours that overlap more than at this pitch couple positively, and others
+    negatively. `design_at` and `rough_at` return the design of some neighbouring coils for a pitch, and a quicker model
+    of it, in which the pitch is searched first. Raises DesignError if there is no such pitch between 0.4 and 1 widths.
     """
 
     @functools.cache
@@ -85,10 +67,7 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
 
 
 def neighbour_coupling(design: Design) -> FloatArray:
-    """Coupling coefficients of all nearest coils.
-
-    The coils lie under the flat sheets.
-    """
+    """Coupling coefficients of all nearest coils, under the flat sheets."""
     k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[_neighbours(design.array)]
     return k
 
@@ -113,10 +92,7 @@ _PASSES, _CLOSE = 3, 1e-3  # corrections of the search for a winding, and the ch
 
 
 def lay_out(plan: Plan, choices: Choices) -> Plan:
-    """Find layers, winding, pitch and terminals.
-
-    Raises DesignError, in one line, if no layout fulfils the choices.
-    """
+    """Find layers, winding, pitch and terminals. Raises DesignError if no layout fulfils the choices."""
     problem = None
     tried = set[Plan]()
     for board in _boards(plan, choices):
@@ -132,10 +108,7 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
 
 
 def most_on_fewer_layers(plan: Plan, choices: Choices, layers: int) -> Plan | None:
-    """Find the best layout on fewer layers.
-
-    It comes nearest to the wanted inductance. None if nothing can be placed.
-    """
+    """Find the layout on fewer layers that comes nearest to the wanted inductance, or None."""
     short: list[tuple[float, int, Plan]] = []
     for board in _boards(plan, choices):
         for room in _rooms(board):
@@ -160,10 +133,7 @@ def _wound(plan: Plan, winding: Winding) -> Plan:
 
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
-    """Find pitch and terminals for a winding.
-
-    Raises DesignError if there are none.
-    """
+    """Find pitch and terminals for a winding. Raises DesignError if there are none."""
     _require_pads(wound)
     problem = None
     for turned in (False, True) if _can_turn(wound) else (False,):
@@ -182,10 +152,7 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
 
 
 def _require_pads(wound: Plan) -> None:
-    """Refuse more layers than have room for the via pads.
-
-    Raises DesignError with the number of layers that have room.
-    """
+    """Refuse more layers than have room for the via pads, by a DesignError with their number."""
     problem = _problem(wound)
     if problem is not None:
         fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
@@ -207,10 +174,7 @@ def _problem(wound: Plan) -> DesignError | None:
 
 
 def _side_by_side(plan: Plan) -> float:
-    """Return a pitch with room for terminals.
-
-    It is in m, and the terminals lie between the coils.
-    """
+    """Return a pitch in m with room for terminals between the coils."""
     return plan.width + plan.lead + _BESIDE
 
 
@@ -245,10 +209,7 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
 
 
 def _house_for(layers: int) -> str:
-    """Return a board house for a number of layers.
-
-    It is the first of the usual houses that makes such boards.
-    """
+    """Return the first of the usual board houses for a number of layers."""
     return next(name for name in _FABS if load_profile(name).rules.max_layers in (None, layers))
 
 
@@ -257,18 +218,12 @@ def _divides(sets: int, layers: int) -> bool:
 
 
 def _can_turn(plan: Plan) -> bool:
-    """Whether turned hexagons may lie further apart on equal layers.
-
-    Turned hexagons face neighbours with corners.
-    """
+    """Whether hexagons may face neighbours with corners, further apart on equal layers."""
     return plan.shape == "hexagon" and plan.sets > 1 and plan.arrangement.lattice in ("hexagonal", "triangle", "rings")
 
 
 def _placed(plan: Plan, choices: Choices) -> Plan:
-    """Find the pitch.
-
-    Raises DesignError if coils on the same layers overlap at this pitch.
-    """
+    """Find the pitch. Raises DesignError if coils on the same layers overlap at it."""
     if choices.overlap == "decoupled":
         few = replace(plan, arrangement=plan.arrangement.fewest)
         rough = replace(few, rough=True, elastomer=False)
@@ -287,10 +242,7 @@ def _placed(plan: Plan, choices: Choices) -> Plan:
 
 
 def _winding(plan: Plan, choices: Choices) -> Winding:
-    """Find turns and trace of the winding.
-
-    The trace has the usual width if possible, otherwise the board house's narrowest.
-    """
+    """Find turns and trace, of the usual width if possible, otherwise of the narrowest."""
     usual, finest = _rooms(plan)
     if not finest.most_turns:
         least = math.ceil(2e5 * (finest.hole + 2 * finest.trace_width + finest.gap) * (1 - 1e-9)) / 100  # mm
@@ -310,10 +262,7 @@ def _winding(plan: Plan, choices: Choices) -> Winding:
 
 
 def _rooms(plan: Plan) -> tuple[Room, Room]:
-    """Return the room of windings with usual and narrowest traces.
-
-    The narrowest traces are the board house's.
-    """
+    """Return the room of windings with usual traces and with the board house's narrowest."""
     radius, rules = min(plan.size) / 2, plan.rules
     closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
     hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
@@ -323,10 +272,7 @@ def _rooms(plan: Plan) -> tuple[Room, Room]:
 
 
 def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Wind with wider gaps where needed.
-
-    Wide traces may need them at corners. Otherwise the winding is as in the room.
-    """
+    """Wind with wider gaps where wide traces need them at corners."""
     first = found = _wind(plan, choices, room)
     for _ in range(_PASSES):
         array = replace(plan.one, winding=found, elastomer=False).design.array
@@ -340,10 +286,10 @@ def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 
 def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Find the winding with a rough model and corrections.
+    """Find the winding with a rough model, and correct for the effects that it leaves out.
 
-    The rough model has no sheets and few segments, and is screened. The search is repeated with corrections for the
-    effects that the model leaves out. The resistance is taken at the frequency at which the coil is likely to be used.
+    The rough model has no sheets and few segments, and is screened. The resistance is taken at the frequency at which
+    the coil is likely to be used.
     """
     inductance = choices.inductance or 0.0  # refused with the reason
     frequency = choices.frequency or expected_frequency(inductance or 1.0)
@@ -365,18 +311,12 @@ def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 
 def _alone(plan: Plan, winding: Winding) -> Plan:
-    """Return one coil with a winding.
-
-    Plans with the same coil give equal results.
-    """
+    """Return one coil with a winding. Plans with the same coil give equal results."""
     return replace(_wound(plan.one, winding), pitch=0.0)
 
 
 def _rough(plan: Plan, winding: Winding) -> Plan:
-    """Return a quick model of one coil.
-
-    The coil has the given winding.
-    """
+    """Return a quick model of one coil with a winding."""
     return replace(_alone(plan, winding), elastomer=False, rough=True)
 
 

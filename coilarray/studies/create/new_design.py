@@ -22,10 +22,7 @@ _DIGITS = 3  # of an inductance that is reached
 
 
 class _Named(Table):
-    """Check of a design's name.
-
-    The name is checked as in a design file, before any work.
-    """
+    """Check of a design's name as in a design file, before any work."""
 
     name: Name
 
@@ -128,25 +125,14 @@ def new_design(
 
 @dataclass(frozen=True)
 class Reach:
-    """Possible result of a board with fewer layers.
-
-    It is the number of its layers and the inductance in H.
-    """
+    """Layers of a board with fewer layers, and the inductance in H that it reaches."""
 
     layers: int
     inductance: float
 
 
 def reach_of_fewer_layers(layers: int, choices: Choices) -> Reach | None:
-    """Find the inductance that fewer layers can reach.
-
-    It is rounded down to three digits. None if no board with fewer layers has a place for the terminals.
-
-    Examples
-    --------
-    >>> reach_of_fewer_layers(4, Choices("1", "square", 10e-3, inductance=12e-6, elastomer=False)).layers
-    2
-    """
+    """Find the inductance that fewer layers can reach, rounded down to three digits, or None."""
     found = most_on_fewer_layers(_planned("fewer", choices), choices, layers)
     if found is None:
         return None

@@ -26,10 +26,7 @@ _MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
 
 @dataclass(frozen=True)
 class Winding:
-    """Turns per layer, trace width and gap of a winding.
-
-    Width and gap are in m.
-    """
+    """Turns per layer, trace width and gap of a winding in m."""
 
     turns: int
     trace_width: float
@@ -38,21 +35,11 @@ class Winding:
 
 @dataclass(frozen=True)
 class Room:
-    """Limits for a winding.
+    """Limits for a winding in m.
 
-    Parameters
-    ----------
-    radius : float
-        Distance in m from the centre to the outer edge of the copper's nearest side.
-    hole : float
-        Distance in m from the centre to the inner edge, which the innermost turn may not pass.
-    trace_width : float
-        Narrowest trace in m.
-    gap : float
-        Distance of the turns in m. The inner end of a circle lies a pitch further in than its last turn. Polygons get
-        the same room, though their last turn ends on its own sides.
-    widest_trace : float
-        Widest trace in m.
+    `radius` and `hole` are the distances from the centre to the outer edge of the copper's nearest side, and to the
+    inner edge, which the innermost turn may not pass. `trace_width` is the narrowest trace, and `gap` the distance of
+    the turns. The inner end of a circle lies a pitch further in than its last turn. Polygons get the same room.
     """
 
     radius: float
@@ -62,18 +49,12 @@ class Room:
     widest_trace: float = math.inf
 
     def widest(self, turns: int) -> float:
-        """Return the widest trace for the turns.
-
-        It is in m. It is below zero if not even their gaps fit.
-        """
+        """Return the widest trace for the turns in m, below zero if not even their gaps fit."""
         return min((self.radius - self.hole - turns * self.gap) / (turns + 1), self.widest_trace)
 
     @property
     def most_turns(self) -> int:
-        """Most turns that fit, with the narrowest trace.
-
-        0 if there is no room for a turn.
-        """
+        """Most turns that fit, with the narrowest trace."""
         pitch = self.trace_width + self.gap
         return max(math.floor((self.radius - self.hole - self.trace_width) / pitch * (1 + 1e-9)), 0)
 
@@ -90,26 +71,11 @@ def wind(
     resistance_of: Callable[[Winding], float],
     keeping: int | None = None,
 ) -> Winding:
-    """Find the winding of a wanted inductance with least resistance.
+    """Find the winding of a wanted inductance in H with least resistance.
 
     More turns of the narrowest trace have more inductance. So have narrower traces of equally many turns, as they lie
-    further out. For each possible number of turns the width of the trace is solved for and rounded to 1 µm.
-
-    Parameters
-    ----------
-    inductance : float
-        Wanted inductance in H.
-    room : Room
-        Limits for the winding.
-    inductance_of, resistance_of : callable
-        Functions that return the inductance in H of a winding, and its resistance.
-    keeping : int, optional
-        Number of turns that was found before. It is kept if it gives the inductance.
-
-    Raises
-    ------
-    DesignError
-        If the inductance cannot be reached. The message is one line with the possible range.
+    further out. For each possible number of turns the width of the trace is solved for and rounded to 1 µm. A number of
+    turns `keeping`, found before, is kept if it gives the inductance. Raises DesignError with the possible range.
     """
     if room.most_turns < 1:
         raise DesignError(
@@ -146,19 +112,12 @@ def wind(
 
 
 def _drawn(width: float, widest: float) -> float:
-    """Return the nearest width that fits.
-
-    It is in m and can be drawn.
-    """
+    """Return the nearest width in m that fits and can be drawn."""
     return min(round(width / _TRACE_STEP), math.floor(widest / _TRACE_STEP * (1 + 1e-9))) * _TRACE_STEP
 
 
 def _first(holds: Callable[[int], bool], most: int) -> int:
-    """Return the least number that fulfils a condition.
-
-    Numbers are whole and begin with 1. A condition that holds for a number must hold for all larger numbers. `most` + 1
-    if it does not hold.
-    """
+    """Return the least number from 1 on that fulfils a condition, as all larger do; else `most` + 1."""
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 
@@ -194,10 +153,7 @@ _TURNED = _corners(0, 180, 60, 120, 240, 300)
 
 @dataclass(frozen=True)
 class Plan:
-    """Decisions about a design so far.
-
-    Lengths are in m and the capacitance is in F. `document` makes the design file.
-    """
+    """Decisions about a design so far, in m and F. `document` makes the design file."""
 
     name: str
     title: str
@@ -231,10 +187,7 @@ class Plan:
 
     @property
     def starts(self) -> tuple[dict[str, Any], ...]:
-        """Possible starts of the winding and its leads.
-
-        Hexagons and squares face neighbours along x with a side.
-        """
+        """Possible starts of the winding and its leads; sides face neighbours along x."""
         return _TURNED if self.turned else _STARTS[self.shape]
 
     @property
@@ -314,19 +267,13 @@ class Plan:
 
     @property
     def via_drill(self) -> float:
-        """Diameter of the vias' holes in m.
-
-        It is half a wide trace, up to a limit.
-        """
+        """Diameter of the vias' holes in m, half a wide trace, up to a limit."""
         wide = math.floor(min(self.winding.trace_width / 2, _WIDEST_DRILL) / _PAD_STEP) * _PAD_STEP
         return max(_DRILL, wide, self.rules.min_drill)
 
     @property
     def via_pad(self) -> float:
-        """Diameter of the vias' pads in m.
-
-        It is rounded up to a twentieth of a millimetre.
-        """
+        """Diameter of the vias' pads in m, rounded up to a twentieth of a millimetre."""
         pad = self.via_drill + 2 * max(_RING, self.rules.min_annular_ring)
         return math.ceil(pad / _PAD_STEP * (1 - 1e-9)) * _PAD_STEP
 

@@ -24,28 +24,13 @@ _CLOSE = 0.01  # of the wanted frequency: required accuracy of a standard capaci
 
 
 def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: float | None = None) -> float:
-    """Choose the capacitance of the tank.
+    """Choose the capacitance of the tank in F.
 
-    Parameters
-    ----------
-    with_capacitance : callable
-        Function that returns the design with a capacitance in F.
-    frequency : float, optional
-        Frequency in Hz at which the tanks are to oscillate, on the mean of the coils. The nearest capacitance of the
-        series E24 is taken if it comes within 1 % of it, otherwise the exact capacitance, with three digits. By default
-        it is the smallest capacitance of the series E6, from 100 pF on, with which the converter keeps all its limits
-        at no more than half the coil's self-resonance. Frequency and quality factor are then as high as possible. If
-        there is no such capacitance, the capacitance that breaks the fewest limits is taken.
-
-    Returns
-    -------
-    float
-        Capacitance in F.
-
-    Raises
-    ------
-    DesignError
-        If no capacitance gives the frequency, because it is above the coil's self-resonance.
+    For a `frequency` in Hz, on the mean of the coils, the nearest capacitance of the series E24 is taken if it comes
+    within 1 % of it, otherwise the exact capacitance, with three digits. By default it is the smallest capacitance of
+    the series E6, from 100 pF on, with which the converter keeps all its limits at no more than half the coil's
+    self-resonance. Frequency and quality factor are then as high as possible. If there is none, the capacitance that
+    breaks the fewest limits is taken. Raises DesignError for a frequency above the coil's self-resonance.
     """
     if frequency is not None:
         return _for_frequency(with_capacitance, frequency)
@@ -64,23 +49,17 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
 
 
 def expected_frequency(inductance: float) -> float:
-    """Return the frequency in Hz that `tank_capacitance` will likely choose.
+    """Return the frequency in Hz that `tank_capacitance` will likely choose for an inductance in H.
 
-    It depends on the inductance in H. Windings are compared at this frequency before there is a tank.
-
-    Examples
-    --------
-    >>> round(expected_frequency(5e-6) * 1e-6, 2), round(expected_frequency(1e-6) * 1e-6, 2)
-    (7.12, 10.0)
+    Windings are compared at this frequency before there is a tank.
     """
     return min(1 / (2 * math.pi * math.sqrt(inductance * _SMALLEST)), SENSOR_FREQUENCY[1])
 
 
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
-    """List the limits of the LDC1614 that states break.
+    """List the limits of the LDC1614 that states of a scan break, with the names of the states.
 
-    Each limit has the name of the state. `scan` is made by `scan_design`. The frequency may also be no more than a
-    share of the coil's self-resonance. None are broken for a design without a converter.
+    The frequency may also be no more than a share of the coil's self-resonance. None are broken without a converter.
     """
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     broken: list[tuple[str, Limit]] = []
@@ -101,13 +80,7 @@ def _series() -> Iterator[float]:
 
 
 def is_standard(capacitance: float) -> bool:
-    """Whether a capacitance in F belongs to the series E24.
-
-    Examples
-    --------
-    >>> is_standard(1e-9), is_standard(987e-12)
-    (True, False)
-    """
+    """Return whether a capacitance in F belongs to the series E24."""
     return math.isclose(capacitance, _nearest_standard(capacitance), rel_tol=1e-6)
 
 
@@ -147,10 +120,7 @@ def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float
 
 
 def _rounded(capacitance: float, frequency: float, reached: Callable[[float], float]) -> float:
-    """Return the nearest standard value, or three digits.
-
-    The standard value is taken if the frequency in Hz that it reaches is close.
-    """
+    """Return the nearest standard value if its frequency in Hz is close, or three digits."""
     standard = _nearest_standard(capacitance)
     with suppress(NetworkError):  # it may be too much for the losses, unlike the exact value
         if abs(reached(standard) / frequency - 1) <= _CLOSE:

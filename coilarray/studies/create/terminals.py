@@ -26,16 +26,11 @@ _MOST_TRIALS = 3  # of lengths at one start, as rules may break that the quick l
 
 
 def with_terminals(plan: Plan, *, movable: bool) -> Plan:
-    """Find the start of the windings and their leads.
+    """Find the start of the windings and their leads, with every fabrication rule kept.
 
-    The start is a corner or side, and every fabrication rule is kept. Holes go through the whole board. Holes of coils
-    that overlap must lie in the hole of a neighbour's winding or beside all of them. Coils side by side that are
-    `movable` are moved apart until there is room.
-
-    Raises
-    ------
-    DesignError
-        If there is no such place. The message describes the broken rule at the usual start.
+    Holes go through the whole board. Holes of coils that overlap must lie in the hole of a neighbour's winding or
+    beside all of them. Coils side by side that are `movable` are moved apart until there is room. Raises DesignError
+    with the broken rule at the usual start.
     """
     problem = None
     for tried in _candidates(plan, movable=movable):
@@ -67,10 +62,7 @@ def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
 
 
 def _clear_leads(plan: Plan) -> Iterator[float]:
-    """Yield lengths of leads in m with clear terminals.
-
-    No hole of a coil then meets the winding of another coil.
-    """
+    """Yield lengths of leads in m at which no hole meets the winding of another coil."""
     placements = replace(plan, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
     windings = [_windings(place) for place in placements]
     others = [np.concatenate([*windings[:k], *windings[k + 1 :]]) for k in range(len(windings))]
@@ -113,10 +105,7 @@ def _meets(place: Placement, other: Placement) -> bool:
 
 
 def _windings(place: Placement) -> npt.NDArray[np.object_]:
-    """Pieces of a coil's lines without leads.
-
-    The centre lines are in the frame of the board.
-    """
+    """Pieces of a coil's centre lines without leads, in the frame of the board."""
     outline = shapely.Polygon(place.coil.outline).buffer(place.coil.trace_width)
     pieces = shapely.get_parts(shapely.intersection([shapely.LineString(line) for line in place.coil.lines], outline))
     return np.array([shapely.LineString(place.to_board(shapely.get_coordinates(piece))) for piece in pieces])
@@ -139,9 +128,8 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
     """Find room for all leads to a connector.
 
     The distance of the connector, the length of the leads and, if `movable`, the pitch of the coils are increased.
-    Raises DesignError with the problem of the roomiest board if a lead finds no way or a rule is broken. The search
-    stops early if less than half of the coils are routed, and neighbours that may not move are too near for the leads
-    of a row between them.
+    Raises DesignError with the problem of the roomiest board. The search stops early if less than half of the coils are
+    routed, and neighbours that may not move are too near for the leads of a row between them.
     """
     problem = ""
     several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")
@@ -169,10 +157,7 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
 
 
 def _roomy_pitch(plan: Plan, side: Side) -> float:
-    """Estimate a pitch in m with room for all leads.
-
-    The leads of a whole row or column of coils then pass beside each other's leads.
-    """
+    """Estimate a pitch in m at which the leads of a whole row pass beside each other."""
     across, passing = (plan.size[-1], plan.arrangement.columns) if side in ("left", "right") else (
         plan.size[0], plan.arrangement.rows)  # fmt: skip
     winding = plan.winding

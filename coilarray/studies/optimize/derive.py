@@ -29,9 +29,7 @@ _BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
 
 
 def parse_wish(text: str) -> dict[str, Any] | None:
-    """Read a wish as an objective.
-
-    The form is ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``. None for any other text.
+    """Read ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``, or return None.
 
     Examples
     --------
@@ -46,15 +44,7 @@ def parse_wish(text: str) -> dict[str, Any] | None:
 
 
 def parse_bound(text: str) -> dict[str, Any]:
-    """Read a bound as a constraint.
-
-    The form is ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE``. Raises GoalError for any other text.
-
-    Examples
-    --------
-    >>> parse_bound("span_mm >= 80")
-    {'quantity': 'span_mm', 'at_least': 80.0}
-    """
+    """Read ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE`` as a constraint. Raises GoalError."""
     found = _BOUND.fullmatch(text.strip())
     if found is None:
         raise GoalError(f"--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got {text!r}.")
@@ -63,10 +53,7 @@ def parse_bound(text: str) -> dict[str, Any]:
 
 
 def variable_of(axis: Axis) -> dict[str, Any]:
-    """Return an axis of the command line as a variable.
-
-    The axis is START:STOP, START:STOP:COUNT as steps, or A,B,… as choices.
-    """
+    """Return START:STOP, START:STOP:COUNT as steps, or A,B,… as choices, as a variable."""
     values = axis.values
     if axis.interval:
         return {"entry": axis.key, "low": values[0], "high": values[1]}
@@ -93,10 +80,9 @@ _TABLES = ("variable", "objective", "constraint")
 
 
 def goal_text(goal: Goal, comments: Mapping[str, str], head: str) -> str:
-    """Write a goal as the text of a goal file.
+    """Write a goal as the text of a goal file, with a comment for each table by its place.
 
-    `coilarray.studies.optimize.goal.parse_goal` reads it back. `comments` has a line for each table by its place, such
-    as "variable.0". `head` are the lines at the top.
+    `head` are the lines at the top.
     """
     document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
     lines = [*(f"# {line}".rstrip() for line in head.splitlines()), ""]
@@ -117,10 +103,7 @@ def _entries(table: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """Return a plain value as TOML.
-
-    Inner lists have one line each.
-    """
+    """Return a plain value as TOML. Inner lists have one line each."""
     if isinstance(value, list) and any(isinstance(part, list) for part in value):
         return "[\n" + "".join(f"    {json.dumps(part, ensure_ascii=False)},\n" for part in value) + "]"
     return json.dumps(value, ensure_ascii=False)
@@ -134,10 +117,7 @@ _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present 
 
 @dataclass(frozen=True)
 class _Part:
-    """Contribution of one name or wish to a goal.
-
-    It consists of tables, each with a line about its origin.
-    """
+    """Tables of one name or wish in a goal, each with a line about its origin."""
 
     objectives: list[tuple[dict[str, Any], str]]
     constraints: list[tuple[dict[str, Any], str]]
@@ -158,42 +138,21 @@ class _Named:
 
 @dataclass(frozen=True)
 class DerivedGoal:
-    """Goal with comments on its tables.
-
-    Each comment is a line about the origin of a table. The tables are named by places such as "variable.0".
-    """
+    """Goal with a line about the origin of its tables, by places such as "variable.0"."""
 
     goal: Goal
     comments: Mapping[str, str]
 
     def text(self, head: str) -> str:
-        """Return the goal as a commented file.
-
-        `head` are the lines at its top.
-        """
+        """Return the goal as a commented file with `head` at its top."""
         return goal_text(self.goal, self.comments, head)
 
 
 def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
-    """Read a goal.
+    """Read a goal file (TOML), or make one of the goals `NAMES` for the design.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-        A goal file (TOML), or one of `NAMES`, a goal that is made for the design. A file has precedence over a name.
-    design : Design or DesignFile
-        Design that is to be changed.
-
-    Returns
-    -------
-    Goal
-        The goal, checked against the design.
-
-    Raises
-    ------
-    GoalError
-        If the file is unreadable, is not valid TOML, or has an unknown key or a value that is not allowed, in one line.
-        Also if the goal does not fit the design, for example `decouple` for a single coil.
+    A file has precedence over a name. Raises GoalError for an unreadable file, an unknown key or a value that is not
+    allowed, in one line, and if the goal does not fit the design, for example `decouple` for a single coil.
 
     Examples
     --------
@@ -230,30 +189,15 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
 
 
 def is_named(name_or_path: str | Path) -> bool:
-    """Whether this is the name of a goal.
-
-    A file is not.
-    """
+    """Whether this is the name of a goal and not a file."""
     return str(name_or_path) in NAMES and not Path(name_or_path).is_file()
 
 
 def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequence[Axis] = ()) -> DerivedGoal:
-    """Make a goal for a design.
+    """Make a goal for a design from names among `NAMES` or wishes as `parse_wish` reads them.
 
-    Parameters
-    ----------
-    wishes : sequence of str
-        Names among `NAMES`, or ``minimize QUANTITY``, ``maximize QUANTITY`` and ``QUANTITY=VALUE``. Several wishes make
-        a goal with several objectives. Its variables are the variables of all of them.
-    design : Design or DesignFile
-        Design that is to be changed.
-    vary : sequence of Axis
-        Variables, from `coilarray.studies.sweep.parse_axis`, instead of the variables that follow from the wishes.
-
-    Raises
-    ------
-    GoalError
-        If a wish is not valid, or the design has nothing that such a goal could change.
+    Several wishes make a goal with several objectives and all their variables. The axes `vary` replace the variables
+    that follow from the wishes. Raises GoalError for a wish that is not valid, and if nothing could be changed.
     """
     file = as_file(design)
     asked = [_named(wish) for wish in wishes]
@@ -288,10 +232,7 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
 
 
 def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[str, Any]]) -> DerivedGoal:
-    """Return a goal with other variables and further bounds.
-
-    The variables of `vary`, if any, replace the goal's own. A bound replaces the bounds of the same quantity.
-    """
+    """Return a goal with the variables of `vary`, if any, and further bounds, one for a quantity."""
     if not vary and not keep:
         return derived
     document = derived.goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
@@ -313,9 +254,7 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
-    """Return the goals that do not fit.
-
-    They are names of `NAMES` with reasons. Each reason is one line.
+    """Return the names of goals that do not fit, each with the reason in one line.
 
     Examples
     --------
@@ -339,10 +278,7 @@ def _nothing_to_vary(wishes: Sequence[str], file: DesignFile) -> str:
 
 
 def _named(wish: str) -> _Named:
-    """Return the goal of a name or a wish.
-
-    With a wish everything that determines a coil and its distances may change.
-    """
+    """Return the goal of a name or a wish, for which coils and distances may change."""
     if wish in _NAMED:
         return _NAMED[wish]
     objective = parse_wish(wish)
@@ -420,10 +356,7 @@ def _resolution(file: DesignFile) -> _Part:
 
 
 def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _Part:
-    """Change size, turns and traces of the coils.
-
-    The board does not grow.
-    """
+    """Change size, turns and traces of the coils. The board does not grow."""
     coil = file.design.array.middle_coil
     board, _ = _areas(file)[0]
     now = evaluate(file.design, ["board_area_mm2"])["board_area_mm2"]
@@ -437,10 +370,7 @@ def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _P
 
 
 def _smallest(file: DesignFile) -> _Part:
-    """Minimize the board area at constant performance.
-
-    The inductance in the middle, the coupling and most of Q are kept, as far as the design has them.
-    """
+    """Minimize the board area; inductance in the middle, coupling and most of Q are kept."""
     design = file.design
     coil = design.array.names[0] if len(design.array.names) == 1 else ranges.neighbours(design).names[0]
     wanted = {f"inductance_uH[{coil}]": (1.0, "at_least", "as much as it is; another one can be asked for here")}
@@ -464,10 +394,7 @@ def _smallest(file: DesignFile) -> _Part:
 
 
 def _distances(file: DesignFile) -> list[Range]:
-    """Return the ranges that bring coils nearer to each other.
-
-    They are the pitch, or the sizes if each coil has its own place.
-    """
+    """Ranges of the pitch, or of the sizes if each coil has its own place."""
     return ranges.pitch_ranges(file) or ranges.size_ranges(file)
 
 

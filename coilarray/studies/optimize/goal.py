@@ -31,10 +31,7 @@ Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
 
 def _key(asked: Any) -> str:
-    """Return the canonical text of a quantity.
-
-    It is given as a text or as a table with options.
-    """
+    """Return the canonical text of a quantity, given as a text or as a table with options."""
     try:
         return canonical(asked)
     except GoalError as error:
@@ -46,10 +43,7 @@ QuantityKey = Annotated[str, BeforeValidator(_key)]
 
 
 class Variable(Table):
-    """``[[variable]]``: an entry of the design that may change.
-
-    It lies between bounds or among choices.
-    """
+    """``[[variable]]``: an entry of the design that may change, between bounds or among choices."""
 
     entry: Annotated[str, Field(min_length=1)]
     """Dotted key of the design, such as array.pitch_mm."""
@@ -100,10 +94,7 @@ class Variable(Table):
 
 
 def _plain(choice: Any) -> Any:
-    """Return a choice with numbers in one form.
-
-    Whole numbers are unified: 12.0 is 12.
-    """
+    """Return a choice with whole numbers in one form: 12.0 is 12."""
     if isinstance(choice, list):
         return [_plain(part) for part in choice]
     return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
@@ -138,10 +129,7 @@ class Objective(Table):
         return f"{self.direction} {self.quantity}"
 
     def score(self, value: float) -> float:
-        """Return the score that is minimized or maximized.
-
-        It is the quantity, or its distance to the target.
-        """
+        """Return the quantity, or its distance to the target."""
         return value if self.target is None else abs(value - self.target)
 
 
@@ -160,10 +148,7 @@ class Constraint(Bounds):
         return f"{self.quantity} {' and '.join(bounds)}"
 
     def violations(self, value: float) -> dict[str, float]:
-        """Return the violation of each bound.
-
-        It is relative to the bound unless the bound is zero. A bound is kept up to a violation of zero.
-        """
+        """Return the violation of each bound, relative to it unless it is zero; at most 0 if kept."""
         broken = {}
         if self.at_least is not None:
             broken[f"{self.quantity} >= {self.at_least!r}"] = _excess(self.at_least - value, self.at_least)
@@ -173,10 +158,7 @@ class Constraint(Bounds):
 
 
 def _excess(difference: float, bound: float) -> float:
-    """Scale a violation, so that different units add up.
-
-    Rounding breaks no bound.
-    """
+    """Scale a violation, so that different units add up. Rounding breaks no bound."""
     scaled = difference / (abs(bound) or 1.0)
     return 0.0 if abs(scaled) < _ROUNDING else scaled
 
@@ -184,9 +166,8 @@ def _excess(difference: float, bound: float) -> float:
 class Search(Table):
     """``[search]``: number of points, sampler, random seed and accuracy.
 
-    ``accuracy = "screen"`` computes the inductances of the sampler's points faster:
-    `coilarray.electromagnetics.inductance.Accuracy`. The local solver's points and the chosen designs are always
-    computed in full accuracy.
+    ``accuracy = "screen"`` computes the inductances of the sampler's points faster. The local solver's points and the
+    chosen designs are always computed in full accuracy.
     """
 
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
@@ -237,18 +218,12 @@ class Goal(Table):
 
     @property
     def sampler(self) -> Sampler:
-        """Sampler of the search.
-
-        By default it is tpe for one objective and nsga2 for several.
-        """
+        """Sampler of the search, by default tpe for one objective and nsga2 for several."""
         return self.search.sampler or ("tpe" if len(self.objectives) == 1 else "nsga2")
 
     @property
     def polish(self) -> int:
-        """Evaluations of the local solver.
-
-        By default there are none for several objectives.
-        """
+        """Evaluations of the local solver, by default none for several objectives."""
         if self.search.polish is not None:
             return self.search.polish
         return _POLISH if len(self.objectives) == 1 else 0
@@ -265,25 +240,11 @@ class Goal(Table):
         return ["maximize" if objective.maximized else "minimize" for objective in self.objectives]
 
     def scores(self, values: Mapping[str, float]) -> tuple[float, ...]:
-        """Score of every objective, from quantities by name.
-
-        Returns
-        -------
-        tuple of float
-            Scores in the units of their quantities, in the order of the objectives.
-        """
+        """Score of every objective, from quantities by name."""
         return tuple(objective.score(values[objective.quantity]) for objective in self.objectives)
 
     def violations(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Violation of every bound, from quantities by name.
-
-        See `Constraint.violations`.
-
-        Returns
-        -------
-        dict of str to float
-            Excess relative to the bound, by the bound as text. It is 0 or less if the bound is kept.
-        """
+        """Violation of every bound as text, from quantities by name."""
         return {
             key: excess
             for constraint in self.constraints
@@ -291,15 +252,7 @@ class Goal(Table):
         }
 
     def searched(self) -> dict[str, Any]:
-        """Everything that determines the points, as plain tables.
-
-        Title, trials, polish and watch are left out.
-
-        Returns
-        -------
-        dict
-            Tables, lists and values.
-        """
+        """Tables of everything that determines the points: no title, trials, polish and watch."""
         whole = self.model_dump(mode="json", by_alias=True, exclude={"title", "watch"})
         del whole["search"]["trials"], whole["search"]["polish"]
         whole["search"]["sampler"] = self.sampler
@@ -307,10 +260,7 @@ class Goal(Table):
 
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
-    """Read a goal from the text of a TOML file.
-
-    `origin` is the name of the text in messages. Raises GoalError for wrong TOML, an unknown key or a value that is not
-    allowed, in one line.
+    """Read a goal from the text of a TOML file, which messages call `origin`. Raises GoalError.
 
     Examples
     --------
@@ -323,10 +273,7 @@ def parse_goal(text: str, origin: str = "goal") -> Goal:
 
 
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
-    """Read a goal from the tables of a TOML file.
-
-    See `parse_goal`.
-    """
+    """Read a goal from the tables of a TOML file. See `parse_goal`."""
     return GOALS.check(Goal, document, origin)
 
 
@@ -337,26 +284,11 @@ RULES = ("fab_margin_mm", "fab_broken")
 
 @dataclass(frozen=True)
 class Trial:
-    """An evaluated point of a search.
+    """Evaluated point of a search.
 
-    Parameters
-    ----------
-    kind : {"start", "search", "polish"}
-        Origin of the point: the design itself if it lies outside the bounds, the sampler, or the local solver.
-    place : int
-        Number of the point among the points of its kind, from 0.
-    changes : mapping of str to object
-        Changed entries of the design, in the units of their keys. Empty for the start.
-    quantities : mapping of str to float
-        Values by name, in the unit of the name. Empty for an impossible point.
-    scores : tuple of float
-        Score of every objective, see `Goal.scores`. Empty for an impossible point.
-    violations : mapping of str to float
-        Violation of every bound, see `Goal.violations`.
-    reason : str
-        Reason why the point is impossible, in one line. Empty for a possible point.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
+    `kind` is its origin: the design itself if it lies outside the bounds, the sampler, or the local solver. `place` is
+    its number among the points of its kind. `changes` are entries in the units of their keys, empty for the start. An
+    impossible point has a `reason` in one line, and no `quantities`, `scores` and `violations`.
     """
 
     kind: Literal["start", "search", "polish"]
@@ -387,11 +319,7 @@ def trial_of(
     outcome: Mapping[str, float] | str,
     accuracy: Accuracy = "full",
 ) -> Trial:
-    """Judge a point by a goal.
-
-    `outcome` is the reason why the point has no quantities, or the quantities of the goal by name. Merely watched
-    quantities may be missing.
-    """
+    """Judge a point by a goal, from its quantities or the reason why it has none."""
     if isinstance(outcome, str):
         return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
     values = {key: float(outcome[key]) for key in goal.quantities if key in outcome}
@@ -399,30 +327,20 @@ def trial_of(
 
 
 def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
-    """Return the feasible trial with the best score.
-
-    The goal has one objective. Of equal trials it is the first.
-    """
+    """Return the feasible trial with the best score of one objective, the first of equal ones."""
     sign = -1 if goal.objectives[0].maximized else 1
     return min((trial for trial in trials if trial.feasible), key=lambda trial: sign * trial.scores[0], default=None)
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front of the trials.
-
-    It is in the order of the first objective. It consists of feasible trials that no other trial beats. Of equal trials
-    it has only one.
-    """
+    """Return the feasible trials that no other beats, by the first objective; of equal ones one."""
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     scores = {k: trial.scores for k, trial in enumerate(trials) if trial.feasible}
     return tuple(trials[k] for k in unbeaten(scores, signs))
 
 
 def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
-    """Return the numbers of the Pareto front's points.
-
-    They are sorted by the first score. A sign of −1 marks a maximum.
-    """
+    """Return the numbers of the Pareto front by the first score. A sign of −1 marks a maximum."""
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
     # sorted by all costs, a point is not beaten by a later point
@@ -433,10 +351,9 @@ def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> lis
 
 
 def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front of the start and the trials.
+    """Return the Pareto front of the start and the trials, without what is no gain over the start.
 
-    The start and trials that are equally good but for rounding are left out. The front is empty if no trial is better
-    than the start in any objective. It is complete if the start breaks a bound.
+    It is empty if no trial is better than the start in any objective, and complete if the start breaks a bound.
     """
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
 
@@ -449,11 +366,10 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
-    """Return the best points of a sweep by a goal.
+    """Return the best point of a sweep by a goal, or the Pareto front; empty if none keeps all bounds.
 
-    They are the best point, or the Pareto front for several objectives. They are empty if no point keeps all bounds.
-    The result has the quantities of the goal, as `coilarray.sweep` returns it. Points that break fabrication rules, and
-    points that no converter can read, are left out, unless the goal treats them itself.
+    The result has the quantities of the goal. Points that break fabrication rules, and points that no converter can
+    read, are left out, unless the goal treats them itself.
     """
     free = any(name.startswith(RULES) for name in goal.quantities)
     kept, read = (of(result).values.ravel().tolist() for of in (keeps_rules, is_read))

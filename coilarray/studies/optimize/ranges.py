@@ -24,10 +24,7 @@ _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
 
 @dataclass(frozen=True)
 class Range:
-    """Entry that may change, with a reason for its range.
-
-    `tables` are tables of ``[[variable]]``, and the reason is one line.
-    """
+    """Table of ``[[variable]]`` with the reason for its range in one line."""
 
     variable: dict[str, Any]
     says: str
@@ -35,10 +32,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two coils with their distance in m.
-
-    The pair has the names, the distance at which the outlines touch, and whether the coils share copper.
-    """
+    """Two coils with their distance in m, at which their outlines touch, and if they share copper."""
 
     names: tuple[str, str]
     distance: float
@@ -47,10 +41,7 @@ class Pair:
 
 
 def pairs(design: Design) -> list[Pair]:
-    """Return all pairs of coils, the nearest first.
-
-    Equally near pairs are sorted by their distance from the middle.
-    """
+    """Return all pairs of coils, the nearest first, equally near ones from the middle."""
     places = design.array.placements
     middle = (design.array.centres.min(axis=0) + design.array.centres.max(axis=0)) / 2
     found, outlines = [], {place.name: place.to_board(place.coil.outline) - (place.x, place.y) for place in places}
@@ -66,10 +57,7 @@ def pairs(design: Design) -> list[Pair]:
 
 
 def neighbours(design: Design) -> Pair:
-    """Return two neighbours in the middle of the array.
-
-    They are on different copper if there is such a pair. Raises GoalError for a single coil.
-    """
+    """Return two neighbours in the middle, on different copper if there are. Raises GoalError."""
     known = pairs(design)
     if not known:
         raise GoalError(f"the design {design.name} has only one coil, and so no coupling.")
@@ -78,10 +66,7 @@ def neighbours(design: Design) -> Pair:
 
 
 def pitch_ranges(file: DesignFile) -> list[Range]:
-    """Return the range of the pitch of a lattice.
-
-    It is empty for a single coil, and if every coil has its own place.
-    """
+    """Return the range of the pitch of a lattice of several coils."""
     design, pitch = file.design, file.values.get("array.pitch_mm")
     known = pairs(design)
     if not isinstance(pitch, int | float) or not known:
@@ -99,10 +84,7 @@ def pitch_ranges(file: DesignFile) -> list[Range]:
 
 
 def size_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of the outer sizes of all spirals.
-
-    Coils of one copper layer do not grow into each other.
-    """
+    """Return the ranges of the outer sizes of all spirals that do not grow into each other."""
     design = file.design
     room = min(
         ((one.distance - design.rules.min_gap) / one.touching for one in pairs(design) if one.share_copper),
@@ -115,10 +97,7 @@ def size_ranges(file: DesignFile) -> list[Range]:
 
 
 def turns_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of all turns per layer.
-
-    They belong to all spirals. They are in whole steps from the present numbers.
-    """
+    """Return the ranges of all turns per layer in whole steps."""
     ranges = []
     for key, turns in _of_coils(file, "turns_per_layer"):
         low = turns - min(max(1, round(_TURNS_LESS * turns)), math.ceil(turns) - 1)
@@ -130,10 +109,7 @@ def turns_ranges(file: DesignFile) -> list[Range]:
 
 
 def trace_ranges(file: DesignFile) -> list[Range]:
-    """Return the ranges of trace widths and gaps.
-
-    They belong to all spirals. They extend from the limits of [fab] to the present values.
-    """
+    """Return the ranges of trace widths and gaps from the limits of [fab] to the present values."""
     rules = file.design.rules
     limits = (("trace_width_mm", rules.min_trace * 1e3), ("gap_mm", rules.min_gap * 1e3))
     return [
@@ -145,10 +121,7 @@ def trace_ranges(file: DesignFile) -> list[Range]:
 
 
 def layer_choices(file: DesignFile) -> list[Range]:
-    """Return the possible sets of copper layers.
-
-    Each coil of a lattice takes one of the sets in turn.
-    """
+    """Return the possible sets of copper layers, of which each coil takes one in turn."""
     sets = file.values.get("array.layers")
     if not isinstance(sets, list) or len(sets) < 2 or len(file.design.array.names) < 2:
         return []
@@ -168,10 +141,7 @@ def layer_choices(file: DesignFile) -> list[Range]:
 
 
 def termination_choices(file: DesignFile) -> list[Range]:
-    """Return the possible terminations of coils not measured.
-
-    It is empty for a single coil.
-    """
+    """Return the possible terminations of coils not measured, of several coils."""
     key = "circuit.default_termination"
     now = file.values.get(key)
     if now not in ("short", "open") or len(file.design.array.names) < 2:
@@ -180,9 +150,7 @@ def termination_choices(file: DesignFile) -> list[Range]:
 
 
 def rounded(value: float, digits: int, *, up: bool) -> float:
-    """Round a number to a number of digits.
-
-    It is rounded up or down.
+    """Round a number up or down to a number of digits.
 
     >>> rounded(13.28, 3, up=True), rounded(-0.0123, 1, up=False)
     (13.3, -0.02)
@@ -195,19 +163,13 @@ def rounded(value: float, digits: int, *, up: bool) -> float:
 
 
 def _between(key: str, now: float, low: float, high: float, why: str) -> Range:
-    """Make a range with bounds of three digits.
-
-    It includes the present value.
-    """
+    """Make a range with bounds of three digits that includes the present value."""
     ends = {"low": min(rounded(low, 3, up=True), now), "high": max(rounded(high, 3, up=True), now)}
     return Range({"entry": key, **ends}, f"{now:g} as it is; {why}")
 
 
 def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
-    """Return the numbers of all used spirals for some keys.
-
-    They are given by their dotted keys. The last name of a key starts with `begins`.
-    """
+    """Return the numbers of all used spirals by keys whose last name starts with `begins`."""
     used = {place.coil.name for place in file.design.array.placements}
     return [
         (key, float(value))
@@ -220,10 +182,7 @@ def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
 
 
 def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[list[str]]]:
-    """Yield the ways to choose disjoint sets of layers.
-
-    The order of the sets does not matter.
-    """
+    """Yield the ways to choose disjoint sets of layers, in any order."""
     if count == 0:
         yield []
         return

@@ -37,29 +37,13 @@ SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
 
 @dataclass(frozen=True, eq=False)
 class Optimization:
-    """Result of an optimisation.
+    """Result of an optimization.
 
-    Parameters
-    ----------
-    file : DesignFile
-        Design from which the search started.
-    goal : Goal
-        Goal of the search. Its number of trials is raised to the number in an earlier run, if that was larger.
-    axes : tuple of Axis
-        The variables, as `axes_of` returns them.
-    start : Trial
-        The design from which the search started, as a trial.
-    start_inside : bool
-        Whether the start lies within the bounds of the variables, and is a point of the search too.
-    trials : tuple of Trial
-        Trials of the search, then of the local solver, each in their order, including the trials of earlier runs.
-    front : tuple of Trial
-        The trials that are better than the start, see `better_than`, in the order of the first objective. With one
-        objective it is the best trial alone. Empty if no trial keeps all bounds.
-    found : int
-        Number of trials from an earlier run.
-    polish_problem : str
-        Reason why the local solver did not run. Empty if it did.
+    `file` and `start` are the design from which the search started, and `start_inside` is whether it lies within the
+    bounds of the variables. `goal` has at least as many trials as an earlier run. `trials` are of the search, then of
+    the local solver, including the `found` trials of earlier runs. `front` are the trials that are better than the
+    start by the first objective, with one objective the best alone, and empty if no trial keeps all bounds.
+    `polish_problem` is the reason why the local solver did not run.
     """
 
     file: DesignFile
@@ -79,32 +63,15 @@ class Optimization:
 
     @property
     def best(self) -> Trial | None:
-        """Best trial of a goal with one objective.
-
-        None if no trial is better than the start, and for several objectives.
-        """
+        """Best trial of one objective, None if none is better than the start."""
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
-        """Return the variables' values of a trial by entry.
-
-        A value is None if the start has no value.
-
-        Returns
-        -------
-        mapping of str to object
-            Value in the unit of the entry, by the entry.
-        """
+        """Return the variables' values of a trial by entry, None where the start has none."""
         return {axis.entry: axis.start for axis in self.axes} if trial.kind == "start" else trial.changes
 
     def designs(self) -> tuple[Design, ...]:
-        """Return the designs of the front, in its order.
-
-        Returns
-        -------
-        tuple of Design
-            A design for every point of the front.
-        """
+        """Return the designs of the front, in its order."""
         return tuple(vary(self.file, trial.changes) for trial in self.front)
 
 
@@ -174,10 +141,7 @@ def optimize_with(
     *,
     progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search as `optimize_design` does, with any `evaluate` function.
-
-    It is an `Evaluate`.
-    """
+    """Search as `optimize_design` does, with any `Evaluate` function."""
     file = as_file(design)
     axes = axes_of(goal, file)
     inside = start_parameters(axes) is not None
@@ -198,10 +162,7 @@ def optimize_with(
 
 
 def require_coils(design: Design, goal: Goal) -> None:
-    """Raise GoalError if a goal names a missing coil.
-
-    It is raised before anything is computed.
-    """
+    """Raise GoalError if a goal names a missing coil, before anything is computed."""
     evaluation = quantities.Evaluation(design)
     for key in goal.quantities:
         for coil in quantities.request(key).coils:
@@ -209,10 +170,7 @@ def require_coils(design: Design, goal: Goal) -> None:
 
 
 def _with_known(goal: Goal, store: StudyFile) -> Goal:
-    """Return the goal with enough trials.
-
-    It has at least as many trials as the study. No known point is then left out.
-    """
+    """Return the goal with at least as many trials as the study."""
     points = [trial.user_attrs["point"] for trial in store.trials()]
     known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
     if known <= goal.search.trials:
@@ -221,19 +179,13 @@ def _with_known(goal: Goal, store: StudyFile) -> Goal:
 
 
 def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]:
-    """Return every point of the local solver.
-
-    Points of earlier runs with another start are included.
-    """
+    """Return every point of the local solver, also of earlier runs with another start."""
     stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
     return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
 
 
 def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
-    """Compute the front in full accuracy.
-
-    Watched quantities that its points lack are computed too.
-    """
+    """Compute the front in full accuracy, and watched quantities that it lacks."""
     known = {trial.name: trial for trial in trials}
     full = {
         trial.name
@@ -249,10 +201,7 @@ def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Eval
 
 
 def _require_quantities(design: Design, goal: Goal) -> None:
-    """Refuse a goal with a missing coil or indentation.
-
-    They are missing in the start. Other problems may disappear in the search.
-    """
+    """Refuse a goal if the start lacks a coil or indentation; others may disappear."""
     try:
         quantities.evaluate(design, goal.quantities)
     except GoalError:
@@ -262,10 +211,7 @@ def _require_quantities(design: Design, goal: Goal) -> None:
 
 
 class _Count:
-    """Counter of points for a progress bar.
-
-    It keeps the best point.
-    """
+    """Counter of points for a progress bar, with the best point."""
 
     def __init__(self, goal: Goal, progress: SearchProgress | None) -> None:
         self._goal, self._progress = goal, progress

@@ -61,20 +61,14 @@ class StudyFile:
         self._study = study
 
     def trials(self) -> list[FrozenTrial]:
-        """Return every trial, in the order of writing.
-
-        Raises OutputError for a damaged file.
-        """
+        """Return every trial, in the order of writing. Raises OutputError for a damaged file."""
         try:
             return self._study.get_trials(deepcopy=False)
         except Exception as error:  # Optuna lets through the errors of SQLAlchemy and of JSON readers
             raise OutputError(f"cannot use {FILE}, it is damaged: {_first_line(error)}.") from None
 
     def add(self, trial: FrozenTrial) -> None:
-        """Write a finished trial completely or not at all.
-
-        Raises OutputError on failure.
-        """
+        """Write a finished trial completely or not at all. Raises OutputError."""
         from optuna.exceptions import StorageInternalError
 
         try:
@@ -85,12 +79,11 @@ class StudyFile:
 
 @contextmanager
 def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
-    """Open or make the study of a goal.
+    """Open or make the study of a goal and a design in a folder, for a ``with`` block.
 
-    It also belongs to a design. It is a context manager on a folder. The folder may hold studies of other designs and
-    goals too. A study is identified by the code and by the whole goal except its trials, polish and watch. Raises
-    OutputError if the file cannot be written or holds something else, or if another search is running in the folder,
-    and MissingDependencyError if Optuna is not installed.
+    The folder may hold studies of other designs and goals too. A study is identified by the code and by the whole goal
+    except its trials, polish and watch. Raises OutputError if the file cannot be written or holds something else, or if
+    another search is running in the folder, and MissingDependencyError if Optuna is not installed.
     """
     optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
     from sqlalchemy import event
@@ -119,10 +112,10 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
 
 
 def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
-    """Return Optuna's storage on a database.
+    """Return Optuna's storage on a path or, in SQLite's form, ``file:…?mode=ro``.
 
-    The file is a path or, in SQLite's form, ``file:…?mode=ro``. Optuna takes a URL, in which names with %, ? or # are
-    read differently by different versions of SQLAlchemy. A database taken `as_it_is` is not completed first.
+    Optuna takes a URL, in which names with %, ? or # are read differently by different versions of SQLAlchemy. A
+    database taken `as_it_is` is not completed first.
     """
     from optuna.storages import RDBStorage
 
@@ -134,10 +127,7 @@ def storage_on(file: Path | str, *, as_it_is: bool = False) -> RDBStorage:
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return the number of points left by an earlier run.
-
-    The errors are the same as in `open_study`, but no files are made.
-    """
+    """Return the number of points left by an earlier run, without making files."""
     if not os.path.exists(folder / FILE):  # pathlib raises an error if the folder may not be read
         return 0
     with open_study(folder, design, goal) as store:
@@ -145,29 +135,20 @@ def points_found(folder: Path, design: Design, goal: Goal) -> int:
 
 
 def study_name(design: Design, goal: Goal) -> str:
-    """Return the name of a study.
-
-    It is the name of the design with a hash of everything that determines the points.
-    """
+    """Name of a study: of the design, with a hash of everything that determines the points."""
     key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
     return f"{design.name}-{key[:16]}"
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
-    """Do not wait for the disk at every trial.
-
-    A killed process loses nothing, and a power cut at most the last trials.
-    """
+    """Do not wait for the disk at every trial; a power cut loses at most the last ones."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence Optuna's notes and warnings on standard error.
-
-    Damage is reported by this package instead.
-    """
+    """Silence Optuna's notes and warnings on standard error."""
     from optuna import logging
 
     before = logging.get_verbosity()
@@ -179,10 +160,7 @@ def quiet() -> Iterator[None]:
 
 
 def _first_line(error: Exception) -> str:
-    """Return the first line of an error.
-
-    The class that SQLAlchemy puts before it is removed.
-    """
+    """Return the first line of an error without the class that SQLAlchemy puts before it."""
     line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
     return re.sub(r"^\([\w.]+\) ", "", line)
 
@@ -203,12 +181,10 @@ def search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Evaluate the points of a goal.
+    """Evaluate the points of a goal that the study lacks, and return all by their places.
 
-    They are evaluated in the order of their places. Points in the study are not evaluated again. The first point is the
-    design itself, if it lies within the bounds. `start` is its outcome. `report` is called with each trial once it is
-    known. Raises OutputError if the study cannot be written, and MissingDependencyError if the sampler is cmaes and its
-    package is not installed.
+    The first point is the design itself, with the outcome `start`, if it lies within the bounds. `report` is called
+    with each trial once it is known. Raises OutputError, and MissingDependencyError without the sampler's package.
     """
     if goal.sampler == "cmaes":
         import_extra("cmaes", "searches by cmaes", package="cmaes", extra="optimize")
@@ -255,10 +231,9 @@ def frozen_trial(
     on_trial: Mapping[str, Any] | None = None,
     on_study: Mapping[str, Any] | None = None,
 ) -> FrozenTrial:
-    """Return a finished trial for the study.
+    """Return a finished trial for the study, with the attributes that a sampler has set.
 
-    An impossible point is marked as pruned. `on_trial` and `on_study` are the attributes that a sampler has set on the
-    trial and on the study when it chose the point.
+    An impossible point is marked as pruned.
     """
     from optuna.trial import TrialState, create_trial
 
@@ -280,10 +255,9 @@ def frozen_trial(
 
 
 class _Memory:
-    """Study in memory on which the sampler works.
+    """Study in memory on which the sampler works. The number of a trial in it is its place.
 
-    The number of a trial in it is its place. Samplers keep their state as attributes of trials and of the study. The
-    attributes that a point has set are stored and recalled with it.
+    Samplers keep their state as attributes of trials and of the study, which are stored and recalled with a point.
     """
 
     def __init__(self, goal: Goal, axes: Sequence[Axis]) -> None:
@@ -311,10 +285,7 @@ class _Memory:
         return trial
 
     def left_by(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the attributes that a point has set.
-
-        They are set on the trial and on the study. Attributes that no later point reads are left out.
-        """
+        """Return the attributes that a point has set on the trial and on the study."""
         on_trial = self._study.get_trials(deepcopy=False)[place].system_attrs
         return {key: value for key, value in on_trial.items() if not key.startswith(_REBUILT)}, self._on_study[place]
 
@@ -334,10 +305,7 @@ class _Memory:
         )
 
     def tell(self, place: int, trial: Trial, asked: AskedTrial | None) -> None:
-        """Report the outcome of a point.
-
-        `asked` is None for a recalled point, which already has its constraints.
-        """
+        """Report the outcome of a point. A recalled point was not `asked`, and has its constraints."""
         from optuna.trial import TrialState
 
         if asked is not None:
@@ -371,10 +339,7 @@ def _sampler(goal: Goal, place: int) -> BaseSampler:
 
 
 def _sobol_point(axes: Sequence[Axis], seed: int, place: int) -> dict[str, Any]:
-    """Return a point of a scrambled Sobol sequence, as parameters.
-
-    The sequence covers the unit box.
-    """
+    """Return a point of a scrambled Sobol sequence in the unit box, as parameters."""
     from scipy.stats import qmc
 
     sequence = qmc.Sobol(len(axes), seed=seed)
@@ -386,10 +351,7 @@ def _sobol_point(axes: Sequence[Axis], seed: int, place: int) -> dict[str, Any]:
 def _outcomes(
     goal: Goal, axes: Sequence[Axis], asked: Mapping[int, AskedTrial], start: Outcome, evaluate: Evaluate
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate the points of a batch.
-
-    The outcome of the start is known, in full accuracy.
-    """
+    """Evaluate the points of a batch; that of the start is known in full accuracy."""
     places = list(asked)
     if 0 in asked and start_parameters(axes) is not None and goal.search.accuracy == "full":
         yield places.pop(0), start
@@ -407,10 +369,7 @@ _MOST_EVALUATIONS = 1_000_000
 
 
 def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
-    """Return the reason why polishing is impossible.
-
-    It is empty if polishing is possible. The reason is one line.
-    """
+    """Return the reason why polishing is impossible in one line, or ""."""
     if len(goal.objectives) > 1:
         return "a goal with several objectives has no single best point to polish."
     if not goal.polish:
@@ -425,11 +384,9 @@ def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
 def polish(
     goal: Goal, axes: Sequence[Axis], best: Trial, store: StudyFile, evaluate: Evaluate, report: Callable[[Trial], None]
 ) -> None:
-    """Improve the `best` point of a search with one objective.
+    """Improve the continuous variables of the `best` point of a search with one objective.
 
-    Only its continuous variables change. New trials are added to the study. Trials in the study are not evaluated
-    again, and the number of trials is limited by the goal. `report` is called with each trial. Raises OutputError if
-    the study cannot be written.
+    New trials are added to the study, and its trials are not evaluated again. Raises OutputError.
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
@@ -454,10 +411,7 @@ class _EnoughError(Exception):
 
 @dataclass
 class _Local:
-    """Cost and violations of the points chosen by the solver.
-
-    There is one trial for each point.
-    """
+    """Cost and violations of the points chosen by the solver, with a trial for each."""
 
     _goal: Goal
     _axes: Sequence[Axis]
@@ -478,10 +432,7 @@ class _Local:
         self._unit = abs(best.scores[0]) or 1.0
 
     def cost(self, point: FloatArray) -> float:
-        """Return the value that the solver minimizes.
-
-        It is 1 or −1 at the first point.
-        """
+        """Return the value that the solver minimizes, 1 or −1 at the first point."""
         trial = self._at(point)
         if trial.reason:
             return _WORSE
@@ -491,18 +442,12 @@ class _Local:
         return -score if self._objective.maximized else score
 
     def violations(self, point: FloatArray) -> FloatArray:
-        """Return the violation of each bound.
-
-        An impossible point violates all bounds.
-        """
+        """Return the violation of each bound. An impossible point violates all."""
         trial = self._at(point)
         return np.array([trial.violations.get(key, 1.0) for key in self._best.violations])
 
     def _at(self, point: FloatArray) -> Trial:
-        """Return the trial at a point of the unit box.
-
-        The solver asks for its cost and its violations separately.
-        """
+        """Return the trial at a point of the unit box."""
         changes = dict(self._best.changes)
         parts = zip(self._free, point.tolist(), strict=True)
         changes |= {axis.entry: axis.value(axis.at(part)) for axis, part in parts}

@@ -56,10 +56,7 @@ class Axis:
 
     @property
     def _decimals(self) -> int | None:
-        """Decimals of a length in mm or µm.
-
-        None for any other number, and for a length with closer bounds.
-        """
+        """Decimals of a length in mm or µm, None for other numbers and close bounds."""
         names = [part for part in self.entry.split(".") if not part.isdecimal()]
         decimals = _DECIMALS.get(names[-1].rpartition("_")[2])
         return decimals if decimals is not None and self.high - self.low > _LEAST_STEPS * 10.0**-decimals else None
@@ -82,10 +79,7 @@ class Axis:
         return FloatDistribution(self.low, self.high, self.log)
 
     def parameter(self, value: Any) -> Any:
-        """Return a value of the entry as a parameter.
-
-        None if the variable cannot take the value.
-        """
+        """Return a value of the entry as a parameter, None if it cannot take it."""
         if self.choices:
             return next((text for text in self.choices if json.loads(text) == value), None)
         if not isinstance(value, int | float) or isinstance(value, bool) or not self.low <= value <= self.high:
@@ -100,10 +94,7 @@ class Axis:
         return float(value)
 
     def value(self, parameter: Any) -> Any:
-        """Return the value of the entry for a parameter.
-
-        Lengths are rounded to 1 µm, which can be made, except the design's own length.
-        """
+        """Return the value of a parameter; lengths are rounded to 1 µm, which can be made."""
         if self.choices:
             return json.loads(parameter)
         if self.step is not None and not self.whole:
@@ -114,10 +105,7 @@ class Axis:
         return parameter
 
     def at(self, part: float) -> Any:
-        """Return the parameter at a fraction of the range.
-
-        The fraction is 0 at the first value and 1 at the last.
-        """
+        """Return the parameter at a fraction of the range, 0 at the first value."""
         part = min(max(part, 0.0), 1.0)
         if self.choices:
             return self.choices[min(int(part * len(self.choices)), len(self.choices) - 1)]
@@ -138,8 +126,8 @@ class Axis:
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
-    Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have. The message has the
-    variable, the allowed values and the given value. Impossible geometries are found only in the search.
+    Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have. Impossible geometries
+    are found only in the search.
     """
     file = as_file(design)
     return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))
@@ -156,10 +144,7 @@ def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str,
 
 
 def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
-    """Return the design itself in parameters.
-
-    None if it lies outside the bounds or choices.
-    """
+    """Return the design itself in parameters, None if outside the bounds or choices."""
     parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
     return None if None in parameters.values() else parameters
 
@@ -188,10 +173,7 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
-    """Return the value of an entry.
-
-    It is None if it is missing. The entry may be one place of a list.
-    """
+    """Return the value of an entry or one place of a list, None if missing."""
     if entry in file.values:
         return file.values[entry]
     whole, _, place = entry.rpartition(".")
@@ -202,10 +184,7 @@ def value_of(file: DesignFile, entry: str) -> Any:
 
 
 def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
-    """Refuse a value that is not allowed.
-
-    A design file cannot have it at this entry.
-    """
+    """Refuse a value that a design file cannot have at this entry."""
     try:
         document = vary_document(file.document, {entry: value})
         Document.model_validate(document)

@@ -31,11 +31,10 @@ LEAST_POINTS = 30
 
 
 def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
-    """Compute the importance of each variable.
+    """Compute the importance of the variables for each objective, the largest share first.
 
-    For each objective it is the share of the variable in reaching the best tenth of the points. There is a dictionary
-    for each objective, with the largest share first. Only feasible points of the search count. The points of the local
-    solver lie too close together. Empty if there are fewer than `LEAST_POINTS` such points, or if all are equal.
+    Only feasible points of the search count. The points of the local solver lie too close together. Empty if there are
+    fewer than `LEAST_POINTS` such points, or if all are equal.
     """
     from optuna import create_study
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
@@ -101,10 +100,7 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
 
 
 def _written_before(folder: Path) -> set[str]:
-    """Return the names of the designs of an earlier search.
-
-    They are listed in its ``result.json``.
-    """
+    """Return the names of an earlier search's designs, listed in its ``result.json``."""
     try:
         files = [design["file"] for design in json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]]
     except (OSError, ValueError, TypeError, KeyError, RecursionError):  # no such file, or of another program
@@ -113,19 +109,14 @@ def _written_before(folder: Path) -> set[str]:
 
 
 def design_names(result: Optimization) -> tuple[str, ...]:
-    """Names of the design files.
-
-    They are in the order of the front.
-    """
+    """Names of the design files in the order of the front."""
     if len(result.goal.objectives) == 1:
         return ("best.toml",) * len(result.front)
     return tuple(f"pareto_{k + 1:02d}.toml" for k in range(len(result.front)))
 
 
 def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
-    """Return the design file of a trial as TOML.
-
-    It is named after the design and `label`.
+    """Return the design file of a trial, named after the design and `label`.
 
     Entries that were chosen are no longer marked as assumed.
     """
@@ -139,10 +130,7 @@ def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
 
 
 def trials_csv(result: Optimization) -> str:
-    """Return every trial as CSV, the start first.
-
-    Entries and quantities are in the units of their names.
-    """
+    """Return every trial as CSV in the units of the names, the start first."""
     entries = [variable.entry for variable in result.goal.variables]
     quantities = result.goal.quantities
     best = {(trial.kind, trial.place) for trial in result.front}

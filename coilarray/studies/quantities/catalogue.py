@@ -25,24 +25,10 @@ _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
 def request(asked: str | Mapping[str, Any]) -> Request:
-    """Read the name and the options of a quantity.
+    """Read the name and the options of a quantity from a text or a table.
 
-    Parameters
-    ----------
-    asked : str or mapping
-        A text like ``rms_k``, ``k[coil1,coil2]``, ``position_error_mm[region_mm=-20:20:-5:5,depth_mm=1]``, or a table
-        like ``{"quantity": "k", "coils": ["coil1", "coil2"]}``.
-
-    Returns
-    -------
-    Request
-        The request. Its `key` is the canonical text, which reads back to the same request.
-
-    Raises
-    ------
-    GoalError
-        If a quantity or option is unknown, a value is not allowed, or an option is missing. Missing coils of a design
-        are found when the request is evaluated.
+    Raises GoalError for an unknown quantity or option, a value that is not allowed, or a missing option. Missing coils
+    of a design are found when the request is evaluated.
 
     Examples
     --------
@@ -62,44 +48,17 @@ def request(asked: str | Mapping[str, Any]) -> Request:
 
 
 def canonical(asked: str | Mapping[str, Any]) -> str:
-    """Return the canonical text of a request.
-
-    It is the key of the result of `evaluate`. Raises GoalError as `request` does.
-
-    Examples
-    --------
-    >>> canonical("k[ coil1, coil2 ]")
-    'k[coil1,coil2]'
-    """
+    """Return the canonical text of a request, the key of `evaluate`. Raises GoalError."""
     return request(asked).key
 
 
 def evaluate(
     design: Design, asked: Iterable[str | Mapping[str, Any]], *, accuracy: Accuracy = "full"
 ) -> dict[str, float]:
-    """Compute quantities of a design.
+    """Compute quantities of a design, by the keys of the requests in their order, always finite.
 
-    Parameters
-    ----------
-    design : Design
-        Design to evaluate.
-    asked : iterable of str or mapping
-        Quantities, each in a form that `request` reads. Shared intermediate results are computed once.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
-
-    Returns
-    -------
-    dict of str to float
-        Values by the keys of the requests, in their order. They are always finite.
-
-    Raises
-    ------
-    GoalError
-        If `request` refuses a request, before anything is computed, or the design does not have a coil or quantity, for
-        example a response without an indenter.
-    CoilarrayError
-        If the physics cannot be solved, for example in a state without a resonance.
+    Shared intermediate results are computed once. Raises GoalError if `request` refuses a request, before anything is
+    computed, or the design does not have a coil or quantity, and CoilarrayError if the physics cannot be solved.
 
     Examples
     --------
@@ -114,10 +73,7 @@ def evaluate(
 
 
 def _quantity(name: object) -> Quantity:
-    """Return the quantity of a name.
-
-    Raises GoalError with a hint for an unknown name.
-    """
+    """Return the quantity of a name. Raises GoalError with a hint for an unknown name."""
     if isinstance(name, str) and name in QUANTITIES:
         return QUANTITIES[name]
     if not name:
@@ -133,10 +89,7 @@ _SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistan
 
 
 def _meant(name: str) -> list[str]:
-    """Quantities that may be meant by an unknown name.
-
-    Their names are similar or contain the same words, or their descriptions match.
-    """
+    """Quantities with a similar name or the same words in name or description."""
     text = name.casefold()
     alike = [_SYMBOLS[name]] if name in _SYMBOLS else [key for key in QUANTITIES if key.casefold() == text]
     within = [key for key in QUANTITIES if text in key.casefold()] if len(text) > 2 else []
@@ -152,10 +105,7 @@ def _order(name: str) -> tuple[bool, int]:
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:
-    """Split the text in the brackets into options.
-
-    A part without a name is the value of the bare option.
-    """
+    """Split the text in the brackets into options. The bare option has no name."""
     options: dict[str, Any] = {}
     nameless: list[str] = []
     for part in (part.strip() for part in text.split(",")):

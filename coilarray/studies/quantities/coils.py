@@ -56,10 +56,7 @@ def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     ),
 )  # fmt: skip
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Smallest margin of the length rules.
-
-    It is in mm, of all rules or of one rule.
-    """
+    """Smallest margin in mm of all length rules or of one."""
     wanted = options.get("rule")
     margins = [m.margin * 1e3 for m in evaluation.margins if m.unit == "m" and wanted in (None, m.rule)]
     rules = evaluation.design.rules
@@ -121,10 +118,7 @@ COUPLINGS = (_rms_k, _worst_k, _k, _inductance)
 
 
 def _of_state(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
-    """Make the quantity of a variable of the scan.
-
-    It belongs to the state that measures one coil alone.
-    """
+    """Make the quantity of a variable of the scan in the state that measures one coil alone."""
 
     @quantity(name, unit, "circuit", says, COIL)
     def of_state(evaluation: Evaluation, options: Mapping[str, Any]) -> float:

@@ -27,15 +27,7 @@ _CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it neve
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Intermediate results of a design.
-
-    Parameters
-    ----------
-    design : Design
-        Design to evaluate.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
-    """
+    """Intermediate results of a design with an `Accuracy` of its inductances."""
 
     design: Design
     accuracy: Accuracy = "full"
@@ -49,35 +41,23 @@ class Evaluation:
 
     @property
     def judged(self) -> bool:
-        """Whether the converter has been checked.
-
-        It has if quantities have used values that a converter reads, or if there is no converter.
-        """
+        """Whether the converter has been checked, or there is none."""
         return bool(self._unread) or not self.design.readout.converter
 
     def taken(self, found: xr.Dataset) -> xr.Dataset:
-        """Note unreadable values of a dataset, and return it.
-
-        The dataset is used by a quantity, and the converter cannot read these values.
-        """
+        """Note values of a used dataset that the converter cannot read, and return it."""
         if "readable" in found:
             self._unread.append(int((~found.readable).sum()))
         return found
 
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
-        """Margins of the fabrication rules.
-
-        See `coilarray.geometry.check_rules`.
-        """
+        """Margins of the fabrication rules."""
         return check_rules(self.design.array, self.design.rules)
 
     @cached_property
     def inductance(self) -> FloatArray:
-        """Inductance matrix in H under the flat sheets.
-
-        It has the shape (coils, coils).
-        """
+        """Inductance matrix in H under the flat sheets, shape (coils, coils)."""
         return design_inductance(self.design, accuracy=self.accuracy)[0]
 
     @cached_property
@@ -87,18 +67,12 @@ class Evaluation:
 
     @cached_property
     def scan(self) -> xr.Dataset:
-        """All states of the scan in which the converter oscillates.
-
-        See `coilarray.circuit.impedance.scan_design`.
-        """
+        """All states of the scan in which the converter oscillates."""
         return self.taken(scan_design(self.design, elastomer=False, accuracy=self.accuracy))
 
     @cached_property
     def own_states(self) -> dict[str, int]:
-        """Index of the first state that measures a coil alone.
-
-        Only coils with such a state are included.
-        """
+        """Index of the first state that measures a coil alone, by coil."""
         states: dict[str, int] = {}
         for k, state in enumerate(self.design.plan):
             if len(state.measured) == 1:
@@ -107,10 +81,7 @@ class Evaluation:
 
     @property
     def indentation(self) -> Indentation:
-        """Indentation of the design.
-
-        Raises GoalError if it has none.
-        """
+        """Indentation of the design. Raises GoalError if it has none."""
         if self.design.indentation is None:
             raise GoalError(no_indentation(self.design))
         return self.design.indentation
@@ -120,10 +91,7 @@ class Evaluation:
         return self.indentation.depths[0] if given_mm is None else given_mm * 1e-3
 
     def response(self, depths: FloatArray, x: FloatArray, y: FloatArray) -> xr.Dataset:
-        """Return the response at depths and places in m.
-
-        They are measured from the map's origin. Equal requests are computed once.
-        """
+        """Return the response at depths and places in m from the map's origin, computed once."""
         key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
@@ -134,10 +102,7 @@ class Evaluation:
 
     @property
     def target(self) -> Target:
-        """Target of the design.
-
-        Raises GoalError if it has none.
-        """
+        """Target of the design. Raises GoalError if it has none."""
         try:
             return target_of(self.design)
         except MetalError as error:
@@ -148,11 +113,7 @@ class Evaluation:
         return self.target.distances[0] if given_mm is None else given_mm / 1e3
 
     def target_map(self, distances: Sequence[float], x: float, y: float) -> xr.Dataset:
-        """Return the effect of the target.
-
-        It is computed at distances and a place. They are in m, with the place relative to its origin. Equal requests
-        are computed once.
-        """
+        """Return the effect of the target at distances and a place in m from its origin, computed once."""
         key = (tuple(distances), (x,), (y,), ("target",))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
@@ -162,20 +123,14 @@ class Evaluation:
         return self._maps[key]
 
     def coil(self, name: str) -> int:
-        """Return the index of a coil.
-
-        Raises GoalError if no coil has this name.
-        """
+        """Return the index of a coil. Raises GoalError if no coil has this name."""
         names = self.design.array.names
         if name not in names:
             raise GoalError(f"the design {self.design.name} has no coil {name!r}; there are {', '.join(names)}.")
         return names.index(name)
 
     def state_of(self, coil: str) -> int:
-        """Return the first state of a coil alone.
-
-        It is given by its index. Raises GoalError if no state of the scan measures it alone.
-        """
+        """Return the index of the first state of a coil alone. Raises GoalError without one."""
         self.coil(coil)
         if coil not in self.own_states:
             raise GoalError(f"the scan of {self.design.name} has no state that measures {coil} alone.")
@@ -187,11 +142,10 @@ class Evaluation:
         return float(x), float(y)
 
     def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
-        """Return the rectangle where the indenter may press.
+        """Return x_min, x_max, y_min, y_max in m from the map's origin where the indenter may press.
 
-        It extends up to `beyond` the coils' outlines, with the contact inside the sample. The edges x_min, x_max,
-        y_min, y_max are in m from the map's origin. `depth` and `beyond` are in m. Raises GoalError if the sample is
-        too small for the contact.
+        It extends up to `beyond` the coils' outlines, with the contact inside the sample. Raises GoalError if the
+        sample is too small for the contact.
         """
         setup, points = self.indentation, outlines(self.design)
         low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point
@@ -203,8 +157,5 @@ class Evaluation:
 
 
 def outlines(design: Design) -> FloatArray:
-    """Corners of all windings' outlines in m on the board.
-
-    The array has the shape (n, 2).
-    """
+    """Corners of all windings' outlines in m on the board, shape (n, 2)."""
     return np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])

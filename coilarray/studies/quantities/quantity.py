@@ -29,20 +29,8 @@ _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in
 class Option:
     """Option of a quantity.
 
-    Parameters
-    ----------
-    name : str
-        Name in tables and texts.
-    must_be : str
-        Allowed values, for messages.
-    read : callable
-        Function that takes a text or a TOML value and returns the value, or None if it is not allowed.
-    says : str
-        Meaning of the option and its default.
-    required : bool
-        Whether the option has no default.
-    bare : bool
-        Whether its value stands in a text without its name.
+    `read` takes a text or a TOML value and returns the value, or None if it is not allowed. `must_be` describes allowed
+    values, and `says` the meaning with its default. The value of a `bare` option stands in a text without its name.
     """
 
     name: str
@@ -55,24 +43,9 @@ class Option:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Number of a design.
+    """Number of a design that can be optimized, limited or tabulated.
 
-    It can be optimized, limited or tabulated.
-
-    Parameters
-    ----------
-    name : str
-        Name of the quantity. It ends with the unit, if there is one.
-    unit : str
-        Unit as shown: "mm", "µH", or "1" for pure numbers.
-    says : str
-        Meaning of the quantity.
-    cost : {"geometry", "coupling", "circuit", "target", "response", "table"}
-        Most expensive result that it needs, see `Cost`.
-    compute : callable
-        Function of an `Evaluation` and the given options that returns the number.
-    options : tuple of Option
-        Options of the quantity.
+    Its name ends with the unit, "1" for pure numbers. `compute` takes an `Evaluation` and the given options.
     """
 
     name: str
@@ -84,17 +57,11 @@ class Quantity:
 
     @property
     def is_read(self) -> bool:
-        """Whether a converter must read the quantity.
-
-        Otherwise it comes from shapes and inductances alone.
-        """
+        """Whether a converter must read it, unlike shapes and inductances."""
         return self.cost not in ("geometry", "coupling")
 
     def asked(self, given: Mapping[str, Any]) -> Request:
-        """Return the request for this quantity with options.
-
-        Raises GoalError for options that it does not have.
-        """
+        """Return the request with options. Raises GoalError for others than it has."""
         known = {option.name: option for option in self.options}
         for name in given:
             if name not in known:
@@ -125,15 +92,7 @@ def quantity(
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """Quantity with its options.
-
-    Parameters
-    ----------
-    quantity : Quantity
-        The quantity.
-    options : mapping of str to value
-        The given options, in the order in which the quantity has them.
-    """
+    """Quantity with the given options in its own order."""
 
     quantity: Quantity
     options: Mapping[str, Value]
@@ -146,19 +105,13 @@ class Request:
 
     @property
     def key(self) -> str:
-        """Canonical text, equal for equal requests.
-
-        Examples are ``k[coil1,coil2]`` and ``position_error_mm[depth_mm=1]``.
-        """
+        """Canonical text, equal for equal requests, such as ``k[coil1,coil2]``."""
         bare = {option.name for option in self.quantity.options if option.bare}
         parts = [_text(value) if name in bare else f"{name}={_text(value)}" for name, value in self.options.items()]
         return f"{self.quantity.name}[{','.join(parts)}]" if parts else self.quantity.name
 
     def value(self, evaluation: Evaluation) -> float:
-        """Compute the quantity.
-
-        Raises GoalError if the design does not have it.
-        """
+        """Compute the quantity. Raises GoalError if the design does not have it."""
         number = float(self.quantity.compute(evaluation, self.options))
         if not math.isfinite(number):
             circuit = board_circuit(evaluation.design, accuracy=evaluation.accuracy)
@@ -195,10 +148,7 @@ def read_positive(given: Any) -> float | None:
 
 
 def read_rectangle(given: Any) -> tuple[float, ...] | None:
-    """Read x_min, x_max, y_min, y_max.
-
-    They are given as a list, or as a text with colons.
-    """
+    """Read x_min, x_max, y_min, y_max from a list, or a text with colons."""
     parts = given.split(":") if isinstance(given, str) else given
     if not isinstance(parts, list | tuple) or len(parts) != 4:
         return None

@@ -44,10 +44,7 @@ DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; t
     Option("coil", COIL.must_be, read_name, "which coil; the array by default", bare=True), DEPTH,
 )  # fmt: skip
 def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Compute δ at a coil's centre.
-
-    Without a coil it is the largest δ at the middle of the coils.
-    """
+    """Compute δ at a coil's centre, or the largest δ at the middle of the coils."""
     depth = evaluation.depth(options.get("depth_mm"))
     if "coil" in options:
         state, (x, y) = evaluation.state_of(options["coil"]), evaluation.centre(options["coil"])
@@ -63,10 +60,7 @@ def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     COIL, DEPTH,
 )  # fmt: skip
 def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Width in mm of a coil's response.
-
-    It is measured at half the peak.
-    """
+    """Width in mm of a coil's response at half the peak."""
     name = options["coil"]
     state, (x, y) = evaluation.state_of(name), evaluation.centre(name)
     line = _line(evaluation, y, evaluation.depth(options.get("depth_mm")), x)
@@ -87,10 +81,7 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
     Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
 )  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Root mean square of x0 in mm.
-
-    It is the shift of the ellipses from the coil's centre, for the worst coil.
-    """
+    """Root mean square in mm of the ellipses' shift from the centre, of the worst coil."""
     setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
@@ -109,10 +100,7 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> CubicSpline:
-    """Spline of δ of every state over x.
-
-    y and depth are in m. Raises GoalError if the line does not reach `through`.
-    """
+    """Spline of δ of every state over x in m. Raises GoalError if it does not reach `through`."""
     thickness = sum(sheet.thickness for sheet in evaluation.design.sheets)
     low, high, _, _ = evaluation.window(depth, beyond=thickness)
     if not low <= through <= high:
@@ -125,10 +113,7 @@ def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> Cub
 
 
 def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
-    """Coils on the map's x axis with peaks inside.
-
-    A peak is the largest δ of the coil.
-    """
+    """Coils on the map's x axis whose largest δ is inside the map."""
     near = np.diff(response.y.values).min(initial=np.inf) / 2
     inside = []
     for name, state in evaluation.own_states.items():
@@ -288,10 +273,7 @@ def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:
-    """Map of one coil at all distances.
-
-    The distances belong to the design. A wanted distance is added.
-    """
+    """Map of one coil at all distances of the design and a wanted distance."""
     distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
     if len(distances) < 2:
         raise GoalError(
@@ -301,10 +283,7 @@ def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: 
 
 
 def _over(evaluation: Evaluation, options: Mapping[str, Any], distances: Sequence[float]) -> xr.Dataset:
-    """Map of one coil's state at some distances in m.
-
-    The target is over the coil, or at the place given in the options.
-    """
+    """Map of one coil's state at distances in m, with the target over it or at a given place."""
     name, target = options["coil"], evaluation.target
     state = evaluation.state_of(name)
     place = evaluation.design.array.centres[evaluation.coil(name)]

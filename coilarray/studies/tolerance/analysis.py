@@ -49,16 +49,7 @@ _MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a readable table
 
 
 def default_quantities(design: Design) -> tuple[str, ...]:
-    """Names of all self-inductances and couplings.
-
-    The couplings are between all pairs or, for many coils, between neighbours. These quantities are cheap.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> default_quantities(load_design("gast_fem"))
-    ('inductance_uH[coil1]',)
-    """
+    """Names of all self-inductances, and of couplings of all pairs or, of many coils, neighbours."""
     coils = design.array.names
     few = len(coils) <= _MOST_OF_ALL_PAIRS
     of = combinations(range(len(coils)), 2) if few else sorted(design.array.neighbours)
@@ -68,20 +59,14 @@ def default_quantities(design: Design) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Outputs of a board.
-
-    They are quantities by name, and δ at positions. The names are canonical.
-    """
+    """Outputs of a board by canonical names: quantities, and δ at positions."""
 
     quantities: tuple[str, ...]
     positions: Positions | None = None
     accuracy: Accuracy = "screen"
 
     def names(self, design: Design) -> tuple[str, ...]:
-        """Names of all outputs of a board of this design.
-
-        Quantities come first, then δ by place and state.
-        """
+        """Names of all outputs: quantities, then δ by place and state."""
         states = [state.name for state in design.plan]
         deltas = [f"delta[{state},{place}]" for place in self.places() for state in states]
         return (*self.quantities, *deltas)
@@ -94,10 +79,7 @@ class Outputs:
         return tuple(f"x_mm={_mm(x)},y_mm={_mm(y)},depth_mm={_mm(at.depth)}" for y, x in product(at.y, at.x))
 
     def item(self, document: Mapping[str, Any], errors: Mapping[str, float]) -> dict[str, Any]:
-        """Return one board as plain data, for `evaluate_board`.
-
-        The data can be sent to another process.
-        """
+        """Return one board as plain data, for `evaluate_board`."""
         at = self.positions
         return {
             "document": document,
@@ -127,13 +109,10 @@ def wanted_outputs(
 
 
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the outputs of one board, on a worker.
+    """Compute the outputs of one board from `Outputs.item`, on a worker.
 
-    `item` comes from `Outputs.item`, and the result has the names of `Outputs.names`. `UNREAD` is the number of values
-    among them that no converter can read.
-
-    Raises GoalError if the errors leave no board or the board does not have a quantity, and CoilarrayError if the
-    physics cannot be solved.
+    `UNREAD` is the number of values among them that no converter can read. Raises GoalError if the errors leave no
+    board or the board does not have a quantity, and CoilarrayError if the physics cannot be solved.
     """
     document = item["document"]
     board = perturb(build_design(document, document["name"]), item["errors"])
@@ -304,22 +283,10 @@ def check_analysis(
 ) -> None:
     """Check the arguments of `analyse`, within milliseconds.
 
-    Neither a table nor a board is computed, so some errors are found by `analyse` only.
-
-    Parameters
-    ----------
-    design, tolerances, quantities, samples, seed, sampling, accuracy
-        See `analyse`.
-    with_table : bool
-        Whether a response table exists. Without a table, positions must lie in the table that will be computed.
-
-    Raises
-    ------
-    GoalError
-        If a quantity or coil is unknown, a limit is not on an output, the samples or the seed are not allowed, or no
-        error has a spread.
-    LocalizeError
-        If a position lies outside the table to be computed, or there are fewer states than unknowns.
+    Neither a table nor a board is computed, so some errors are found by `analyse` only. Without a response table,
+    positions must lie in the table that will be computed. Raises GoalError if a quantity or coil is unknown, a limit is
+    not on an output, the samples or the seed are not allowed, or no error has a spread, and LocalizeError if a position
+    lies outside the table to be computed, or there are fewer states than unknowns.
     """
     design = as_file(design).design
     _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
@@ -338,10 +305,7 @@ def _asked(
     sampling: Sampling,
     accuracy: Accuracy,
 ) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
-    """Check the input of an analysis.
-
-    Returns its contributors, outputs, limits and drawn errors.
-    """
+    """Check the input of an analysis; return its contributors, outputs, limits and drawn errors."""
     if 0 < samples < LEAST_SAMPLES:
         raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
     found = contributors(design, tolerances)
@@ -367,10 +331,7 @@ def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
 
 
 def _check_places(design: Design, outputs: Outputs) -> None:
-    """Refuse positions outside the table to be computed.
-
-    Too few states for the table are refused too.
-    """
+    """Refuse positions outside the table to be computed, and too few states for it."""
     at = outputs.positions
     if at is None:
         return
@@ -406,10 +367,7 @@ def _evaluated(
 def _near_values(
     outcomes: Sequence[Outcome], boards: Sequence[Mapping[str, float]], names: Sequence[str]
 ) -> FloatArray:
-    """Return the outputs of the nominal board and its neighbours.
-
-    The array has the shape (boards, outputs).
-    """
+    """Return the outputs of the nominal board and its neighbours, shape (boards, outputs)."""
     rows = []
     for outcome, errors in zip(outcomes, boards, strict=False):
         if isinstance(outcome, str):
@@ -424,10 +382,7 @@ def _near_values(
 def _with_shifts(
     shifts: Shifts, outputs: Outputs, nominal: FloatArray, linear: Sensitivity, sampled: FloatArray
 ) -> tuple[FloatArray, Sensitivity, FloatArray, dict[str, str]]:
-    """Append the shifts of the located positions to the outputs.
-
-    Attributes of the result are returned too.
-    """
+    """Append the shifts of the located positions to the outputs, with attributes of the result."""
     first, by_delta = len(outputs.quantities), shifts.matrix()
     matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
     good = np.isfinite(sampled).all(axis=1)
@@ -442,10 +397,7 @@ def _with_shifts(
 
 
 def _is_read(output: str) -> bool:
-    """Whether an output depends on values that a converter reads.
-
-    δ and shifts do.
-    """
+    """Whether an output, as δ and shifts do, depends on values that a converter reads."""
     return output.partition("[")[0] not in QUANTITIES or request(output).quantity.is_read
 
 
@@ -517,10 +469,7 @@ def _yields(
     values: FloatArray,
     unread: BoolArray,
 ) -> xr.Dataset:
-    """Yield for each limit and, last, for all limits together.
-
-    `unread` (sample) marks boards that no converter can read.
-    """
+    """Yield for each limit and, last, for all limits together; no converter reads `unread` (sample)."""
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]

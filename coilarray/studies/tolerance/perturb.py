@@ -45,11 +45,8 @@ from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement
 def error_names(design: Design) -> tuple[str, ...]:
     """Names of all errors that a design can have.
 
-    Parameters
-    ----------
-    design : Design
-        Design of the board. Layers without copper of a coil have neither etch nor registration. A design without an
-        indentation has no placement, without magnetic sheets no permeability, and without metal no conductivity.
+    Layers without copper of a coil have neither etch nor registration. A design without an indentation has no
+    placement, without magnetic sheets no permeability, and without metal no conductivity.
 
     Examples
     --------
@@ -81,25 +78,10 @@ def error_names(design: Design) -> tuple[str, ...]:
 
 
 def perturb(design: Design, errors: Mapping[str, float]) -> Design:
-    """Return a design with fabrication errors.
+    """Return a design with fabrication errors in SI by the names of `error_names`.
 
-    Parameters
-    ----------
-    design : Design
-        Nominal design.
-    errors : mapping of str to float
-        Errors by the names of `error_names`, in SI. The others are zero.
-
-    Returns
-    -------
-    Design
-        The board. It is the design itself if all errors are zero.
-
-    Raises
-    ------
-    GoalError
-        If the design does not have an error of a name, a value is not finite, or an error leaves nothing of a trace,
-        gap or layer.
+    It is the design itself if all errors are zero. Raises GoalError if the design does not have an error of a name, a
+    value is not finite, or an error leaves nothing of a trace, gap or layer.
 
     Examples
     --------
@@ -178,11 +160,7 @@ def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
 def _plate(
     plate: Plate | FinitePlate, design: Design, errors: Mapping[str, float], rise: float, sink: float
 ) -> Plate | FinitePlate:
-    """Return a plate displaced by fabrication errors.
-
-    The errors belong to the sheets and the board. It keeps its gap to the sheets, which rise, or to the board's
-    underside, which sinks, both in m.
-    """
+    """Return a plate with its errors, and its gap to sheets or board, which rise or sink in m."""
     thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
     changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
     low, high = plate.heights
@@ -240,10 +218,7 @@ def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
 
 
 def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> Coil:
-    """Return a coil with the errors at its placement.
-
-    It is given in its own frame.
-    """
+    """Return a coil with the errors at its placement, in its own frame."""
     coil = place.coil
     wider = [errors.get(f"etch.{layer}", 0.0) for layer in place.layers]
     return replace(
@@ -260,10 +235,7 @@ def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> 
 def _moved(
     place: Placement, line: FloatArray, layer: str, errors: Mapping[str, float], middle: FloatArray
 ) -> FloatArray:
-    """Shift and turn a line with its layer.
-
-    Its ends do not move. The ends are at holes.
-    """
+    """Shift and turn a line with its layer. Its ends, at holes, do not move."""
     shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
     angle = errors.get(f"rotation.{layer}", 0.0)
     if not (shift.any() or angle):

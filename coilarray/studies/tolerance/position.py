@@ -41,10 +41,7 @@ class Shifts:
     determined: tuple[tuple[int, ...], ...]
 
     def names(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Names of the outputs, place by place.
-
-        They are made from the names of the places.
-        """
+        """Names of the outputs, place by place."""
         return tuple(
             f"shift_{PARAMETERS[axis]}_mm[{place}]"
             for place, axes in zip(places, self.determined, strict=True)
@@ -52,10 +49,7 @@ class Shifts:
         )
 
     def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Return the unknowns that no reading determines.
-
-        There is a text for each such place, like ``y at x_mm=0,y_mm=0,depth_mm=1``.
-        """
+        """Return the unknowns that no reading determines, like ``y at x_mm=0,y_mm=0,depth_mm=1``."""
         texts = []
         for place, axes in zip(places, self.determined, strict=True):
             missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
@@ -64,10 +58,7 @@ class Shifts:
         return tuple(texts)
 
     def matrix(self) -> FloatArray:
-        """Shifts in mm per change of δ.
-
-        The array has the shape (shifts, places · states). It is zero between different places.
-        """
+        """Shifts in mm per change of δ, shape (shifts, places · states), zero between places."""
         states = len(self.model.states)
         rows = []
         for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
@@ -123,10 +114,7 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
-    """Leave out the least known unknowns.
-
-    The others must be known well enough.
-    """
+    """Leave out the least known unknowns until the others are known well enough."""
     axes = list(range(len(information)))
     while axes:
         among = information[np.ix_(axes, axes)]

@@ -32,28 +32,11 @@ _MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be
 
 
 def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, sampling: Sampling = "sobol") -> FloatArray:
-    """Draw the errors of boards.
+    """Draw the errors of boards in SI, shape (count, contributors).
 
-    Parameters
-    ----------
-    contributors : sequence of Contributor
-        Independent errors.
-    count : int
-        Number of boards, up to 1 000 000. A power of 2 from 64 on suits Sobol points best.
-    seed : int
-        Seed of the sequence. Equal seeds give equal boards. A larger count begins with the same boards.
-    sampling : {"sobol", "random"}
-        Kind of points.
-
-    Returns
-    -------
-    ndarray, shape (count, contributors)
-        Values of the contributors in SI.
-
-    Raises
-    ------
-    GoalError
-        If the count or the seed is not allowed, or there are more contributors than dimensions of Sobol points.
+    Equal seeds give equal boards, and a larger count begins with the same boards. A power of 2 from 64 on suits Sobol
+    points best. Raises GoalError if the count or the seed is not allowed, or there are more contributors than
+    dimensions of Sobol points.
 
     Examples
     --------
@@ -111,19 +94,7 @@ def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
 
 
 def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dict[str, float]:
-    """Add up the contributions to every error of one board.
-
-    Parameters
-    ----------
-    contributors : sequence of Contributor
-        Contributors of the board.
-    values : array_like, shape (contributors,)
-        Values of the contributors in SI.
-
-    Returns
-    -------
-    dict of str to float
-        Errors by name, for `coilarray.studies.tolerance.perturb.perturb`.
+    """Add up contributions (contributors,) in SI to every error of one board, by name.
 
     Examples
     --------
@@ -144,10 +115,7 @@ STEPS = (1.0, 0.5)
 
 
 def error_steps(contributors: Sequence[Contributor]) -> dict[str, float]:
-    """Return the standard deviation in SI of every moved error.
-
-    The errors are in the order of the contributors.
-    """
+    """Return the standard deviation in SI of every moved error, in the order of contributors."""
     variances: dict[str, float] = {}
     for one in contributors:
         for target in one.targets:
@@ -156,20 +124,16 @@ def error_steps(contributors: Sequence[Contributor]) -> dict[str, float]:
 
 
 def difference_points(steps: dict[str, float]) -> list[dict[str, float]]:
-    """Errors of the boards that `Sensitivity` needs.
-
-    For each error and each of `STEPS` there is a board above and a board below.
-    """
+    """Errors of the boards that `Sensitivity` needs: above and below, for each of `STEPS`."""
     return [{name: sign * part * step} for name, step in steps.items() for part in STEPS for sign in (1.0, -1.0)]
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Effects of one standard deviation of every contributor.
+    """Effects J_c σ_c of one standard deviation of every contributor in the units of the outputs.
 
-    The effects are J_c σ_c in the units of the outputs. `effects` come from the smaller step and `wide_effects` from
-    the larger step. Both have the shape (contributors, outputs). If they differ much, the output is not linear over the
-    errors.
+    `effects` come from the smaller step and `wide_effects` from the larger step. Both have the shape (contributors,
+    outputs). If they differ much, the output is not linear over the errors.
     """
 
     effects: FloatArray
@@ -182,43 +146,28 @@ class Sensitivity:
 
     @property
     def shares(self) -> FloatArray:
-        """Share of every contributor in the variance of every output.
-
-        The array has the shape (contributors, outputs). It is 0 for an output without variance.
-        """
+        """Share of every contributor in the variance of every output, 0 without variance."""
         variance = (self.effects**2).sum(axis=0)
         return np.asarray(np.divide(self.effects**2, variance, out=np.zeros_like(self.effects), where=variance > 0))
 
     @property
     def step_change(self) -> FloatArray:
-        """Largest change of an effect by the larger step.
-
-        It is given in standard deviations of the output, shape (outputs,).
-        """
+        """Largest change of an effect by the larger step, in deviations of the output."""
         change = np.abs(self.wide_effects - self.effects).max(axis=0)
         deviation = self.deviation
         return np.asarray(np.divide(change, deviation, out=np.zeros_like(change), where=deviation > 0))
 
     def joined(self, other: Sensitivity) -> Sensitivity:
-        """Append the outputs of another sensitivity.
-
-        Both have the same contributors.
-        """
+        """Append the outputs of another sensitivity with the same contributors."""
         return Sensitivity(np.hstack((self.effects, other.effects)), np.hstack((self.wide_effects, other.wide_effects)))
 
     def through(self, matrix: FloatArray) -> Sensitivity:
-        """Return the sensitivity of linear functions of the outputs.
-
-        The matrix has the shape (others, outputs).
-        """
+        """Return the sensitivity of linear functions (others, outputs) of the outputs."""
         return Sensitivity(self.effects @ matrix.T, self.wide_effects @ matrix.T)
 
 
 def sensitivity(contributors: Sequence[Contributor], steps: dict[str, float], values: FloatArray) -> Sensitivity:
-    """Compute the sensitivity from the outputs of all boards.
-
-    `values` are the outputs at all `difference_points`, shape (points, outputs). `steps` come from `error_steps`.
-    """
+    """Compute the sensitivity from the outputs (points, outputs) at all `difference_points`."""
     names = list(steps)
     pairs = values.reshape(len(names), len(STEPS), 2, -1)
     spans = 2 * np.outer(list(steps.values()), STEPS)[..., None]
@@ -239,12 +188,12 @@ CENTRAL = (2.5, 97.5)
 
 
 def deviation_error(values: FloatArray) -> FloatArray:
-    """Estimate the standard error of a sampled standard deviation.
+    """Estimate the standard error of a sampled standard deviation of values (n, …).
 
-    The values have the shape (n, …), and the result has their unit and the shape (…,). var(s²) = (μ₄ − s⁴ (n − 3)/(n −
-    1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s. A normal distribution has s/√(2(n − 1))
-    (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). It is taken as the lower limit if there are
-    too few values to determine μ₄. For Sobol points the estimate is too large rather than too small.
+    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s. A normal
+    distribution has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). It is taken as
+    the lower limit if there are too few values to determine μ₄. For Sobol points the estimate is too large rather than
+    too small.
     """
     n = len(values)
     variance = values.var(axis=0, ddof=1)
@@ -256,10 +205,7 @@ def deviation_error(values: FloatArray) -> FloatArray:
 
 
 def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
-    """Whether boards keep limits, shape (n, limits).
-
-    The outputs are named and have the shape (n, outputs). NaN keeps no limit.
-    """
+    """Whether boards (n, outputs) keep limits, shape (n, limits). NaN keeps no limit."""
     columns = values[:, [names.index(limit.quantity) for limit in limits]]
     low, high = np.array([limit.at_least for limit in limits]), np.array([limit.at_most for limit in limits])
     return np.asarray((columns >= low) & (columns <= high))
@@ -267,10 +213,9 @@ def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> B
 
 @dataclass(frozen=True)
 class Yield:
-    """Share of good boards.
+    """Share of good boards with Wilson's interval, which holds the true share with 95 %.
 
-    A board that cannot be made is not good. `low` and `high` are Wilson's interval. For independent boards it contains
-    the true share with 95 %. Boards of Sobol points are not independent, and reach this only approximately.
+    Boards of Sobol points are not independent, and reach this only approximately.
     """
 
     share: float
@@ -279,9 +224,6 @@ class Yield:
 
 
 def yield_of(good: int, count: int) -> Yield:
-    """Return the share of `good` boards among drawn boards.
-
-    There is at least one drawn board.
-    """
+    """Return the share of `good` boards among drawn boards."""
     interval = binomtest(good, count).proportion_ci(0.95, method="wilson")
     return Yield(good / count, float(interval.low), float(interval.high))

@@ -38,13 +38,8 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 class Spread:
     """Spread of one kind of error.
 
-    Parameters
-    ----------
-    distribution : {"normal", "uniform"}
-        Distribution of each part.
-    board, layer : float
-        Standard deviation in SI of the part that all layers of a board share, and of the part of each layer. The parts
-        are independent and add up.
+    `board` and `layer` are the standard deviations in SI of the part that all layers of a board share, and of the part
+    of each layer. The parts are independent and add up.
     """
 
     distribution: Distribution = "normal"
@@ -54,17 +49,9 @@ class Spread:
 
 @dataclass(frozen=True)
 class Positions:
-    """Positions of the indenter at which the response is wanted.
+    """Positions of the indenter in m from the map's origin, every x with every y, at one depth.
 
-    Parameters
-    ----------
-    x, y : tuple of float
-        Positions in m from the map's origin, in rising order. Every x is combined with every y.
-    depth : float
-        Depth of the indentation in m.
-    noise : float, optional
-        Standard deviation of δ for weighting readings when they are located. By default it follows from the design's
-        noise budget.
+    `noise` is the standard deviation of δ for locating readings, by default of the design's noise budget.
     """
 
     x: tuple[float, ...]
@@ -75,15 +62,7 @@ class Positions:
 
 @dataclass(frozen=True)
 class Limit:
-    """Bounds that a good board keeps.
-
-    Parameters
-    ----------
-    quantity : str
-        Name of an output.
-    at_least, at_most : float
-        Bounds in the unit of the name, infinite for a missing bound.
-    """
+    """Bounds that a good board keeps of an output, in the unit of its name."""
 
     quantity: str
     at_least: float = -math.inf
@@ -101,18 +80,7 @@ class Limit:
 class Tolerances:
     """Tolerance file, read and checked.
 
-    Parameters
-    ----------
-    spreads : mapping of str to Spread
-        Spreads by table. A missing table means no error.
-    assumed : mapping of str to str
-        Tables that are not given, with the reason for their values.
-    quantities : tuple of str
-        Names of requested outputs. Empty if the file requests none.
-    positions : Positions or None
-        Positions where the response is wanted.
-    limits : tuple of Limit
-        Limits of the outputs.
+    A kind of error without a table in `spreads` does not occur. `assumed` are tables that are not given, with reasons.
     """
 
     spreads: Mapping[str, Spread]
@@ -124,24 +92,10 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Contributor:
-    """Independent error of a board.
+    """Independent error of a board, which moves one or more errors equally.
 
-    It moves one or more errors of the board. It is a part of one kind of error and moves all of them equally.
-
-    Parameters
-    ----------
-    name : str
-        Name for people, such as ``etch, board`` or ``dielectric, layer L1-L2``.
-    table : str
-        Table of the file that it comes from.
-    part : {"board", "layer"}
-        ``board`` for an error common to all layers of a board, ``layer`` for an error of a single layer.
-    targets : tuple of str
-        Errors of `coilarray.studies.tolerance.perturb.perturb` to which it is added.
-    distribution : {"normal", "uniform"}
-        Distribution, with mean zero.
-    deviation : float
-        Standard deviation in SI.
+    ``board`` parts are common to all layers of a board, ``layer`` parts belong to a single layer. The `deviation` is in
+    SI and the mean is zero.
     """
 
     name: str
@@ -153,24 +107,10 @@ class Contributor:
 
 
 def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, ...]:
-    """Independent errors of a design's boards.
+    """Independent errors with a spread of a design's boards.
 
-    Parameters
-    ----------
-    design : Design
-        Design with the layers and sheets.
-    tolerances : Tolerances
-        Spreads of the errors.
-
-    Returns
-    -------
-    tuple of Contributor
-        Contributors with a spread. The board part and the layer part stay separate even for a single layer or sheet.
-
-    Raises
-    ------
-    GoalError
-        If no error has a spread.
+    The board part and the layer part stay separate even for a single layer or sheet. Raises GoalError if there are
+    none.
 
     Examples
     --------
@@ -203,24 +143,10 @@ _TOLERANCES = TomlFiles("tolerance", GoalError)
 
 
 def load_tolerances(path: str | Path | None = None) -> Tolerances:
-    """Read a tolerance file.
+    """Read a tolerance file (TOML), by default typical values of board houses.
 
-    Parameters
-    ----------
-    path : str or Path, optional
-        A TOML file. By default typical values of board houses are used.
-
-    Returns
-    -------
-    Tolerances
-        The tolerances. Tables that are missing in the file have typical values and are marked as assumed, unless the
-        file has ``others = "none"``.
-
-    Raises
-    ------
-    GoalError
-        If the file is unreadable, is not valid TOML, or has an unknown key or a value that is not allowed. The message
-        is one line with the file, the key, the given value and the allowed values.
+    Tables that are missing in the file have typical values and are marked as assumed, unless it has ``others =
+    "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key or value that is not allowed, in one line.
 
     Examples
     --------
@@ -233,10 +159,7 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
 
 
 def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
-    """Read tolerances from the text of a TOML file.
-
-    `origin` is the name of the text in messages. See `load_tolerances`.
-    """
+    """Read tolerances from the text of a TOML file, which messages call `origin`."""
     file = _TOLERANCES.check(_File, _TOLERANCES.parse(text, origin), origin)
     given = file.spreads()
     for key in file.assumed:
@@ -249,10 +172,7 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
 
 
 def typical_text() -> str:
-    """Return the text of the bundled tolerance file.
-
-    It serves as a template.
-    """
+    """Return the text of the bundled tolerance file, which serves as a template."""
     return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
 
 
@@ -336,10 +256,7 @@ class _PositionsTable(Table):
         return self
 
     def build(self) -> Positions:
-        """Return the positions in SI.
-
-        Values are divided, so that −26 mm is exactly −0.026 m.
-        """
+        """Return the positions in SI, divided so that −26 mm is exactly −0.026 m."""
         x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
         return Positions(x, y, self.depth_mm / 1e3, self.noise)
 

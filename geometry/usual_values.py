@@ -67,10 +67,9 @@ _reading: ContextVar[bool] = ContextVar("_reading", default=False)
 
 
 def slip(key: str, value: float) -> str:
-    """Return an unusual value and its likely unit.
+    """Return an unusual value and its likely unit, "" for a usual value.
 
-    The text has the value with its unit and the likely value. The range is taken by the last name of a key. The text is
-    empty for a usual value.
+    The range is taken by the last name of a key.
 
     Examples
     --------
@@ -89,15 +88,7 @@ def slip(key: str, value: float) -> str:
 
 
 def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return a line for each unusual value.
-
-    The values belong to a design file. The table is as TOML reads it, or by its dotted keys.
-
-    Examples
-    --------
-    >>> unusual_values({"target": {"distances_mm": [0.001, 1.0]}})
-    ['target.distances_mm of 0.001 mm is unusual: 1 mm?']
-    """
+    """Return a line for each unusual value of a design's table."""
     found: list[str] = []
     for key, value in table.items():
         name = f"{prefix}{key}"
@@ -113,18 +104,7 @@ def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
 
 
 def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
-    """Warn of unusual values in SI.
-
-    They are given by the keys of a file. No warning is given while a file is read.
-
-    Examples
-    --------
-    >>> with warnings.catch_warnings(record=True) as caught:
-    ...     warnings.simplefilter("always")
-    ...     warn_unusual([("trace_width_mm", 0.15)])
-    >>> str(caught[0].message)
-    'trace_width of 150 mm is unusual: 0.15 mm? Lengths are in m.'
-    """
+    """Warn of unusual values in SI by the keys of a file, but not while a file is read."""
     if _reading.get():
         return
     for key, value in values:
@@ -135,10 +115,7 @@ def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Suppress warnings of single values while a file is read.
-
-    The reader of the whole file gives them.
-    """
+    """Suppress warnings of single values while the reader of a whole file gives them."""
     token = _reading.set(True)
     try:
         yield

@@ -10,11 +10,11 @@ from support.command_line import runner
 from support.refusals import refused
 
 import coilarray as ca
-from coilarray.compute.usual_values import USUAL, slip, unusual_values
 from coilarray.design import bundled
 from coilarray.design.model import Document, load_design_file
 from coilarray.design.units import Table, entry_unit
 from coilarray.errors import GeometryError, UnusualValueWarning
+from coilarray.geometry.usual_values import USUAL, slip, unusual_values
 
 # places, which may lie anywhere, and lists of them
 PLACES = {
