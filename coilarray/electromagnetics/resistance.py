@@ -18,8 +18,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.netcdf import variables
-from coilarray.compute.threads import Recent
-from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
+from coilarray.compute.threads import Progress, Recent, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.sections import (
     Basis,

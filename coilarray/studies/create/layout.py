@@ -18,8 +18,8 @@ from coilarray.circuit.coupling import design_inductance
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design
-from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.electromagnetics.inductance import coupling_matrix, inductance_matrix, pair_inductance
+from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray, check_rules
 from coilarray.studies.create.choices import Choices
