@@ -107,7 +107,7 @@ def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: P
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.viz import field_grid
-    from coilarray.viz.datasets.vtk_file import vtk_text
+    from coilarray.viz.datasets.meshes import vtk_text
 
     with shared.progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
         result = operating_field(design, coupling, active, *axes, **setting, progress=progress)

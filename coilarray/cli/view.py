@@ -22,9 +22,8 @@ from coilarray.viz.offscreen import require_pyvista
 if TYPE_CHECKING:
     from coilarray.cli.readings import Reading
     from coilarray.design.model import Design
-    from coilarray.viz.scenes.camera import Side
-    from coilarray.viz.scenes.of_design import Item, View
-    from coilarray.viz.scenes.scene import Scene
+    from coilarray.viz.scenes.design import Item, View
+    from coilarray.viz.scenes.scene import Scene, Side
 
 _LARGEST_MA = 1e9
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
@@ -141,7 +140,7 @@ def view(
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g} and not 0; got {current_mA:g}.")
     located = None if reading is None else _reading(reading)
     draped = None if response is None else read_map(response)
-    from coilarray.viz.scenes.of_design import View, board_and_metal
+    from coilarray.viz.scenes.design import View, board_and_metal
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     items = items or board_and_metal(opened)
@@ -180,10 +179,8 @@ class _Outputs:
 
     def check(self) -> None:
         """Refuse before a long computation what this machine cannot show."""
-        from coilarray.viz.scenes.movie import check_movie
         from coilarray.viz.scenes.page import check_page
-        from coilarray.viz.scenes.pictures import check_rendering
-        from coilarray.viz.scenes.window import check_window
+        from coilarray.viz.scenes.pictures import check_movie, check_rendering, check_window
 
         if self.html is not None:
             check_page()
@@ -245,7 +242,7 @@ def _check_vtk(path: Path | None) -> None:
 
 
 def _items(text: str) -> tuple[Item, ...]:
-    from coilarray.viz.scenes.of_design import ITEMS
+    from coilarray.viz.scenes.design import ITEMS
 
     named = [name.strip() for name in text.split(",")]
     for name in named:
@@ -256,7 +253,7 @@ def _items(text: str) -> tuple[Item, ...]:
 
 def _scene(design: Design, view: View) -> Scene:
     """Compute a scene, with a progress bar for each part."""
-    from coilarray.viz.scenes.of_design import scene_of_design
+    from coilarray.viz.scenes.design import scene_of_design
 
     with ExitStack() as bar:
 

@@ -40,7 +40,7 @@ def board_picture(design: Design) -> list[Picture]:
     if viz.rendering_problem() is None:
         caption = "The board; lengths in mm."
         if design.plates:
-            from coilarray.viz.scenes.of_design import View, scene_of_design  # all that a scene may compute
+            from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
 
             scene = scene_of_design(design, View(show=("board", "plates")))
             return [_render("board", caption, lambda path: viz.save_picture(scene, path, size=_SIZE))]
@@ -54,7 +54,7 @@ def board_page(design: Design) -> str | None:
 
     None if PyVista or trame-vtk is not installed.
     """
-    from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_design
+    from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
     from coilarray.viz.scenes.page import scene_page
 
     try:

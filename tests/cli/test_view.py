@@ -17,7 +17,7 @@ from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
-from coilarray.viz.datasets.overlays import DELTA
+from coilarray.viz.datasets.results import DELTA
 from coilarray.viz.offscreen import NO_RENDERING
 
 pytestmark = pytest.mark.slow
@@ -130,7 +130,7 @@ test_mistakes_are_one_line = mistakes(
 
 
 def test_what_cannot_be_written_is_refused_before_anything_is_computed(capsys, monkeypatch):
-    monkeypatch.setattr("coilarray.viz.scenes.of_design.scene_of_design", lambda *_: pytest.fail("computed"))
+    monkeypatch.setattr("coilarray.viz.scenes.design.scene_of_design", lambda *_: pytest.fail("computed"))
     Path("taken").touch()
     assert "cannot make the folder taken: a file has that name" in refused(capsys, "starter", "--vtk", "taken")
     assert "cannot make the folder taken" in refused(capsys, "starter", "--html", "b.html", "--vtk", "taken/parts")
@@ -153,7 +153,7 @@ def test_a_window_without_a_screen_is_one_line(capsys, monkeypatch):
 def test_without_rendering_it_is_one_line(capsys, monkeypatch, option):
     monkeypatch.setenv(NO_RENDERING, "1")
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr("coilarray.viz.scenes.of_design.scene_of_design", lambda *_: pytest.fail("computed"))
+    monkeypatch.setattr("coilarray.viz.scenes.design.scene_of_design", lambda *_: pytest.fail("computed"))
     assert NO_RENDERING in refused(capsys, "starter", *option)
     assert list(Path().iterdir()) == []
 

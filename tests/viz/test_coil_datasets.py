@@ -9,41 +9,41 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import chdtr
 
-from coilarray.viz.datasets import overlays
+from coilarray.viz.datasets import results
 
 CENTRES = np.array([[-10e-3, 0.0], [0.0, 1e-3], [10e-3, 0.0], [3e-3, 15e-3]])
 K = np.array([[1, -0.05, 0.001, 0.02], [-0.05, 1, -0.04, 0], [0.001, -0.04, 1, -0.01], [0.02, 0, -0.01, 1]])
 
 
 def test_arcs_end_at_the_centres_of_their_coils_and_weak_ones_can_be_left_out():
-    arcs = overlays.coupling_arcs(CENTRES, K, height=2e-3)
+    arcs = results.coupling_arcs(CENTRES, K, height=2e-3)
     assert arcs.n_lines == 6
     for n in range(6):
         points = np.asarray(arcs.get_cell(n).points)
         first, second = (int(arcs.cell_data[name][n]) for name in ("coil", "other"))
         np.testing.assert_allclose(points[0], [*CENTRES[first] * 1e3, 2.0], atol=1e-6)
         np.testing.assert_allclose(points[-1], [*CENTRES[second] * 1e3, 2.0], atol=1e-6)
-        assert arcs.cell_data[overlays.COUPLING][n] == K[first, second]
+        assert arcs.cell_data[results.COUPLING][n] == K[first, second]
         span = np.linalg.norm(CENTRES[first] - CENTRES[second]) * 1e3
         assert points[:, 2].max() == pytest.approx(2 + 0.3 * span)
         # upright: the middle of the arc is over the middle of its coils
         np.testing.assert_allclose(points[16, :2], (CENTRES[first] + CENTRES[second]) / 2 * 1e3, atol=1e-6)
-    arcs = overlays.coupling_arcs(CENTRES, K, least=0.02)
+    arcs = results.coupling_arcs(CENTRES, K, least=0.02)
     assert sorted(zip(arcs.cell_data["coil"].tolist(), arcs.cell_data["other"].tolist(), strict=True)) == [
         (0, 1), (0, 3), (1, 2),
     ]  # fmt: skip
-    assert overlays.coupling_arcs(CENTRES, K, least=1).n_cells == 0
-    assert overlays.arc_tubes(overlays.coupling_arcs(CENTRES, K, least=1), 1.0).n_cells == 0
+    assert results.coupling_arcs(CENTRES, K, least=1).n_cells == 0
+    assert results.arc_tubes(results.coupling_arcs(CENTRES, K, least=1), 1.0).n_cells == 0
     with pytest.raises(ValueError, match=r"4 coils need a coupling matrix of that size; got shape \(3, 3\)"):
-        overlays.coupling_arcs(CENTRES, K[:3, :3])
+        results.coupling_arcs(CENTRES, K[:3, :3])
 
 
 def test_tubes_are_as_thick_as_the_coupling():
-    arcs = overlays.coupling_arcs(CENTRES, K, least=0.01)
-    tubes = overlays.arc_tubes(arcs, 0.5)
-    k, points = tubes.point_data[overlays.COUPLING], np.asarray(tubes.points)
-    assert set(k) == set(arcs.cell_data[overlays.COUPLING]) == {-0.05, -0.04, 0.02, -0.01}
-    for n, one in enumerate(arcs.cell_data[overlays.COUPLING]):
+    arcs = results.coupling_arcs(CENTRES, K, least=0.01)
+    tubes = results.arc_tubes(arcs, 0.5)
+    k, points = tubes.point_data[results.COUPLING], np.asarray(tubes.points)
+    assert set(k) == set(arcs.cell_data[results.COUPLING]) == {-0.05, -0.04, 0.02, -0.01}
+    for n, one in enumerate(arcs.cell_data[results.COUPLING]):
         line = np.asarray(arcs.get_cell(n).points)
         nearest = np.linalg.norm(points[k == one][:, None] - line, axis=2).min(axis=1)
         assert nearest.max() == pytest.approx(0.5 * abs(one) / 0.05, rel=1e-3)
@@ -63,27 +63,27 @@ def hills(nan=False):
 def test_a_draped_map_has_the_values_of_its_dataset(state, depth):
     origin = (20e-3, -3e-3)
     data = hills().assign_attrs(origin_x=origin[0], origin_y=origin[1])
-    mesh = overlays.response_surface(data, state, depth, height=2e-3, relief=1e-3)
+    mesh = results.response_surface(data, state, depth, height=2e-3, relief=1e-3)
     assert mesh.n_points == 13 * 5
     assert mesh.n_cells == 12 * 4
     one = data.delta.isel(depth=depth).sel(state=state)
-    for (x, y, z), value in zip(np.asarray(mesh.points) * 1e-3, mesh.point_data[overlays.DELTA], strict=True):
+    for (x, y, z), value in zip(np.asarray(mesh.points) * 1e-3, mesh.point_data[results.DELTA], strict=True):
         there = float(one.sel(x=x - origin[0], y=y - origin[1], method="nearest", tolerance=1e-8))
         assert value == there
         assert z == pytest.approx(2e-3 + 1e-3 * there / float(np.abs(one).max()), abs=1e-9)
     assert mesh.compute_cell_sizes(length=False, volume=False).n_cells == mesh.n_cells
-    flat = overlays.response_surface(data, state, depth)
+    flat = results.response_surface(data, state, depth)
     assert flat.area == pytest.approx(12 * 8)  # mm²: no hole and no overlap
 
 
 def test_a_draped_map_is_the_same_in_any_order_and_missing_values_stay_missing():
     turned = hills().transpose("x", "state", "y", "depth")
     np.testing.assert_array_equal(
-        overlays.response_surface(turned, "b").point_data[overlays.DELTA],
-        overlays.response_surface(hills(), "b").point_data[overlays.DELTA],
+        results.response_surface(turned, "b").point_data[results.DELTA],
+        results.response_surface(hills(), "b").point_data[results.DELTA],
     )
-    mesh = overlays.response_surface(hills(nan=True), "a", 0, relief=1e-3)
-    assert np.isnan(mesh.point_data[overlays.DELTA]).sum() == 1
+    mesh = results.response_surface(hills(nan=True), "a", 0, relief=1e-3)
+    assert np.isnan(mesh.point_data[results.DELTA]).sum() == 1
     assert np.isfinite(mesh.points).all()
 
 
@@ -91,33 +91,33 @@ def test_an_outline_lies_on_the_map_and_a_pin_stands_upright():
     ring = 3e-3 * np.column_stack((np.cos(np.arange(0, 6.2, 0.1)), np.sin(np.arange(0, 6.2, 0.1))))
     outlines = [ring + np.array([x, 0]) for x in (20e-3, 26e-3, 60e-3)]  # inside, over the edge, beside it
     data = hills().assign_attrs(origin_x=20e-3)
-    lines = overlays.draped_outlines(data, "a", outlines, height=1e-3, relief=2e-3)
-    surface = overlays.response_surface(data, "a", height=1e-3, relief=2e-3)
+    lines = results.draped_outlines(data, "a", outlines, height=1e-3, relief=2e-3)
+    surface = results.response_surface(data, "a", height=1e-3, relief=2e-3)
     assert lines.n_lines in (2, 3)  # the second may be cut in two where it begins
     x_min, x_max, *_ = lines.bounds
     assert (x_min, x_max) == (pytest.approx(17, abs=0.01), pytest.approx(26, abs=0.3))
     distance = np.abs(lines.compute_implicit_distance(surface).point_data["implicit_distance"])
     # a quadrilateral is drawn as two triangles: they differ from it by at most 1/8 of its twist
     assert distance.max() < 0.05
-    assert overlays.draped_outlines(data, "a", outlines[2:]).n_cells == 0
-    np.testing.assert_allclose(overlays.position_pin((1e-3, 2e-3), 0, 8e-3).points, [[1, 2, 0], [1, 2, 8]])
+    assert results.draped_outlines(data, "a", outlines[2:]).n_cells == 0
+    np.testing.assert_allclose(results.position_pin((1e-3, 2e-3), 0, 8e-3).points, [[1, 2, 0], [1, 2, 8]])
 
 
 def test_what_cannot_be_drawn_over_a_board_is_refused():
     with pytest.raises(ValueError, match="state must be one of a, b; got 'c'"):
-        overlays.response_surface(hills(), "c")
+        results.response_surface(hills(), "c")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
-        overlays.response_surface(hills(), "a", 2)
+        results.response_surface(hills(), "a", 2)
     with pytest.raises(ValueError, match="at least two positions along x and along y; got 13 and 1"):
-        overlays.response_surface(hills().isel(y=[0]), "a")
+        results.response_surface(hills().isel(y=[0]), "a")
     with pytest.raises(ValueError, match=r"finite matrix of shape \(2, 2\)"):
-        overlays.uncertainty_ellipse((0, 0), np.full((2, 2), np.inf))
+        results.uncertainty_ellipse((0, 0), np.full((2, 2), np.inf))
     with pytest.raises(ValueError, match=r"shape \(2, 2\)"):
-        overlays.uncertainty_ellipse((0, 0), np.eye(3))
+        results.uncertainty_ellipse((0, 0), np.eye(3))
     with pytest.raises(ValueError, match="positive definite"):
-        overlays.uncertainty_ellipse((0, 0), [[1, 2], [2, 1]])
+        results.uncertainty_ellipse((0, 0), [[1, 2], [2, 1]])
     with pytest.raises(ValueError, match="between 0 and 1; got 1"):
-        overlays.uncertainty_ellipse((0, 0), np.eye(2), 1.0)
+        results.uncertainty_ellipse((0, 0), np.eye(2), 1.0)
 
 
 @settings(max_examples=30)
@@ -128,7 +128,7 @@ def test_what_cannot_be_drawn_over_a_board_is_refused():
 def test_an_ellipse_is_its_covariance(sx, sy, correlation, confidence, magnification):
     covariance = np.array([[sx**2, correlation * sx * sy], [correlation * sx * sy, sy**2]])
     centre = (3e-3, -7e-3)
-    ellipse = overlays.uncertainty_ellipse(centre, covariance, confidence, magnification=magnification, height=1e-3)
+    ellipse = results.uncertainty_ellipse(centre, covariance, confidence, magnification=magnification, height=1e-3)
     points = np.asarray(ellipse.points, dtype=float)
     assert (points[:, 2] == 1.0).all()
     away = (points[:-1, :2] * 1e-3 - centre) / magnification

@@ -7,7 +7,7 @@ import xarray as xr
 from coilarray.electromagnetics.field import grid_points, magnetic_field, vector_potential
 from coilarray.errors import GeometryError
 from coilarray.viz.datasets import field
-from coilarray.viz.datasets.triangles import surface_of
+from coilarray.viz.datasets.meshes import surface_of
 
 RADIUS = 8e-3
 ANGLE = np.linspace(0, 2 * np.pi, 181)

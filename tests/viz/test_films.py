@@ -13,8 +13,7 @@ from coilarray import load_design
 from coilarray.errors import ElastomerError, GeometryError, MissingDependencyError, OutputError
 from coilarray.response.map import response_map
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes.movie import save_movie
-from coilarray.viz.scenes.pictures import save_picture
+from coilarray.viz.scenes.pictures import save_movie, save_picture
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.scenes.touch import touch_along
 

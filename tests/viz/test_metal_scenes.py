@@ -12,12 +12,10 @@ from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Ring, Target
 from coilarray.geometry.solids import plate_solid
 from coilarray.response.target import target_map
-from coilarray.viz.datasets.field import field_lines
-from coilarray.viz.datasets.metal import EDDY, EDDY_AMOUNT
-from coilarray.viz.scenes import overlays
-from coilarray.viz.scenes.eddies import WorkingPoint, eddies_of_plates
-from coilarray.viz.scenes.metal import around_board
-from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_design
+from coilarray.viz.datasets.field import EDDY, EDDY_AMOUNT, field_lines
+from coilarray.viz.scenes import field as fields
+from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
+from coilarray.viz.scenes.metal import WorkingPoint, around_board, eddies_of_plates
 
 ALUMINIUM = MATERIALS["aluminium"]
 
@@ -125,7 +123,7 @@ def test_eddy_currents_run_against_the_coil(design):
 
 @pytest.mark.slow
 def test_eddy_currents_at_all_distances_have_one_scale(design, monkeypatch):
-    monkeypatch.setattr("coilarray.viz.scenes.of_metal._STEPS", 0)  # no positions between those of the design
+    monkeypatch.setattr("coilarray.viz.scenes.metal._STEPS", 0)  # no positions between those of the design
     body = FinitePlate("target", Disc(6e-3), (0.0, 0.0, 0.0), 1e-3, ALUMINIUM)
     moving = replace(design, sheets=(), indentation=None, target=Target(body, (2e-3, 6e-3), (0.0,), (0.0,)))
     scene = scene_of_design(moving, View(show=("target", "eddies"), distance=6e-3))
@@ -164,7 +162,7 @@ def test_lines_of_b_go_along_metal_and_end_only_at_the_box(metal, monkeypatch):
         followed.append((grid, field_lines(grid, seeds)))
         return followed[0][1]
 
-    monkeypatch.setattr(overlays, "field_lines", watched)
+    monkeypatch.setattr(fields, "field_lines", watched)
     shown = View(show=("target" if metal == "target" else "plates", "lines"), others_open=True)
     scene = scene_of_design(design, shown)
     (grid, lines) = followed[0]

@@ -16,7 +16,7 @@ from coilarray import viz
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Hemisphere
 from coilarray.viz import offscreen
-from coilarray.viz.scenes.of_design import View, scene_of_design
+from coilarray.viz.scenes.design import View, scene_of_design
 
 EGL = "vtkEGLRenderWindow"
 WORKS = offscreen._Answer(None, EGL)

@@ -16,10 +16,9 @@ from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_c
 from coilarray.viz import board_scene, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board, scene_of_lifted_board
-from coilarray.viz.scenes.camera import Side, seen_from
 from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size, shown_units
 from coilarray.viz.scenes.pictures import save_picture
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, Text, about_zero, seen_from
 
 
 @pytest.fixture(scope="module")

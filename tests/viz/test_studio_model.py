@@ -29,7 +29,7 @@ from coilarray.localize.inverse import Location, Mode, location_lines
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
-from coilarray.viz.scenes import overlays
+from coilarray.viz.scenes.results import scene_of_location
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, structure, studying
 from coilarray.viz.studio.design_panel import DesignPanel
@@ -520,7 +520,7 @@ def test_a_coil_alone_answers_a_touch_and_says_why_it_locates_none():
     assert crossing_line(touch).startswith("ellipses: ")
     drawing = touch_drawing(sensor.design, top_view(sensor.design), touch)
     assert (drawing["pins"], drawing["indenter"]["x"]) == ([], 3.0)
-    top = overlays.scene_of_location(touch.location, bounds=sensor.design.array.bounds, top=5e-3, truth=touch.at)
+    top = scene_of_location(touch.location, bounds=sensor.design.array.bounds, top=5e-3, truth=touch.at)
     assert any("3 unknowns" in note for note in top.notes)
 
 

@@ -9,7 +9,7 @@ import pytest
 from coilarray import load_design
 from coilarray.design.vary import vary
 from coilarray.viz.scenes.board import scene_of_lifted_board
-from coilarray.viz.scenes.camera import seen_from
+from coilarray.viz.scenes.scene import seen_from
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "studio_libraries")]
 

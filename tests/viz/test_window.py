@@ -11,8 +11,8 @@ import pyvista
 from support.patience import PATIENCE
 
 from coilarray.viz.scenes.draw import draw, text_name
+from coilarray.viz.scenes.pictures import add_switches
 from coilarray.viz.scenes.scene import Part, Scene, Text, about_zero
-from coilarray.viz.scenes.window import add_switches
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ SEEN = """
 import os
 import pyvista
 from coilarray.errors import MissingDependencyError
-from coilarray.viz.scenes.window import show
+from coilarray.viz.scenes.pictures import show
 from test_window import scene
 
 shown = pyvista.Plotter.show

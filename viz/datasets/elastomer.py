@@ -12,7 +12,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
-from coilarray.viz.datasets.triangles import MM_PER_M, solid_mesh, triangles
+from coilarray.viz.datasets.meshes import MM_PER_M, solid_mesh, triangles
 
 if TYPE_CHECKING:
     import pyvista

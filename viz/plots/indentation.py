@@ -17,7 +17,7 @@ from matplotlib.patches import Polygon
 from coilarray.compute.display_units import MM
 from coilarray.geometry.indenter import Indenter
 from coilarray.viz.datasets.elastomer import indenter_outline
-from coilarray.viz.datasets.overlays import at_depth
+from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled
 from coilarray.viz.plots.style import axis_unit, faint_grid, figure_size, new_axes, new_figure, styled
 

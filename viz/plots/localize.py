@@ -20,7 +20,7 @@ from matplotlib.patches import Ellipse as EllipsePatch
 from coilarray.compute.display_units import MILLI_DELTA, MM, PER_MILLION, true_minus
 from coilarray.paper.ellipse import Ellipse
 from coilarray.paper.ellipse_model import EllipseModel, EllipsePosition
-from coilarray.viz.datasets.overlays import of_state
+from coilarray.viz.datasets.results import of_state
 from coilarray.viz.palette import BLUE, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
 from coilarray.viz.plots import style
 

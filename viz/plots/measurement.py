@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.display_units import MILLI_DELTA, MM, DisplayUnit, true_minus
-from coilarray.viz.datasets.overlays import of_state
+from coilarray.viz.datasets.results import of_state
 from coilarray.viz.palette import BLUE, COILS, GREY, INK, VERMILLION, curve_look
 from coilarray.viz.plots import style
 

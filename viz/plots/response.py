@@ -21,7 +21,7 @@ from coilarray.circuit.readability import readable_of
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.response.answering import answering_states, main_line, middle_state
 from coilarray.response.coordinates import as_depths, depth_words
-from coilarray.viz.datasets.overlays import at_depth, of_state
+from coilarray.viz.datasets.results import at_depth, of_state
 from coilarray.viz.palette import GREY, INK, PALE, curve_look, signed_colours
 from coilarray.viz.plots import style
 

@@ -198,8 +198,8 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
         _name_axis(axis, sweep[entry])
         if not _is_text(sweep[entry]) and sweep.sizes[entry] <= _MOST_TICKS:
             axis.set_major_locator(FixedLocator(np.sort(places).tolist()))
-    own = [_own(sweep[entry]) for entry in entries]
-    if None not in own:
+    own = [value for entry in entries if (value := _own(sweep[entry])) is not None]
+    if len(own) == len(entries):
         ax.plot(own[:1], own[1:], "D", color="white", markeredgecolor=VERMILLION, markersize=5)
     style.colour_bar(ax, mesh, _label(sweep[quantity]))
     return ax

@@ -17,10 +17,9 @@ import numpy as np
 import shapely
 
 from coilarray.compute.display_units import PLAIN, true_minus
-from coilarray.viz.datasets.triangles import surface_of
+from coilarray.viz.datasets.meshes import surface_of
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.camera import Camera, Side, aim, direction, seen_from
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text
+from coilarray.viz.scenes.scene import Camera, Part, Scale, Scene, Side, Text, aim, direction, seen_from
 
 if TYPE_CHECKING:
     import pyvista

@@ -1,26 +1,35 @@
-"""Scenes of metal.
-
-Plates over and under a board, a target at its distances, and eddy currents as arrows.
-"""
+"""Plates, the target at its distances, and the eddy currents in them as arrows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
+import xarray as xr
 
+from coilarray.circuit.operating_field import operating_currents
+from coilarray.compute.arrays import ComplexArray
+from coilarray.compute.display_units import MM, true_minus
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
+from coilarray.errors import MetalError
 from coilarray.geometry import Ball, CoilArray, FinitePlate, Plate
 from coilarray.geometry.target import Body
-from coilarray.viz.datasets.metal import EDDY_AMOUNT, Eddies, body_mesh, eddy_arrows, plate_mesh
-from coilarray.viz.datasets.triangles import surface_of
+from coilarray.metal.finite_plates import eddy_currents
+from coilarray.metal.plate_field import plate_currents
+from coilarray.response.target import target_map, target_of
+from coilarray.viz.datasets.field import EDDY_AMOUNT, Eddies, eddy_arrows
+from coilarray.viz.datasets.meshes import body_mesh, plate_mesh, surface_of
 from coilarray.viz.palette import METAL, METALS, cycled
 from coilarray.viz.scenes.board import Box
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider
 
 if TYPE_CHECKING:
     import pyvista
+
 
 _GLASS, _DENSER = 0.22, 0.45  # opacities of bodies that cover the whole board, and a part of it
 _BEYOND = 0.06  # length of an infinite plate beyond the board, over the board's longer side
@@ -74,10 +83,10 @@ def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scal
     parts: list[Part] = []
     for step, position in enumerate(positions):
         mesh = body_mesh(body, position.place, within)
-        for part in _glass(f"target {step}", mesh, group, METAL, isinstance(body, Plate)):
-            parts.append(_at(part, step))
+        shown = _glass(f"target {step}", mesh, group, METAL, isinstance(body, Plate))
         if position.eddies is not None and scale is not None:
-            parts += [_at(part, step) for part in eddy_parts(f"eddies {step}", position.eddies, scale, within)]
+            shown += eddy_parts(f"eddies {step}", position.eddies, scale, within)
+        parts += [replace(part, step=step) for part in shown]
     labels = tuple(f"{position.distance * 1e3:g} mm" for position in positions)
     slider = Slider("distance of the target", labels, tuple(position.lines for position in positions), first)
     return Scene(tuple(parts), notes=_cut_note([body]), slider=slider)
@@ -114,10 +123,6 @@ def _glass(name: str, mesh: pyvista.PolyData, group: str, colour: str, covers: b
     return parts
 
 
-def _at(part: Part, step: int) -> Part:
-    return replace(part, step=step)
-
-
 def _body_words(body: Body) -> str:
     """Material and size of a body for a legend."""
     if isinstance(body, Ball):
@@ -131,3 +136,266 @@ def _cut_note(bodies: Sequence[Body]) -> tuple[str, ...]:
     if not endless:
         return ()
     return (f"Infinite plates, drawn as far as the board: {', '.join(endless)}.",)
+
+
+Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
+"""Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
+
+_ALONG = 20  # number of arrows along the longest side of an infinite plate
+_FLAT = 0.9  # least cosine of the angle between face and triangle; other triangles are the rim
+_BLURRED = 0.4  # width over which the current of an arrow is averaged, over their distance
+
+
+@dataclass(frozen=True, eq=False)
+class WorkingPoint:
+    """Currents of all coils in A at a frequency.
+
+    They have shape (n,). One coil carries `current`. The frequency is in Hz.
+    """
+
+    currents: ComplexArray
+    current: float
+    frequency: float
+
+
+def working_point(design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool) -> WorkingPoint:
+    """Operation in which a coil is measured."""
+    currents = current * operating_currents(design, coupling, coil, terminated=terminated)
+    return WorkingPoint(currents, current, float(coupling.frequency.sel(coil=coil)))
+
+
+def eddies_of_plates(
+    design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
+) -> list[Phasors]:
+    """Eddy currents of the plates of a design.
+
+    Infinite plates have them over the rectangle `within` in m.
+    """
+    endless = [plate for plate in plates if isinstance(plate, Plate)]
+    _require_alike(plates)
+    return [*_endless(design, endless, endless, operation, within), *_outlined(design, plates, operation)]
+
+
+def eddies_of_target(
+    design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
+) -> list[Phasors | None]:
+    """Eddy currents of the target at several distances.
+
+    All lengths are in m. The result is None for a ball.
+    """
+    found: list[Phasors | None] = []
+    for distance in distances:
+        target = target_of(design)
+        height = target.height(design.top, distance)
+        if isinstance(target.body, Plate):
+            _require_alike([target.body, *design.plates])
+            moved = replace(target.body, z=height)
+            beside = [plate for plate in design.plates if isinstance(plate, Plate)]
+            found += _endless(design, [moved], [moved, *beside], operation, within)
+        elif isinstance(target.body, FinitePlate):
+            moved_there = replace(target.body, centre=(*place, height))
+            found.append(_outlined(design, [*design.plates, moved_there], operation)[-1])
+        else:
+            found.append(None)
+    return found
+
+
+def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
+    """Refuse infinite plates beside plates with an outline.
+
+    Both together raise a MetalError.
+    """
+    kinds = {isinstance(plate, FinitePlate) for plate in plates}
+    if len(kinds) > 1:
+        raise MetalError(
+            "eddy currents of infinite plates are not computed beside plates with an outline; got "
+            f"{', '.join(plate.name for plate in plates)}."
+        )
+
+
+def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint) -> list[Phasors]:
+    """Eddy currents through the thickness of plates with an outline, at triangles of their upper faces."""
+    outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
+    if not outlined:
+        return []
+    found: list[Phasors] = []
+    for plate, one in zip(
+        outlined, eddy_currents(design.array, plates, operation.frequency, design.sheets), strict=True
+    ):
+        density = np.tensordot(operation.currents, one.density, axes=1)
+        half = len(density) // 2  # the upper half, then its mirror image in the same order
+        upper, through = one.corners[:half], density[:half] + density[half:]
+        first, second, third = np.moveaxis(upper, 1, 0)
+        normals = np.cross(second - first, third - first)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        face = normals @ plate.axes[2] > _FLAT
+        found.append((upper.mean(axis=1)[face], normals[face], through[face]))
+    return found
+
+
+def _endless(
+    design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
+) -> list[Phasors]:
+    """Eddy currents of infinite plates.
+
+    They are computed for `shown`, the first of `plates`, on a grid over their upper faces.
+    """
+    if not shown:
+        return []
+    x_min, y_min, x_max, y_max = within
+    step = max(x_max - x_min, y_max - y_min) / _ALONG
+    x, y = (np.linspace(low, high, round((high - low) / step) + 1) for low, high in ((x_min, x_max), (y_min, y_max)))
+    array, sheets = design.array, design.sheets
+    density = plate_currents(array, operation.currents, plates, operation.frequency, x, y, sheets, blur=_BLURRED * step)
+    found = []
+    for plate, K in zip(shown, density, strict=False):
+        flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        points = np.column_stack((flat, np.full(len(flat), plate.heights[1])))
+        normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+        found.append((points, normals, np.column_stack((K.reshape(-1, 2), np.zeros(len(flat))))))
+    return found
+
+
+def at_their_largest(all_phasors: Sequence[Phasors]) -> tuple[list[Eddies], str]:
+    """Eddy currents at the instant of their largest strength.
+
+    It is either the instant of the coil's largest current, or a quarter of a period before.
+    """
+    in_phase, before = (
+        sum(float((part(density) ** 2).sum()) for *_, density in all_phasors) for part in (np.real, np.imag)
+    )
+    now = in_phase >= before
+    eddies = [
+        Eddies(points, normals, density.real if now else density.imag) for points, normals, density in all_phasors
+    ]
+    return eddies, "while the coil's current is largest" if now else "a quarter of a period before the coil's peak"
+
+
+_STEPS = 9  # least number of positions of the slider of a distance
+_NEAR = 0.05  # least relative distance of a position in between from the design's own positions
+_SHOWN_STATES = 8  # largest number of states whose δ stand in a line
+
+
+def scene_of_metal(
+    design: Design,
+    shown: frozenset[str],
+    coil: str,
+    coupling: Callable[[], xr.Dataset],
+    *,
+    current: float,
+    terminated: bool,
+    distance: float | None = None,
+    at: tuple[float, float] | None = None,
+    still: bool = False,
+    progress: Progress | None = None,
+) -> Scene:
+    """Scene of plates, target and eddy currents of a design.
+
+    `shown` has "plates", "target" and "eddies", which flow in the bodies that are shown. A `coil` is measured with a
+    `current` in A, and the other coils are `terminated` or open. The slider of the target stands first at a `distance`
+    in m, by default the least. The target is at x and y in m on the board, by default at its place nearest to the coil.
+    A `still` scene shows it at this distance alone, as the rest of the scene is made for it. Metal that the design
+    lacks or that is not computed raises a MetalError.
+    """
+    within = around_board(design.array)
+    plates = design.plates if "plates" in shown else ()
+    scene = scene_of_plates(plates, within)
+    steps = steps_of(design, distance) if "target" in shown else []
+    if steps and still:
+        steps = steps[:1] if distance is None else [distance]
+    place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
+    numbers = target_at(design, place, steps, progress=progress) if steps else None
+    of_plates: list[Eddies] = []
+    of_target: list[Eddies | None] = [None] * len(steps)
+    if "eddies" in shown:
+        if not plates and not steps:
+            raise MetalError(f"eddy currents need plates or a target in the picture of {design.name}.")
+        operation = working_point(design, coupling(), coil, current, terminated=terminated)
+        phasors = eddies_of_plates(design, plates, operation, within)
+        moved = eddies_of_target(design, place, steps, operation, within)
+        shown_now, when = at_their_largest([*phasors, *(one for one in moved if one is not None)])
+        of_plates, rest = shown_now[: len(phasors)], iter(shown_now[len(phasors) :])
+        of_target = [None if one is None else next(rest) for one in moved]
+        carried = f"{operation.frequency * 1e-6:.4g} MHz, {abs(current) * 1e3:g} mA in {coil}"
+        notes = [f"Eddy currents {when}, {carried}, the currents of the coils as without a target."]
+        notes += ["Those in the target are not drawn."] if None in moved else []
+        scene += Scene(notes=tuple(notes))
+    scale = scale_of_eddies([*of_plates, *(one for one in of_target if one is not None)])
+    for number, one in enumerate(of_plates):
+        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+    if numbers is None:
+        return scene
+    target = target_of(design)
+    lines = [target_lines(numbers.isel(distance=k, y=0, x=0), coil) for k in range(len(steps))]
+    positions = [
+        Position(step, (*place, target.height(design.top, step)), one, texts)
+        for step, one, texts in zip(steps, of_target, lines, strict=True)
+    ]
+    first = 0 if distance is None else steps.index(distance)
+    return scene + scene_of_target(target.body, positions, within, scale, first)
+
+
+def target_at(
+    design: Design, place: tuple[float, float], distances: Sequence[float], *, progress: Progress | None = None
+) -> xr.Dataset:
+    """Compute the effect of a target at several distances.
+
+    All lengths are in m.
+    """
+    x, y = (value - origin for value, origin in zip(place, target_of(design).origin_point, strict=True))
+    return target_map(design, distances=distances, x=[x], y=[y], progress=progress)
+
+
+def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
+    """Describe the effect of a target at one place.
+
+    There is a line about the state of a coil, and a line with the largest other δ.
+    """
+    states = [str(name) for name in at.state.values]
+    first = coil if coil in states else states[0]
+    one = at.sel(state=first)
+    beside_q = str(at.quality_factor.attrs["long_name"]).partition(",")[2]
+    line = (
+        f"target at {MM.text(at.distance, '.3')}, {first}: δ = {percent(one.delta)}, "
+        f"L = {float(one.effective_inductance) * 1e6:.4g} µH, "
+        f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}{beside_q}, "
+        f"f = {float(one.frequency) * 1e-6:.4f} MHz"
+    )
+    others = [name for name in states if name != first]
+    if not others:
+        return (line,)
+    largest = sorted(others, key=lambda name: -abs(float(at.delta.sel(state=name))))[:_SHOWN_STATES]
+    shown = [name for name in others if name in largest]
+    which = "δ of the others" if shown == others else f"the {len(shown)} largest δ of the others"
+    return line, f"{which}: " + ", ".join(f"{name} {percent(at.delta.sel(state=name))}" for name in shown)
+
+
+def percent(delta: xr.DataArray) -> str:
+    """Relative change in % with three digits."""
+    return true_minus(f"{float(delta) * 100:+.3g} %")
+
+
+def steps_of(design: Design, distance: float | None = None) -> list[float]:
+    """Distances of the target in m for a slider, with others between few distances.
+
+    A plate with an outline over magnetic sheets or beside plates takes seconds for each distance, and gets no others.
+    """
+    target = target_of(design)
+    given, wanted = target.distances, [] if distance is None else [distance]
+    layers = any(sheet.magnetic for sheet in design.sheets) or bool(design.plates)
+    slow = isinstance(target.body, FinitePlate) and layers
+    between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS and not slow else []
+    near = {one for one in between if min(abs(one / other - 1) for other in (*given, *wanted)) < _NEAR}
+    return sorted({*given, *wanted, *(one for one in between if one not in near)})
+
+
+def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> tuple[float, float]:
+    """Position of the target on the board in m."""
+    if at is not None:
+        return at
+    target, centre = target_of(design), design.array.centres[design.array.names.index(coil)].tolist()
+    nearest = []
+    for values, origin, middle in zip((target.x, target.y), target.origin_point, centre, strict=True):
+        places = np.add(values, origin)
+        nearest.append(float(places[np.abs(places - middle).argmin()]))
+    return nearest[0], nearest[1]

@@ -21,9 +21,8 @@ from coilarray.compute.files import write_text
 from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import require_pyvista
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.camera import Side, aim, direction
 from coilarray.viz.scenes.draw import actor_of, bar_of, gradient
-from coilarray.viz.scenes.scene import Part, Scale, Scene
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, aim, direction
 
 _SIZE = (1600, 900)  # size of the picture to which line widths refer
 _STOPS = 32  # colours of a bar

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from coilarray.compute.files import hidden_prefix, make_folder, remove_left, writing
-from coilarray.viz.datasets.vtk_file import VTK_SUFFIXES, vtk_text
+from coilarray.viz.datasets.meshes import VTK_SUFFIXES, vtk_text
 from coilarray.viz.scenes.scene import Part, Scene
 
 _UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")

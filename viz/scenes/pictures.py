@@ -1,26 +1,32 @@
-"""Pictures of scenes without a window."""
+"""Scenes as pictures, films (GIF by Pillow, MP4 by PyAV) and windows with a switch for every group."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_atomically
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
-from coilarray.viz.offscreen import rendering_problem
-from coilarray.viz.scenes.board import board_scene
-from coilarray.viz.scenes.camera import Side
-from coilarray.viz.scenes.dent import dent_scene
-from coilarray.viz.scenes.draw import draw
-from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.offscreen import rendering_problem, silent_screen, window_problem, without_screen
+from coilarray.viz.palette import INK
+from coilarray.viz.scenes.board import board_scene, dent_scene, scene_of_lifted_board
+from coilarray.viz.scenes.draw import draw, draw_parts, font_file, pixel_of, text_name
+from coilarray.viz.scenes.scene import Scene, Side
 
 if TYPE_CHECKING:
     import xarray as xr
+
 
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
@@ -131,3 +137,210 @@ def _save(path: Path, size: tuple[int, int], fill: Callable[[Any], None]) -> Non
     with off_screen(size) as plotter:
         fill(plotter)
         write_atomically(path, lambda temporary: plotter.screenshot(temporary, return_img=False))
+
+
+Image = npt.NDArray[np.uint8]
+
+FILM_SIZE = (960, 540)
+"""Default width and height of a film in pixels."""
+
+_SAMPLED = 6  # pictures from which the colours of a GIF are chosen
+_SLOWEST, _FASTEST = 0.1, 100.0  # pictures per second, as a GIF counts hundredths of a second
+_RATE = 24  # constant rate factor of H.264; smaller is better, and 18 is visually lossless
+
+
+def save_movie(
+    still: Scene,
+    moving: Iterable[Scene],
+    path: Path,
+    *,
+    side: Side = "oblique",
+    size: tuple[int, int] = FILM_SIZE,
+    rate: float = 12.0,
+) -> None:
+    """Render scenes off-screen into a film.
+
+    Parameters
+    ----------
+    still : Scene
+        Scene in every picture.
+    moving : iterable of Scene
+        Additional scene of each picture, read as the film is made. All must have the same groups and scales. The camera
+        is aimed at the first.
+    path : Path
+        File to write, .gif or .mp4. It appears only when it is complete.
+    side, size
+        As in `save_picture`. For .mp4 both sides of a picture must be even.
+    rate : float
+        Pictures per second.
+
+    Raises
+    ------
+    MissingDependencyError
+        If this machine cannot render, or PyAV is not installed for .mp4.
+    OutputError
+        If the suffix, size or rate is not allowed, there is no picture, or the file cannot be written.
+    """
+    check_movie(path, size, rate)
+    with off_screen(size) as plotter:
+        pictures = _pictures(plotter, still, moving, side)
+        write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+        write_atomically(path, lambda temporary: write(temporary, pictures, rate))
+
+
+def check_movie(path: Path, size: tuple[int, int] = FILM_SIZE, rate: float = 12.0) -> None:
+    """Refuse a film that `save_movie` would refuse."""
+    suffix = path.suffix.lower()
+    if suffix not in (".gif", ".mp4"):
+        raise OutputError(f"a film must end in .gif or .mp4; got {path}.")
+    if not _SLOWEST <= rate <= _FASTEST:
+        raise OutputError(f"a film must have {_SLOWEST:g} to {_FASTEST:g} pictures a second; got {rate:g}.")
+    if suffix == ".mp4":
+        if any(pixels % 2 for pixels in size):
+            raise OutputError(f"an MP4 film must have even sides; got {size[0]}x{size[1]} pixels.")
+        import_extra("av", "MP4 films", package="PyAV", extra="movie")
+    check_rendering(size)
+
+
+def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -> Iterator[Image]:
+    """Draw one picture after the other."""
+    following = iter(moving)
+    first = next(following, None)
+    if first is None:
+        raise OutputError("a film must have at least one picture; got none.")
+    draw(still + first, plotter, side=side)
+    for scene in chain((None,), following):
+        if scene is not None:
+            draw_parts(scene, plotter, pixel_of(plotter.window_size))
+        yield np.asarray(plotter.screenshot(return_img=True))
+
+
+def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
+    """Write pictures as an animated GIF."""
+    from PIL import Image as Pillow
+
+    # One set of 256 colours for all pictures, chosen from some of them, so that nothing flickers.
+    kept, shape = [], (0, 0, 0)
+    for one in pictures:
+        shape = one.shape
+        kept.append(zlib.compress(one.tobytes(), 1))
+
+    def picture(k: int) -> Pillow.Image:
+        return Pillow.fromarray(np.frombuffer(zlib.decompress(kept[k]), dtype=np.uint8).reshape(shape))
+
+    chosen = sorted(set(np.linspace(0, len(kept) - 1, _SAMPLED).round().astype(int).tolist()))
+    # An octree keeps the colours of small things such as a colour bar. Pillow's median cut gives them to the large
+    # areas.
+    colours = Pillow.fromarray(np.vstack([np.asarray(picture(k)) for k in chosen])).quantize(
+        colors=256, method=Pillow.Quantize.FASTOCTREE
+    )
+    first, *rest = (picture(k).quantize(palette=colours, dither=Pillow.Dither.NONE) for k in range(len(kept)))
+    first.save(path, save_all=True, append_images=rest, duration=round(1000 / rate), loop=0, disposal=1)
+
+
+def _write_mp4(path: Path, pictures: Iterator[Image], rate: float) -> None:
+    """Write pictures as an MP4 with H.264."""
+    from fractions import Fraction
+
+    import av
+
+    with av.open(str(path), "w") as film:
+        first = next(pictures)
+        stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
+        stream.height, stream.width = first.shape[:2]
+        stream.pix_fmt = "yuv420p"  # every player shows it
+        stream.options = {"crf": str(_RATE)}
+        for one in chain((first,), pictures):
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(one), format="rgb24")))
+        film.mux(stream.encode())
+
+
+_WINDOW = (1280, 800)  # pixels
+_BOX, _STEP, _RIM = 20, 29, 20  # size of a switch, distance to the next, and to the edge of the window, in pixels
+_LETTER = 8.5  # width of a letter beside a switch in pixels
+
+
+def show(scene: Scene, *, side: Side = "oblique") -> None:
+    """Open a window with a scene.
+
+    The function returns when the user closes it.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is shown. Every group has a switch.
+    side : {"oblique", "top", "front", "right"}
+        Side from which it is seen.
+
+    Raises
+    ------
+    MissingDependencyError
+        If no window can be opened or this machine cannot render.
+    """
+    check_window()
+    from coilarray.viz.extra_3d import pyvista
+
+    scene = scene.still()
+    plotter: Any = pyvista.Plotter(title="coilarray", window_size=list(_WINDOW))
+    if without_screen(plotter.render_window.GetClassName()):  # the screen has gone since the check
+        plotter.close()
+        raise MissingDependencyError(silent_screen())
+    plotter.enable_anti_aliasing("ssaa")
+    longest = max((len(group) for group in scene.groups), default=0)
+    panel = ((_RIM + 2 * _BOX + _LETTER * longest) / _WINDOW[0], (_RIM + len(scene.groups) * _STEP) / _WINDOW[1])
+    draw(scene, plotter, side=side, panel=panel)
+    add_switches(scene, plotter)
+    plotter.show()
+
+
+def check_window() -> None:
+    """Refuse a window that cannot be opened.
+
+    It raises a MissingDependencyError before the scene is computed.
+    """
+    problem = window_problem()
+    if problem is not None:
+        raise MissingDependencyError(problem)
+
+
+def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
+    """Open a window with a board.
+
+    It shows the board of an `array` and `sheets` on it, until the user closes it. The errors are the same as in `show`.
+    """
+    show(scene_of_lifted_board(array, sheets))
+
+
+def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
+    """Put a switch for every group into a window.
+
+    True shows the group, and False hides it.
+    """
+    from matplotlib.colors import to_rgb
+
+    height = plotter.window_size[1]
+    switches = {}
+    for place, (group, colours) in enumerate(scene.groups.items()):
+        switch = switches[group] = _switch(scene, plotter, group)
+        y = height - _RIM - _BOX - place * _STEP
+        strongest = min(colours, key=lambda colour: sum(to_rgb(colour)))  # white is off, and zero on some scales
+        box = {"size": _BOX, "border_size": 2, "color_on": strongest, "color_off": "white"}
+        plotter.add_checkbox_button_widget(switch, value=True, position=(_RIM, y), **box)
+        letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
+        plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)
+    return switches
+
+
+def _switch(scene: Scene, plotter: Any, group: str) -> Callable[[bool], None]:
+    """Make the function that shows or hides a group."""
+    names = [part.name for part in scene.parts if part.group == group]
+    looks = {(text.height, text.bold, text.always) for text in scene.texts if text.group == group}
+    names += [f"{text_name(group, *look)}-labels" for look in looks]
+    actors = [plotter.actors[name] for name in names]
+
+    def switch(shown: bool) -> None:
+        for actor in actors:
+            actor.SetVisibility(shown)
+        plotter.render()
+
+    return switch

@@ -18,9 +18,8 @@ from coilarray.localize.forward import forward_model
 from coilarray.response.coordinates import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at, indentation_of
-from coilarray.viz.datasets.overlays import DELTA
-from coilarray.viz.scenes.board import CoilColours, board_in_pieces, copper_parts, recoloured
-from coilarray.viz.scenes.dent import VEILED, scene_of_dent
+from coilarray.viz.datasets.results import DELTA
+from coilarray.viz.scenes.board import VEILED, CoilColours, board_in_pieces, copper_parts, recoloured, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units
 from coilarray.viz.scenes.scene import Scale, Scene, Text, about_zero
 

@@ -19,7 +19,7 @@ from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError, shown
 from coilarray.geometry import MATERIALS, Plate
-from coilarray.viz.scenes.of_metal import steps_of, target_at, target_place
+from coilarray.viz.scenes.metal import steps_of, target_at, target_place
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.structure import without_entry

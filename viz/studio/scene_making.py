@@ -13,18 +13,21 @@ from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_of
 from coilarray.viz.datasets.field import AMOUNT
-from coilarray.viz.scenes import overlays
-from coilarray.viz.scenes.board import CoilColours, recoloured, scene_of_sheets
-from coilarray.viz.scenes.dent import VEILED, scene_of_dent
-from coilarray.viz.scenes.eddies import at_their_largest, eddies_of_plates, eddies_of_target, working_point
+from coilarray.viz.scenes.board import VEILED, CoilColours, recoloured, scene_of_dent, scene_of_sheets
+from coilarray.viz.scenes.field import scale_of_field, scene_of_slices
 from coilarray.viz.scenes.metal import (
     Position,
     around_board,
+    at_their_largest,
+    eddies_of_plates,
+    eddies_of_target,
     eddy_parts,
     scale_of_eddies,
     scene_of_plates,
     scene_of_target,
+    working_point,
 )
+from coilarray.viz.scenes.results import colours_of_currents, colours_of_delta, scene_of_location
 from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.studio.metal import Moved
 from coilarray.viz.studio.switching import UnitFields
@@ -56,12 +59,12 @@ def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateRe
     """
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
-    scene = board.coloured(overlays.colours_of_currents(result.currents, first))
+    scene = board.coloured(colours_of_currents(result.currents, first))
     if fields is None:
         return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
     plane = fields.plane(result.currents.real * 1e-3)
     if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
-        scene += overlays.scene_of_slices([plane], overlays.scale_of_field([plane]))
+        scene += scene_of_slices([plane], scale_of_field([plane]))
     note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; 1 mA."
     return scene + Scene(notes=(note,))
 
@@ -107,12 +110,12 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
     if x_min < x < x_max and y_min < y < y_max:
         scene += scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
     top = sum(sheet.thickness for sheet in design.sheets)
-    return scene + overlays.scene_of_location(touch.location, bounds=design.array.bounds, top=top, truth=touch.at)
+    return scene + scene_of_location(touch.location, bounds=design.array.bounds, top=top, truth=touch.at)
 
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
     """Scene of a board with its copper coloured by δ.
 
-    `least` has the same meaning as in `overlays.colours_of_delta`.
+    `least` has the same meaning as in `colours_of_delta`.
     """
-    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta), least))
+    return board.coloured(colours_of_delta(delta_by_coil(board.design, delta), least))

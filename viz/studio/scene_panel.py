@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, get_args
 from coilarray.compute.html import png_url
 from coilarray.design.model import Design, build_design
 from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
-from coilarray.viz.scenes.camera import Side
 from coilarray.viz.scenes.draw import bar_of, gradient
-from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.scenes.scene import Scene, Side
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, metal_scene

@@ -19,7 +19,7 @@ from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import NetworkError
 from coilarray.geometry.array import CoilArray
 from coilarray.viz.datasets.field import flux_grid, require_memory
-from coilarray.viz.scenes.field_places import Span
+from coilarray.viz.scenes.field import Span
 
 if TYPE_CHECKING:
     import pyvista

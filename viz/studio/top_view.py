@@ -16,9 +16,9 @@ import numpy.typing as npt
 from coilarray.compute.display_units import number_text
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
-from coilarray.viz.datasets.overlays import semi_axis_factor
+from coilarray.viz.datasets.results import semi_axis_factor
 from coilarray.viz.palette import INK, coil_colours
-from coilarray.viz.scenes.overlays import CONFIDENCE, colours_of_delta
+from coilarray.viz.scenes.results import CONFIDENCE, colours_of_delta
 from coilarray.viz.scenes.touch import first_states
 from coilarray.viz.studio.touch import Touched
 
@@ -144,7 +144,7 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 def delta_fills(design: Design, delta: Mapping[str, float | None], least: float = 0.0) -> dict[str, str]:
     """Colour of each coil by its δ.
 
-    `least` has the same meaning as in `coilarray.viz.scenes.overlays.colours_of_delta`.
+    `least` has the same meaning as in `coilarray.viz.scenes.results.colours_of_delta`.
     """
     colours = colours_of_delta(delta_by_coil(design, delta), least)
     red_green_blue = colours.scale.colours_of(colours.values).tolist()

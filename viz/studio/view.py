@@ -14,9 +14,8 @@ from typing import Any, cast
 import numpy as np
 from PIL import Image
 
-from coilarray.viz.scenes.camera import FILLED, Camera, Side, aim, aim_again, direction
 from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
-from coilarray.viz.scenes.scene import Scene, Text
+from coilarray.viz.scenes.scene import FILLED, Camera, Scene, Side, Text, aim, aim_again, direction
 
 SIZE = (900, 560)
 """Width and height of the picture in pixels before the page sends its own."""

@@ -10,7 +10,7 @@ import pyvista
 
 import coilarray as ca
 from coilarray.viz import draw
-from coilarray.viz.scenes.of_design import View, scene_of_design
+from coilarray.viz.scenes.design import View, scene_of_design
 
 design = ca.load_design("starter")
 plotter = pyvista.Plotter(window_size=(900, 500))

@@ -14,15 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.display_units import true_minus
-from coilarray.viz.datasets import overlays as meshes
-from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
-from coilarray.viz.datasets.triangles import polylines, surface_of
+from coilarray.viz.datasets import results as meshes
+from coilarray.viz.datasets.meshes import polylines
 from coilarray.viz.palette import GREY, INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
+from coilarray.viz.scenes.scene import Part, Scene, Text, about_zero
 
 if TYPE_CHECKING:
-    import pyvista
     import xarray as xr
 
     from coilarray.localize.inverse import Location, Mode
@@ -33,65 +31,11 @@ CURRENT = "current in phase (A/A)"
 CONFIDENCE = 0.95
 """Probability that the drawn ellipse of a position contains the true one."""
 
-_DECADES = 2.0  # range of |B| that the colours resolve, in powers of ten
-_ARROWS = 34  # number of arrows along the longest side of a plane
-_SEE_THROUGH, _VEIL = 0.8, 0.3  # opacities of a plane and of a surface
-_TUBE = 0.0012  # radius of a line over the diagonal of its box
 _LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of an arc with a number, over the largest |k|
 _WIDEST = 0.02  # radius of the widest arc over the distance of the nearest coils
 _RELIEF = 0.06  # height of a response over the map's longer side
 _OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the outlines above the response
 _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of a cross, over the board's length
-
-
-def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
-    """Logarithmic scale of |B|."""
-    largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
-    high = largest if largest > 0 else 1.0
-    return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
-
-
-def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Scene of planes of `flux_density` coloured by |B|.
-
-    The planes are empty if |B| is below the scale.
-    """
-    parts = []
-    for k, plane in enumerate(slices):
-        low, high = np.reshape(plane.bounds, (3, 2)).T
-        spacing = float((high - low).max()) / _ARROWS * 1e-3
-        surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
-        if not surface.n_cells:  # the whole plane is in metal
-            continue
-        parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
-        arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
-        parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
-    left_out = f"B below {100 / 10**_DECADES:g} % of its largest is left out."
-    notes = (f"{left_out} Arrows: length as the root of the magnitude.",) if parts else ()
-    return Scene(tuple(parts), notes=notes)
-
-
-def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: Scale) -> Scene:
-    """Scene of field lines of B as thin tubes.
-
-    The lines lie in a box `grid` and go through points `seeds`, shape (n, 3) in m.
-    """
-    lines = field_lines(grid, seeds)
-    if not lines.n_cells:
-        return Scene()
-    tubes = lines.tube(radius=_TUBE * float(grid.length), n_sides=8)
-    return Scene((Part("field lines", tubes, "lines of B", scale=scale, ambient=0.5, diffuse=0.6),))
-
-
-def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
-    """Scene of translucent surfaces of equal |B|.
-
-    They lie in a box `grid`, and |B| has the given values in T on them.
-    """
-    surfaces = field_surfaces(grid, levels)
-    if not surfaces.n_cells:
-        return Scene()
-    return Scene((Part("field surfaces", surfaces, "surfaces of equal B", scale=scale, opacity=_VEIL, ambient=0.4),))
 
 
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:

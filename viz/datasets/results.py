@@ -16,7 +16,7 @@ import shapely
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.response.coordinates import on_board
-from coilarray.viz.datasets.triangles import MM_PER_M, polylines
+from coilarray.viz.datasets.meshes import MM_PER_M, polylines
 
 if TYPE_CHECKING:
     import pyvista
@@ -219,7 +219,7 @@ def draped_outlines(
 
 
 def semi_axis_factor(confidence: float) -> float:
-    """Semi-axes of an ellipse in standard deviations."""
+    """Semi-axes of an ellipse in standard deviations, √ of the quantile of χ² for two degrees of freedom."""
     return math.sqrt(-2 * math.log1p(-confidence))
 
 

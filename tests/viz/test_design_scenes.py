@@ -16,10 +16,10 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.map import response_map
 from coilarray.viz.datasets.field import AMOUNT
-from coilarray.viz.datasets.overlays import COUPLING, DELTA
-from coilarray.viz.scenes.field_places import Span, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.of_design import ITEMS, View, scene_of_design
-from coilarray.viz.scenes.overlays import CURRENT, scene_of_location
+from coilarray.viz.datasets.results import COUPLING, DELTA
+from coilarray.viz.scenes.design import ITEMS, View, scene_of_design
+from coilarray.viz.scenes.field import Span, count_of, field_box, field_planes, line_seeds, points_of_box
+from coilarray.viz.scenes.results import CURRENT, scene_of_location
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_lines_and_surfaces_share_one_scale_and_a_box_off_the_copper(design):
 
 @pytest.mark.parametrize("show", [("field",), ("lines",), ("board", "surfaces")])
 def test_a_field_that_is_too_large_is_refused_before_anything_is_computed(design, show, monkeypatch):
-    monkeypatch.setattr("coilarray.viz.scenes.of_design.couple_design", lambda *_: pytest.fail("computed"))
+    monkeypatch.setattr("coilarray.viz.scenes.design.couple_design", lambda *_: pytest.fail("computed"))
     with pytest.raises(GeometryError, match=r"^a spacing of 0.002 mm gives .* GB of memory; at most 1 GB is allowed"):
         scene_of_design(design, View(show=show, spacing=2e-6))
 

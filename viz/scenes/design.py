@@ -28,10 +28,15 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_of, with_target_as_plate
 from coilarray.viz.datasets.field import flux_density, require_memory
-from coilarray.viz.scenes import overlays
-from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
-from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
-from coilarray.viz.scenes.field_places import (
+from coilarray.viz.scenes.board import (
+    VEILED,
+    name_heights,
+    scene_of_board,
+    scene_of_dent,
+    scene_of_lifted_board,
+    scene_of_sheets,
+)
+from coilarray.viz.scenes.field import (
     Axes,
     beside_faces,
     count_of,
@@ -39,8 +44,13 @@ from coilarray.viz.scenes.field_places import (
     field_planes,
     line_seeds,
     points_of_box,
+    scale_of_field,
+    scene_of_lines,
+    scene_of_slices,
+    scene_of_surfaces,
 )
-from coilarray.viz.scenes.of_metal import scene_of_metal, target_place
+from coilarray.viz.scenes.metal import scene_of_metal, target_place
+from coilarray.viz.scenes.results import colours_of_currents, scene_of_coupling, scene_of_location, scene_of_response
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
 
@@ -184,7 +194,7 @@ class _Making:
             "metal": self._metal,
             "currents": self._currents,
             "board": lambda: scene_of_board(array, layers=self.view.layers, name_heights=self._name_heights),
-            "coupling": lambda: overlays.scene_of_coupling(self._coupling),
+            "coupling": lambda: scene_of_coupling(self._coupling),
             "response": self._response,
             "location": self._location,
         }
@@ -213,7 +223,7 @@ class _Making:
         """Make the board coloured by the coils' currents."""
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
-        colours = overlays.colours_of_currents(currents, design.array.names.index(self._coil))
+        colours = colours_of_currents(currents, design.array.names.index(self._coil))
         board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
         note = f"Black: {self._coil} is measured, the others {self._others}; current per its ampere."
         return board + Scene(notes=(note,))
@@ -307,7 +317,7 @@ class _Making:
             response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
         state, depth = self._state_of(response), self._depth_of(response)
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return overlays.scene_of_response(response, state, depth, outlines=outlines)
+        return scene_of_response(response, state, depth, outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
         """First state that measures the coil."""
@@ -340,7 +350,7 @@ class _Making:
         else:
             reading = np.array(self.view.reading) if isinstance(self.view.reading, Sequence) else self.view.reading
         found = locate(model, reading, noise=self.view.noise)
-        return overlays.scene_of_location(
+        return scene_of_location(
             found,
             bounds=self.design.array.bounds,
             top=sum(sheet.thickness for sheet in self.design.sheets),
@@ -387,13 +397,13 @@ class _Making:
             boxes.append(self._b_on(points_of_box(design, spans), "field in a box"))
         if not planes and not boxes:
             return Scene()
-        scale = overlays.scale_of_field([*planes, *boxes])
-        scene = overlays.scene_of_slices(planes, scale)
+        scale = scale_of_field([*planes, *boxes])
+        scene = scene_of_slices(planes, scale)
         for box in boxes:
             if "lines" in shown:
-                scene += overlays.scene_of_lines(box, line_seeds(design, coil), scale)
+                scene += scene_of_lines(box, line_seeds(design, coil), scale)
             if "surfaces" in shown:
-                scene += overlays.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
+                scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         others = f", the others {self._others}" if len(self.design.array.names) > 1 else ""
         carried = f"{coil} carries {self.view.current * 1e3:g} mA{others}"
         return scene + Scene(notes=(f"B in phase, {self._surroundings}; {carried}.",))

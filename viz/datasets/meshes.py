@@ -1,0 +1,237 @@
+"""Meshes in mm of a board, its barrels and paths, of plates and balls, and their VTK files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.geometry import Ball, FinitePlate, Plate
+from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.solids import plate_solid
+from coilarray.geometry.target import Body
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
+
+MM_PER_M = 1e3
+
+
+def triangles(points: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> pyvista.PolyData:
+    """Triangles in mm from points in m.
+
+    The points have shape (n, 3). The indices of their corners have shape (m, 3).
+    """
+    from coilarray.viz.extra_3d import pyvista
+
+    return pyvista.PolyData(points * MM_PER_M, faces=np.insert(faces, 0, 3, axis=1).ravel())
+
+
+def polylines(points: Sequence[npt.NDArray[np.float64]]) -> pyvista.PolyData:
+    """Polylines in mm from arrays of points in m.
+
+    Each array has shape (n, 3).
+    """
+    from coilarray.viz.extra_3d import pyvista
+
+    counts = [len(line) for line in points]
+    starts = np.cumsum([0, *counts])
+    lines = [np.r_[count, start + np.arange(count)] for count, start in zip(counts, starts, strict=False)]
+    return pyvista.PolyData(np.vstack(points) * MM_PER_M, lines=np.concatenate(lines)) if counts else pyvista.PolyData()
+
+
+def solid_mesh(solid: trimesh.Trimesh) -> pyvista.PolyData:
+    """Surface of a solid in m as triangles in mm."""
+    return triangles(np.asarray(solid.vertices), np.asarray(solid.faces))
+
+
+def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
+    """Surface of a grid with its arrays."""
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+
+    from coilarray.viz.extra_3d import pyvista
+
+    if isinstance(mesh, pyvista.PolyData):
+        return mesh
+    filter_ = vtkGeometryFilter()  # PyVista has renamed its own three times
+    filter_.SetInputData(mesh)
+    filter_.Update()
+    return pyvista.wrap(filter_.GetOutput())
+
+
+def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.PolyData:
+    """Join solids in m into one surface in mm.
+
+    Each solid has the value of its cells in ``"coil"``. None is left out.
+    """
+    from coilarray.viz.extra_3d import pyvista
+
+    present = [(solid, number) for solid, number in solids if solid is not None]
+    if not present:
+        return pyvista.PolyData()
+    starts = np.cumsum([0, *(len(solid.vertices) for solid, _ in present)])
+    faces = [np.asarray(solid.faces) + start for (solid, _), start in zip(present, starts, strict=False)]
+    mesh = triangles(np.vstack([np.asarray(solid.vertices) for solid, _ in present]), np.vstack(faces))
+    mesh.cell_data["coil"] = np.concatenate([np.full(len(solid.faces), number) for solid, number in present])
+    return mesh
+
+
+def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
+    """Surface of the copper of one layer in mm.
+
+    Parameters
+    ----------
+    parts : mapping of str to trimesh.Trimesh
+        Solids in m from `coilarray.geometry.solids.solids`. The keys ``"copper/<layer>/<coil>"`` are used.
+    names : sequence of str
+        Names of the coils in order.
+    layer : str
+        Name of the copper layer.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Surface in mm. The cell array ``"coil"`` is the index in `names` of the coil of each triangle. Empty if the
+        layer has no copper.
+    """
+    return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
+
+
+def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:
+    """Surface of all barrels in mm.
+
+    It has the cell array ``"coil"`` as in `copper_mesh`. `parts` and `names` are the same as there. The keys
+    ``"barrel/..."`` are used.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Surface in mm.
+    """
+    return merged(
+        [
+            (solid, index)
+            for index, name in enumerate(names)
+            for key, solid in parts.items()
+            if key.rpartition("/")[0] == f"barrel/{name}"
+        ]
+    )
+
+
+def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
+    """Surface of the laminate of a board in mm.
+
+    The laminate is one of the `parts`. If the stack-up has no laminate, the surface is empty.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Surface in mm.
+    """
+    from coilarray.viz.extra_3d import pyvista
+
+    return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()
+
+
+def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
+    """Paths of `conductors` in mm as polylines.
+
+    Each polyline has its index in the cell array ``"coil"``.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Polylines in mm.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import Conductor
+    >>> lines = path_lines([Conductor([[0, 0, 0], [2e-3, 0, 0], [2e-3, 1e-3, 0]])])
+    >>> lines.n_lines, lines.n_points
+    (1, 3)
+    """
+    mesh = polylines([conductor.vertices for conductor in conductors])
+    mesh.cell_data["coil"] = np.arange(len(conductors))
+    return mesh
+
+
+def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) -> pyvista.DataSet:
+    """Copy a mesh and add values of the coils.
+
+    The mesh has the cell array ``"coil"``. The copy has the value of its coil in every cell as the array `name`.
+    `values`, shape (coils,), are in the unit in `name`, with NaN for a coil without a value. An empty mesh stays empty.
+    """
+    result: pyvista.DataSet = mesh.copy()
+    if mesh.n_cells:
+        result.cell_data[name] = np.asarray(values, dtype=np.float64)[mesh.cell_data["coil"]]
+    return result
+
+
+VTK_SUFFIXES = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid": ".vtu"}
+"""Suffix of the file of a dataset, by the name of its class."""
+
+
+def vtk_text(mesh: pyvista.DataSet) -> str:
+    """Text of a dataset as an XML file of VTK.
+
+    The dataset is a PolyData, RectilinearGrid or UnstructuredGrid.
+
+    Examples
+    --------
+    >>> import pyvista
+    >>> vtk_text(pyvista.Box()).splitlines()[1].split()[:2]
+    ['<VTKFile', 'type="PolyData"']
+    """
+    from vtkmodules import vtkIOXML
+
+    # The text is written in memory, because VTK is silent, or crashes, if it cannot write a file.
+    writer: Any = getattr(vtkIOXML, f"vtkXML{type(mesh).__name__}Writer")()
+    writer.SetInputData(mesh)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return str(writer.GetOutputString())
+
+
+_BALL = (48, 32)  # meridians and circles of latitude of a ball
+
+
+def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> pyvista.PolyData:
+    """Surface of a plate in mm.
+
+    An infinite plate is cut to the rectangle x_min, y_min, x_max, y_max in m.
+    """
+    return solid_mesh(plate_solid(plate, within))
+
+
+def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.PolyData:
+    """Surface of a ball in mm.
+
+    Radius and centre are in m.
+    """
+    from coilarray.viz.extra_3d import pyvista
+
+    meridians, circles = _BALL
+    middle = tuple(MM_PER_M * value for value in centre)
+    ball: pyvista.PolyData = pyvista.Sphere(
+        radius=MM_PER_M * radius, center=middle, theta_resolution=meridians, phi_resolution=circles
+    )
+    return ball
+
+
+def body_mesh(
+    body: Body, place: tuple[float, float, float], within: tuple[float, float, float, float]
+) -> pyvista.PolyData:
+    """Surface of a body in mm at its place.
+
+    The place in m belongs to its centre, or to the lower face of an infinite plate.
+    """
+    if isinstance(body, Ball):
+        return ball_mesh(body.radius, place)
+    mesh = plate_mesh(body, within)
+    away = (0.0, 0.0, place[2] - body.z) if isinstance(body, Plate) else np.subtract(place, body.centre)
+    return mesh.translate(np.multiply(MM_PER_M, away), inplace=False)
