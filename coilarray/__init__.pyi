@@ -15,11 +15,11 @@ from .design.model import load_design as load_design
 from .design.model import load_design_file as load_design_file
 from .design.model import parse_design as parse_design
 from .design.readout import Readout as Readout
-from .design.save import save_design as save_design
 from .design.scan_states import ScanState as ScanState
 from .design.scan_states import Switches as Switches
 from .design.vary import vary as vary
 from .design.write import design_document as design_document
+from .design.write import save_design as save_design
 from .elastomer.contact import indent as indent
 from .electromagnetics.field import grid_points as grid_points
 from .electromagnetics.field import magnetic_field as magnetic_field

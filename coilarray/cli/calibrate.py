@@ -137,7 +137,7 @@ def _write(found: Calibration, out: Path, data: str) -> list[Path]:
     """Write page, numbers, tables and the calibrated design into a folder; return the files."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.design.save import file_text
+    from coilarray.design.write import file_text
     from coilarray.report.calibration import calibration_tables, write_calibration_page
 
     written = [out / name for name in _FILES]

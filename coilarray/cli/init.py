@@ -110,7 +110,7 @@ def init(
     """
     from coilarray.compute.files import write_text
     from coilarray.design import bundled
-    from coilarray.design.save import save_design
+    from coilarray.design.write import save_design
 
     if file.is_dir() and (file.suffix or file.name in ("", "..")):
         raise OutputError(f"{file} is a folder; name a file in it.")

@@ -1,55 +1,46 @@
-"""Single keys from the terminal while something else runs."""
+"""``coilarray keys``."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import difflib
+from typing import Annotated
+
+import typer
+
+from coilarray.cli import shared
+from coilarray.errors import DesignError
 
 
-@contextmanager
-def pressed_keys() -> Iterator[Callable[[], str]]:
-    """Yield a function that returns the keys pressed since its last call; none without a keyboard.
+def keys(
+    word: Annotated[
+        str | None, typer.Argument(metavar="WORD", help="Only keys that have this word in their name or meaning.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the keys as JSON, and nothing else.")] = False,
+) -> None:
+    """List the keys of a design file and what they mean.
 
-    The terminal is as it was when the block is left.
+    NAME stands for a name of yours, and N for a number from 0: coils.hexagon.gap_mm, elastomer.0.thickness_mm. So a
+    key is given to sweep, optimize and tolerance too. In brackets are the shapes or lattices that have it.
+
+    Example: coilarray keys
+
+    Example: coilarray keys trace_width
     """
-    try:
-        watched = sys.stdin.isatty() and sys.stdout.isatty()
-    except ValueError:  # closed
-        watched = False
-    if not watched:
-        yield lambda: ""
+    from coilarray.design.keys import keys_of
+    from coilarray.design.tables import Document
+
+    known = keys_of(Document)
+    found = [key for key in known if word is None or word.lower() in f"{key.dotted} {key.meaning}".lower()]
+    if not found:
+        close = difflib.get_close_matches(str(word), {key.name for key in known}, n=1)
+        hint = f"; did you mean {close[0]}?" if close else "; `coilarray keys` lists all."
+        raise DesignError(f"no key of a design file has {word!r} in its name or meaning{hint}")
+    if as_json:
+        columns = ("kinds", "unit", "allowed", "default", "meaning")
+        shared.print_json([{"key": key.dotted, **{name: getattr(key, name) for name in columns}} for key in found])
         return
-    if sys.platform == "win32":
-        import msvcrt
-
-        def waiting() -> str:
-            keys = ""
-            while msvcrt.kbhit():
-                keys += msvcrt.getwch()
-            return keys
-
-        yield waiting
-        return
-    import os
-    import select
-    import termios
-    import tty
-
-    keyboard = sys.stdin.fileno()
-
-    def ready() -> str:
-        keys = b""
-        while select.select([keyboard], [], [], 0)[0]:
-            more = os.read(keyboard, 64)
-            if not more:
-                break
-            keys += more
-        return keys.decode("ascii", errors="ignore")
-
-    before = termios.tcgetattr(keyboard)
-    try:
-        tty.setcbreak(keyboard)
-        yield ready
-    finally:
-        termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+    rows = []
+    for key in found:
+        name = f"{key.dotted} ({', '.join(key.kinds)})" if key.kinds else key.dotted
+        rows.append((name, key.unit, key.allowed, key.default, key.meaning))
+    shared.print_table(("key", "unit", "allowed", "default", "meaning"), rows)

@@ -27,6 +27,7 @@ from coilarray.cli import (
     import_board,
     indent,
     init,
+    keys,
     locate,
     matrix,
     noise,
@@ -50,7 +51,7 @@ from coilarray.errors import CoilarrayError, UnusualValueWarning
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
-_SMALL = {"check", "docs"}
+_SMALL = {"check", "docs", "keys"}
 _LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
 # bytes of address space: for pictures in three dimensions, and for Optuna beside processes that are started
 _MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9, "optimize": 1.2e9}
@@ -78,7 +79,7 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
             self_test.self_test, measure.measure, campaign.campaign, info.info, calibrate_board.calibrate,
             compare.compare, live.live,
         )),
-        ("Help", (docs.docs,)),
+        ("Help", (keys.keys, docs.docs)),
     )
 }  # fmt: skip
 """Every command by the name under which the program offers it, in the groups and the order of the help."""

@@ -49,18 +49,13 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
 
 def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
     """Return the choices, given by the names of the options, as `coilarray.studies.create.new_design` takes them."""
-    from coilarray.design.units import SCALES
+    from coilarray.design.keys import key_in_si
     from coilarray.studies.create import read_size
 
     choices = {}
     for key, value in chosen.items():
-        name, _, unit = key.rpartition("_")
-        if key == "size_mm":
-            choices[name] = read_size(value)
-        elif unit in SCALES:
-            choices[name] = value * SCALES[unit]
-        else:
-            choices[key] = value
+        name, scale = key_in_si(key)
+        choices[name] = read_size(value) if key == "size_mm" else value if scale == 1 else value * scale
     return choices
 
 

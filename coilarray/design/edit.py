@@ -1,7 +1,4 @@
-"""Edit the texts of TOML files.
-
-The comments, order and layout of all unchanged entries are kept.
-"""
+"""Changes in the texts of TOML files that keep the comments, order and layout of all other entries."""
 
 from __future__ import annotations
 
@@ -18,10 +15,9 @@ from coilarray.design.write import document_text
 
 
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    r"""Return the text of a TOML file changed to `document`.
+    r"""Return the text of a TOML file changed to `document`; None if the change needs a new text.
 
-    None is returned if the change needs a new text. Tables of a list are identified by their name, else by their place.
-    New entries are added at the end of their table.
+    Tables of a list are identified by their name, else by their place. New entries are added at the end of their table.
 
     Examples
     --------
@@ -61,10 +57,7 @@ def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None
 
 
 def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence[Mapping[str, Any]]) -> None:
-    """Change a list of tables from `old` to `wanted`.
-
-    A table that is kept, in whatever place, keeps its comments.
-    """
+    """Change a list of tables; a table that is kept, in whatever place, keeps its comments."""
     before, after, there = _names(old), _names(wanted), list(tables)
     found = []
     for k, (name, item) in enumerate(zip(after, wanted, strict=True)):
@@ -85,10 +78,7 @@ def _names(tables: Sequence[Mapping[str, Any]]) -> list[Any]:
 
 
 def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
-    """Change a list of the file from `old` to `wanted`.
-
-    An item that is kept keeps its comment.
-    """
+    """Change a list of the file; an item that is kept keeps its comment."""
     before, after = ([_known_by(item) for item in both] for both in (old, wanted))
     for _, first, end, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes()[::-1]:
         both = min(end - first, stop - start)
@@ -106,18 +96,12 @@ def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
 
 
 def _known_by(item: Any) -> str:
-    """Return the identity of an item in a list.
-
-    It is the name of a table, or the text of any other item.
-    """
+    """Return the identity of an item in a list: the name of a table, or the text of any other item."""
     return str(item["name"]) if isinstance(item, Mapping) and "name" in item else repr(item)
 
 
 def _is_other(before: Any, after: Any) -> bool:
-    """Check whether a value has changed.
-
-    23.0 is 23, but 1 is not true.
-    """
+    """Check whether a value has changed; 23.0 is 23, but 1 is not true."""
     return bool(before != after) or isinstance(before, bool) != isinstance(after, bool)
 
 

@@ -9,12 +9,12 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from coilarray.design import fabs
-from coilarray.design.units import LimitMillimetres, Micrometres, Millimetres, Table, in_si
+from coilarray.design.keys import LimitMillimetres, Micrometres, Millimetres, Table
 from coilarray.errors import DesignError
 from coilarray.geometry import FabRules
 
@@ -115,4 +115,9 @@ class FabTable(Table):
 
     def build(self) -> FabRules:
         """Return the limits in SI."""
-        return FabRules(**in_si(self, "profile"))
+        return FabRules(**self.in_si(without=("profile",)))
+
+    @classmethod
+    def of(cls, rules: FabRules) -> dict[str, Any]:
+        """Return the entries of limits, without defaults."""
+        return cls.not_by_default(cls.entries_of(rules, without=("profile",)))

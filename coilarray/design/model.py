@@ -1,7 +1,4 @@
-"""Designs as frozen values in SI, and design files.
-
-A design file is TOML with units in the key names.
-"""
+"""Designs as frozen values in SI, and how they are read from design files: TOML with units in the key names."""
 
 from __future__ import annotations
 
@@ -20,14 +17,13 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
-from coilarray.design.circuit_table import PASSIVE
+from coilarray.design.body_tables import check_plates
 from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
-from coilarray.design.plates import check_plates
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.switch_parts import PartName
-from coilarray.design.tables import Document, bounds_in_metres
+from coilarray.design.tables import Document, passive_of
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
 from coilarray.geometry import (
@@ -468,7 +464,7 @@ class DesignFile:
     values : mapping of str to object
         Every value by its dotted key, defaults included, in the units of the keys.
     text : str
-        The file as it was read, whose comments and layout `coilarray.design.save.save_design` keeps. Empty without a
+        The file as it was read, whose comments and layout `coilarray.design.write.save_design` keeps. Empty without a
         file.
     """
 
@@ -599,15 +595,18 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
         with reading():
             design = _build(parsed)
         values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
-        values |= _of_part(parsed, design)
+        of_part = parsed.circuit.part_entries(design.circuit.switches)
+        values |= {f"circuit.{key}": value for key, value in of_part.items()}
         for key in parsed.assumed:
             if key not in values:
                 raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}")
     except (DesignError, GeometryError, NetworkError) as error:
         raise DesignError(f"{origin}: {error}") from None
     given = frozenset(_flatten(document))
-    assumed = {**_assumed_by_profile(parsed.fab.profile, given), **_assumed_of_part(parsed), **parsed.assumed}
-    return DesignFile(design, document, given, assumed, values, text)
+    profile = {} if parsed.fab.profile is None else load_profile(parsed.fab.profile).assumed
+    assumed = {f"fab.{key}": reason for key, reason in profile.items() if f"fab.{key}" not in given}
+    assumed |= {f"circuit.{key}": reason for key, reason in parsed.circuit.of_part.items()}
+    return DesignFile(design, document, given, assumed | dict(parsed.assumed), values, text)
 
 
 def _build(parsed: Document) -> Design:
@@ -624,35 +623,36 @@ def _build(parsed: Document) -> Design:
         with _named("connector"):
             array = route_leads(array, parsed.connector.build())
     sheets = tuple(sheet.build() for sheet in parsed.elastomer)
+    indentation = _indentation(parsed)
+    target, plates = None, []
+    if parsed.target is not None:
+        with _named("target"):
+            target = parsed.target.build()
+    top = sum(sheet.thickness for sheet in sheets)
+    for k, plate in enumerate(parsed.plate):
+        with _named(f"plate.{k}"):
+            plates.append(plate.build(top, -stackup.thickness))
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
         array=array,
         sheets=sheets,
-        indentation=_indentation(parsed),
-        target=_target(parsed),
+        indentation=indentation,
+        target=target,
         circuit=_circuit(parsed, array.names),
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
-        plates=_plates(parsed, sum(sheet.thickness for sheet in sheets), -stackup.thickness),
+        plates=tuple(plates),
         readout=parsed.readout.build(),
     )
-
-
-def _plates(parsed: Document, top: float, underside: float) -> tuple[Plate | FinitePlate, ...]:
-    plates = []
-    for k, table in enumerate(parsed.plate):
-        with _named(f"plate.{k}"):
-            plates.append(table.build(top, underside))
-    return tuple(plates)
 
 
 def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
     """Make the circuit of a checked document."""
     table = parsed.circuit
-    default = PASSIVE[table.default_termination]
-    terminations = {coil: PASSIVE[how] for coil, how in table.terminations.items()}
+    default = passive_of(table.default_termination)
+    terminations = {coil: passive_of(how) for coil, how in table.terminations.items()}
     every = {name: terminations.get(name, default) for name in names}
     return Circuit(
         switches=table.build_switches(len(names)),
@@ -666,10 +666,7 @@ def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
 
 
 def _indentation(parsed: Document) -> Indentation | None:
-    """Combine the tables [indenter] and [indentation].
-
-    Either table alone has no meaning.
-    """
+    """Combine the tables [indenter] and [indentation], of which neither has a meaning alone."""
     indenter, table = parsed.indenter, parsed.indentation
     if indenter is None and table is None:
         return None
@@ -680,60 +677,7 @@ def _indentation(parsed: Document) -> Indentation | None:
         raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
     with _named("indenter"):
         body = indenter.build()
-    return Indentation(
-        indenter=body,
-        depths=tuple(depth * 1e-3 for depth in table.depths_mm),
-        base=table.support(),
-        sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
-        sample_bounds=bounds_in_metres(table.sample_x_mm, table.sample_y_mm),
-        ellipse_bounds=bounds_in_metres(table.ellipse_x_mm, table.ellipse_y_mm),
-        strain=table.strain,
-        unevenness=table.unevenness(),
-        **table.places(),
-        material=indenter.substance("indenter"),
-    )
-
-
-def _target(parsed: Document) -> Target | None:
-    if parsed.target is None:
-        return None
-    with _named("target"):
-        return parsed.target.build()
-
-
-def _assumed_by_profile(name: str | None, given: frozenset[str]) -> dict[str, str]:
-    """Limits that a fab profile assumes, with the reason.
-
-    Limits that the file gives are left out.
-    """
-    assumed = {} if name is None else load_profile(name).assumed
-    return {f"fab.{key}": reason for key, reason in assumed.items() if f"fab.{key}" not in given}
-
-
-def _of_part(parsed: Document, design: Design) -> dict[str, object]:
-    """Values of ``[circuit]`` from the part of the switches.
-
-    They are in the units of their keys.
-    """
-    switches = design.circuit.switches
-    picofarads = {key: round(getattr(switches, name) * 1e12, 3) for key, name in parsed.circuit.of_part.items()}
-    return {
-        f"circuit.{key}": design.circuit.short_resistance if key == "short_resistance_ohm" else value
-        for key, value in picofarads.items()
-    }
-
-
-def _assumed_of_part(parsed: Document) -> dict[str, str]:
-    """Reasons why values from the switches' part are assumed."""
-    part = parsed.circuit.switches
-    reasons = {
-        "short_resistance_ohm": "two closed switches, typical at 5 V",
-        "switch_off_capacitance_pF": "from the off isolation of the same switches with another bus, or not verified",
-        "terminal_capacitance_pF": "its pins at the end of a coil; typical, not verified; traces not counted",
-        "bus_capacitance_pF": "a pin of each of its switches on the bus, and the converter's; typical, not verified; "
-        "traces not counted",
-    }
-    return {f"circuit.{key}": f"{part}: {reasons[key]}" for key in parsed.circuit.of_part}
+    return Indentation(body, **table.values(), material=indenter.substance("indenter"))
 
 
 @contextmanager

@@ -8,14 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from decimal import Decimal
 from types import MappingProxyType
-from typing import Annotated, Any
-
-from pydantic import Field
 
 from coilarray.constants import COPPER_PER_KELVIN
-from coilarray.design.units import Table
 from coilarray.errors import DesignError, require_finite
 
 INTERNAL_CLOCK = 43.4e6
@@ -200,99 +195,3 @@ class Readout:
 
 _POSITIVE = ("clock", "reference_divider", "resolution", "amplitude", "averaged_scans", "baseline_scans")
 _NOT_NEGATIVE = ("clock_jitter", "temperature_change", "supply_change")
-
-
-def in_unit(value: Any, power: int) -> Any:
-    """Return a number times a power of ten.
-
-    Its decimal digits are unchanged. None and values without a unit are returned unchanged.
-
-    >>> in_unit(0.8, -6), in_unit(8e-7, 6)
-    (8e-07, 0.8)
-    """
-    return float(Decimal(repr(value)).scaleb(power)) if power and value is not None else value
-
-
-_Scans = Annotated[int, Field(ge=1, le=1_000_000)]
-_PartsPerMillion = Annotated[float, Field(ge=-100_000, le=100_000)]
-
-
-class ReadoutTable(Table):
-    """``[readout]``: settings and stability of the converter, for the noise and drift of readings."""
-
-    converter: bool = True
-    """Whether an LDC1614 or FDC2214 reads the coils; without one its limits are not checked."""
-    rcount: Annotated[int, Field(ge=5, le=0xFFFF)] = 0xFFFF
-    """RCOUNT, the length of a conversion."""
-    clock_MHz: Annotated[float, Field(ge=1, le=100)] = 43.4  # noqa: N815 - the unit
-    """Clock of the converter."""
-    external_clock: bool = False
-    """Whether a crystal oscillator is the clock, instead of the converter's own."""
-    reference_divider: Annotated[int, Field(ge=1, le=1023)] = 2
-    """Divider from the clock to the reference frequency."""
-    resolution_ppm: Annotated[float, Field(gt=0, le=1000)] | None = None
-    """Relative standard deviation of a frequency at RCOUNT 0x800; by default 0.8, assumed."""
-    clock_jitter_ps: Annotated[float, Field(ge=0, le=1e6)] | None = None
-    """Standard deviation of one period of the clock; zero by default."""
-    amplitude_V: Annotated[float, Field(gt=0, le=100)] = 1.5  # noqa: N815 - the unit
-    """Peak voltage of the sensors."""
-    averaged_scans: _Scans = 1
-    """Number of scans averaged for a reading."""
-    baseline_scans: _Scans = 10
-    """Number of scans averaged for L_0."""
-    temperature_change_K: Annotated[float, Field(ge=0, le=1000)] = 0.1  # noqa: N815 - the unit
-    """Change of the board's temperature from L_0 to the reading, its standard deviation."""
-    supply_change_mV: Annotated[float, Field(ge=0, le=10_000)] = 1.0  # noqa: N815 - the unit
-    """Change of the supply from L_0 to the reading, its standard deviation."""
-    clock_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
-    """Change of the clock with temperature; by default that of the kind of clock."""
-    clock_ppm_per_V: _PartsPerMillion | None = None  # noqa: N815 - the unit
-    """Change of the clock with the supply; by default that of the kind of clock."""
-    capacitor_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
-    """Change of the tank's capacitance with temperature; by default 30, assumed."""
-    board_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
-    """Expansion of the board; by default 14, assumed."""
-    copper_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
-    """Change of the copper's resistance with temperature; by default 3930."""
-    switch_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
-    """Change of a closed switch's resistance with temperature; by default 1900, assumed."""
-
-    def build(self) -> Readout:
-        """Return the read-out in SI."""
-        entries = {key: getattr(self, key) for key in type(self).model_fields}
-        return Readout(**{name: in_unit(entries[key], power) for key, (name, power) in READOUT_ENTRIES.items()})
-
-    @classmethod
-    def of(cls, readout: Readout) -> ReadoutTable:
-        """Return the table of a read-out.
-
-        `build` makes the same read-out from it.
-        """
-        return cls(**{key: in_unit(getattr(readout, name), -power) for key, (name, power) in READOUT_ENTRIES.items()})
-
-
-def _entry(key: str) -> tuple[str, int]:
-    """Return the name and unit of a key.
-
-    The name is in `Readout`, and the unit is a power of ten.
-    """
-    for unit, power in _POWERS.items():
-        if key.endswith(f"_{unit}"):
-            return key.removesuffix(f"_{unit}") + _PER.get(unit, ""), power
-    return key, 0
-
-
-# The longest unit comes first.
-_POWERS: Mapping[str, int] = {
-    "ppm_per_K": -6,
-    "ppm_per_V": -6,
-    "ppm": -6,
-    "ps": -12,
-    "mV": -3,
-    "MHz": 6,
-    "V": 0,
-    "K": 0,
-}
-_PER = {"ppm_per_K": "_per_kelvin", "ppm_per_V": "_per_volt"}
-READOUT_ENTRIES: Mapping[str, tuple[str, int]] = {key: _entry(key) for key in ReadoutTable.model_fields}
-"""Keys of ``[readout]`` with the names in `Readout` and the powers of ten of their units."""

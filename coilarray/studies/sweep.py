@@ -21,9 +21,9 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store, store_to_keep
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import open_executor
+from coilarray.design.keys import entry_unit
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.toml_file import TomlFiles
-from coilarray.design.units import entry_unit
 from coilarray.design.vary import vary
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy

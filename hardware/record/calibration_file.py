@@ -16,8 +16,8 @@ from pydantic import Field
 
 from coilarray.compute.checksum import sealed, unsealed
 from coilarray.compute.files import write_bytes
+from coilarray.design.keys import Table
 from coilarray.design.toml_file import TomlFiles
-from coilarray.design.units import Table
 from coilarray.errors import DamagedError, HardwareError
 from coilarray.hardware.record.baseline_drift import HIGHEST_ORDER, Drift
 from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel, ClockFrom, InductancesFrom

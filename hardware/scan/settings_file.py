@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
+from coilarray.design.keys import Table
 from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.design.toml_file import first_error
-from coilarray.design.units import Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import Family
 from coilarray.hardware.chips.ldc1614 import (

@@ -14,9 +14,9 @@ from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
 from pydantic import Field
 
+from coilarray.design.keys import Name, Table
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
-from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError, listed, shown
 from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.switch_words import chain_bytes, check_bits, switch_word

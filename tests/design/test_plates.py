@@ -63,7 +63,7 @@ def test_a_design_with_plates_is_that_of_its_document_and_of_its_file(tmp_path: 
     assert len({design.digest, named.digest, replace(design, plates=()).digest}) == 3
     ca.save_design(design, tmp_path / "d.toml")
     saved = (tmp_path / "d.toml").read_text(encoding="utf-8")
-    assert saved.count("# height of its lower face") == 5
+    assert saved.count("# Height of its lower face") == 5
     for plate, read_back in zip(named.plates, ca.load_design(tmp_path / "d.toml").plates, strict=True):
         np.testing.assert_allclose(read_back.heights, plate.heights, atol=1e-9)
 

@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from coilarray.design.units import Table
+from coilarray.design.keys import Table
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 from fuzz import mutations
 from fuzz.kinds import KINDS, Kind, numbers_of

@@ -11,8 +11,8 @@ from support.refusals import refused
 
 import coilarray as ca
 from coilarray.design import bundled
+from coilarray.design.keys import Table, entry_unit
 from coilarray.design.model import Document, load_design_file
-from coilarray.design.units import Table, entry_unit
 from coilarray.errors import GeometryError, UnusualValueWarning
 from coilarray.geometry.usual_values import USUAL, slip, unusual_values
 

@@ -10,8 +10,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from coilarray.design.keys import entry_unit
 from coilarray.design.model import DesignFile
-from coilarray.design.units import entry_unit
 from coilarray.errors import DesignError
 
 _SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}

@@ -17,7 +17,7 @@ import numpy as np
 
 from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
-from coilarray.design.units import entry_unit
+from coilarray.design.keys import entry_unit
 from coilarray.errors import OutputError
 from coilarray.studies.optimize.goal import unbeaten
 from coilarray.studies.optimize.search import FILE, quiet, storage_on

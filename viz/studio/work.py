@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from coilarray.design.model import Design, DesignFile, build_design_file
-from coilarray.design.save import file_text, keeps_comments
 from coilarray.design.vary import vary_chosen
+from coilarray.design.write import file_text, keeps_comments
 from coilarray.errors import DesignError
 
 MOST_COILS = 64

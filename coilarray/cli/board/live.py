@@ -18,7 +18,7 @@ import typer
 from coilarray.cli.board.live_source import LiveOptions, live_readings, live_source
 from coilarray.cli.board.live_window import show_window
 from coilarray.cli.board.options import MARK, BoardOptions, board_command, marked
-from coilarray.cli.keys import pressed_keys
+from coilarray.cli.keyboard import pressed_keys
 from coilarray.cli.maps import kept_table
 from coilarray.cli.shared import AllowViolations, References, check_file, drop_output, open_design_file, progress_bar
 from coilarray.compute.display_units import number_text, true_minus

@@ -35,8 +35,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from coilarray.design.keys import Table
 from coilarray.design.toml_file import TomlFiles
-from coilarray.design.units import Table
 from coilarray.errors import GoalError, listed, shown
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")

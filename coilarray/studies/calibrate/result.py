@@ -18,8 +18,8 @@ from scipy.stats import chi2, f, qmc
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
+from coilarray.design.keys import entry_unit
 from coilarray.design.model import Design
-from coilarray.design.units import entry_unit
 from coilarray.design.vary import vary_document
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.data import Measurement

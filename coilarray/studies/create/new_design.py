@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from coilarray.circuit.coupling import design_inductance
 from coilarray.design.bundled import DESIGNS
+from coilarray.design.keys import Name, Table
 from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.switch_parts import PartName
-from coilarray.design.units import Name, Table
 from coilarray.design.vary import plain
 from coilarray.geometry.values import Side
 from coilarray.studies.create.choices import Choices, Overlap, Shape
@@ -92,7 +92,7 @@ def new_design(
     Returns
     -------
     DesignFile
-        Design and document. `coilarray.design.save.save_design` writes it to a commented file.
+        Design and document. `coilarray.design.write.save_design` writes it to a commented file.
 
     Raises
     ------

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 import xarray as xr
 from pydantic import BeforeValidator, Field, model_validator
 
+from coilarray.design.keys import Bounds, Table
 from coilarray.design.toml_file import TomlFiles
-from coilarray.design.units import Bounds, Table
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError
 from coilarray.studies.quantities import canonical

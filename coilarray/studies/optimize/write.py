@@ -19,8 +19,8 @@ from typing import Any
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.files import make_folder, write_text
 from coilarray.design.model import DesignFile
-from coilarray.design.save import file_text
 from coilarray.design.vary import vary_chosen
+from coilarray.design.write import file_text
 from coilarray.studies.optimize.goal import Goal, Trial
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.search import quiet

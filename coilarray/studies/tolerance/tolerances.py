@@ -12,9 +12,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from coilarray.design.keys import Bounds, Millimetres, Position, Table, require_rising
 from coilarray.design.model import Design
 from coilarray.design.toml_file import TomlFiles
-from coilarray.design.units import Bounds, Millimetres, Position, Table, in_si, require_rising
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance.perturb import error_names
 
@@ -190,7 +190,8 @@ class _Errors(Table):
     def spread(self) -> Spread:
         """Return the table in SI."""
         scale = 1.0 if self.distribution == "normal" else 1 / math.sqrt(3)  # half width to standard deviation
-        values = [value * scale for value in in_si(self, "distribution").values()]  # of the board, then of a layer
+        of_board_and_layer = self.in_si(without=("distribution",)).values()
+        values = [value * scale for value in of_board_and_layer]
         return Spread(self.distribution, *values)
 
 

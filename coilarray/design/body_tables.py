@@ -1,0 +1,685 @@
+"""Tables of a design file about bodies: sheets, indenter, plates, target, and the places where they are moved.
+
+Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in SI.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+import shapely
+from pydantic import Field, model_validator
+
+from coilarray.design.keys import (
+    DEG,
+    MM,
+    LimitMillimetres,
+    Millimetres,
+    Name,
+    Point,
+    Position,
+    Range,
+    Relative,
+    Table,
+    entry_of,
+    nearest_entry,
+    require_rising,
+)
+from coilarray.design.window import MOST_POSITIONS
+from coilarray.errors import DesignError
+from coilarray.geometry import (
+    EVEN,
+    MATERIALS,
+    Ball,
+    Cone,
+    CylinderEdge,
+    Disc,
+    FinitePlate,
+    FlatPunch,
+    Hemisphere,
+    Indenter,
+    Material,
+    Outline,
+    Paraboloid,
+    Plate,
+    Polygon,
+    Rectangle,
+    Ring,
+    Seat,
+    Sheet,
+    Target,
+    Unevenness,
+)
+from coilarray.geometry.plate import TOUCHING
+from coilarray.geometry.sheet import KPA_PER_MM, Base, Strain
+
+if TYPE_CHECKING:
+    from coilarray.design.model import Indentation
+
+_MS = 1e6  # S/m
+_WHOLE_STEPS = 1e-6  # part of a step by which a range may miss a whole number of steps
+_FEMTOMETRE = 1e-15
+
+SeatSlope = Annotated[float, Field(ge=-1, le=1)]
+"""Change of a seat along the board, per mm or in mm per mm."""
+Corners = Annotated[list[Point], Field(min_length=3, max_length=10_000)]
+Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
+Shape = Literal["plate", "disc", "rectangle", "ring", "polygon"]
+
+
+class SheetTable(Table):
+    """``[[elastomer]]``: one sheet on top of the board."""
+
+    name: Name
+    """Name of the sheet."""
+    thickness_mm: Millimetres
+    """Thickness of the sheet."""
+    relative_permeability: Relative = 1.0
+    """Relative permeability, above 1 if it is filled with iron powder."""
+    youngs_modulus_kPa: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None  # noqa: N815 - the unit
+    """Young's modulus; needed if something presses on it."""
+    poissons_ratio: Annotated[float, Field(ge=0, le=0.5)] = 0.4999
+    """Poisson's ratio, up to 0.5, which keeps the volume."""
+
+    def build(self) -> Sheet:
+        """Return the sheet in SI."""
+        return Sheet(**self.in_si())
+
+
+class MaterialTable(Table):
+    """Keys of what carries eddy currents: a named material, or its conductivity and permeability."""
+
+    material: str | None = None
+    """Name of the material; or give the two keys that follow."""
+    conductivity_MS_per_m: Annotated[float, Field(ge=0, le=1e6)] | None = None  # noqa: N815 - the unit
+    """Electrical conductivity."""
+    relative_permeability: Annotated[float, Field(ge=1, le=1e6)] | None = None
+    """Relative permeability; 1 by default."""
+
+    @model_validator(mode="after")
+    def _known_material(self) -> Self:
+        """Refuse an unknown material or contradicting keys."""
+        if self.material is not None and self.material not in MATERIALS:
+            close = difflib.get_close_matches(self.material, MATERIALS, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(
+                f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}{hint}"
+            )
+        if self.material is not None and (self.conductivity_MS_per_m, self.relative_permeability) != (None, None):
+            raise ValueError("needs either a material, or conductivity_MS_per_m and relative_permeability; got both")
+        return self
+
+    def substance(self, name: str) -> Material | None:
+        """Return the material in SI, called `name` if it is not a known one; None without a material."""
+        if self.material is not None:
+            return MATERIALS[self.material]
+        if self.conductivity_MS_per_m is None and self.relative_permeability is None:
+            return None
+        return Material(name, (self.conductivity_MS_per_m or 0.0) * _MS, self.relative_permeability or 1.0)
+
+    @classmethod
+    def of_material(cls, material: Material) -> dict[str, Any]:
+        """Return the entries of a material; a perfect conductor raises a DesignError."""
+        if MATERIALS.get(material.name) == material:
+            return {"material": material.name}
+        if math.isinf(material.conductivity):
+            raise DesignError(f"a design file has no perfect conductor; got {material.name!r}.")
+        entries = cls.entries_of(material, "conductivity_MS_per_m")
+        magnetic = material.relative_permeability != 1
+        return entries | (cls.entries_of(material, "relative_permeability") if magnetic else {})
+
+
+class FlatTable(MaterialTable):
+    """Keys of a flat piece: shape and sizes, thickness and material; without a shape it is wide."""
+
+    shape: Shape = "plate"
+    """Outline; a plate is infinite."""
+    thickness_mm: Millimetres
+    """Thickness."""
+    diameter_mm: Millimetres | None = None
+    """Diameter of a disc, outer diameter of a ring."""
+    inner_diameter_mm: Millimetres | None = None
+    """Inner diameter of a ring."""
+    width_mm: Millimetres | None = None
+    """Size of a rectangle along x."""
+    height_mm: Millimetres | None = None
+    """Size of a rectangle along y."""
+    corners_mm: Corners | None = None
+    """Corners [x, y] of a polygon."""
+    holes_mm: list[Corners] = Field(default_factory=list)
+    """Holes of a polygon, each as corners [x, y]."""
+    tilt_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
+    """Angle to the board."""
+    tilt_direction_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Direction in which the tilted piece rises; 0 is +x."""
+
+    @model_validator(mode="after")
+    def _sizes_of_its_shape(self) -> Self:
+        """Refuse missing or extra keys of a shape."""
+        needed = _SIZES[self.shape]
+        for key in {key for keys in _SIZES.values() for key in keys}:
+            if (getattr(self, key) is not None) != (key in needed):
+                raise ValueError(f'{"needs" if key in needed else "has no"} {key} for shape = "{self.shape}"')
+        if self.holes_mm and self.shape != "polygon":
+            raise ValueError(f'has no holes_mm for shape = "{self.shape}"')
+        if self.diameter_mm and self.inner_diameter_mm and self.inner_diameter_mm >= self.diameter_mm:
+            raise ValueError(
+                f"needs inner_diameter_mm below its diameter_mm of {self.diameter_mm:g}; got {self.inner_diameter_mm:g}"
+            )
+        if self.shape == "plate" and (self.tilt_deg or self.tilt_direction_deg):
+            raise ValueError('has no tilt for shape = "plate", which is an infinite plate')
+        if (self.material, self.conductivity_MS_per_m, self.relative_permeability) == (None, None, None):
+            raise ValueError("needs a material, or conductivity_MS_per_m and relative_permeability")
+        return self
+
+    def piece(self, name: str, x: float = 0.0, y: float = 0.0, lower: float = 0.0) -> Plate | FinitePlate:
+        """Return the piece in SI, with its lower face, below its centre, at `x`, `y` and `lower` in m."""
+        material = self.substance(name)
+        assert material is not None  # the validator has checked it
+        outline = _OUTLINES[self.shape]([getattr(self, key) for key in _SIZES[self.shape]], self.holes_mm)
+        thickness = self.thickness_mm * MM
+        if outline is None:
+            return Plate(name, lower, thickness, material)
+        tilt = (self.tilt_deg * DEG, self.tilt_direction_deg * DEG)
+        return FinitePlate(name, outline, (x, y, lower + thickness / 2), thickness, material, *tilt)
+
+    @classmethod
+    def of_piece(cls, plate: Plate | FinitePlate) -> dict[str, Any]:
+        """Return the entries of a flat piece but its place."""
+        table: dict[str, Any] = cls.entries_of(plate, "thickness_mm") | cls.of_material(plate.material)
+        if isinstance(plate, Plate):
+            return table
+        match plate.outline:
+            case Disc(radius):
+                table |= {"shape": "disc", "diameter_mm": entry_of(radius, MM / 2)}
+            case Rectangle(width, height):
+                table |= {"shape": "rectangle", "width_mm": entry_of(width, MM), "height_mm": entry_of(height, MM)}
+            case Ring(radius, inner):
+                sizes = {"diameter_mm": entry_of(radius, MM / 2), "inner_diameter_mm": entry_of(inner, MM / 2)}
+                table |= {"shape": "ring"} | sizes
+            case Polygon(exterior, holes):
+                table |= {"shape": "polygon", "corners_mm": _corner_entries(exterior)}
+                table |= {"holes_mm": list(map(_corner_entries, holes))} if holes else {}
+        angles = {"tilt_deg": plate.tilt, "tilt_direction_deg": math.remainder(plate.tilt_direction, 2 * math.pi)}
+        return table | {key: entry_of(angle, DEG) for key, angle in angles.items() if angle}
+
+
+_SIZES: Mapping[Shape, tuple[str, ...]] = {
+    "plate": (),
+    "disc": ("diameter_mm",),
+    "rectangle": ("width_mm", "height_mm"),
+    "ring": ("diameter_mm", "inner_diameter_mm"),
+    "polygon": ("corners_mm",),
+}
+"""Keys of the sizes that each shape needs. A polygon may have holes too."""
+_OUTLINES: Mapping[Shape, Callable[[list[Any], list[Any]], Outline | None]] = {
+    "plate": lambda sizes, holes: None,
+    "disc": lambda sizes, holes: Disc(sizes[0] * MM / 2),
+    "rectangle": lambda sizes, holes: Rectangle(sizes[0] * MM, sizes[1] * MM),
+    "ring": lambda sizes, holes: Ring(sizes[0] * MM / 2, sizes[1] * MM / 2),
+    "polygon": lambda sizes, holes: Polygon(_corners(sizes[0]), tuple(map(_corners, holes))),
+}
+
+
+def _corners(entries: Sequence[Sequence[float]]) -> tuple[tuple[float, float], ...]:
+    return tuple((x * MM, y * MM) for x, y in entries)
+
+
+def _corner_entries(corners: Sequence[Sequence[float]]) -> list[list[float]]:
+    return [[entry_of(x, MM), entry_of(y, MM)] for x, y in corners]
+
+
+class PlateTable(FlatTable):
+    """``[[plate]]``: metal above or below the board that stays where it is."""
+
+    name: Name
+    """Name of the plate."""
+    z_mm: Position | None = None
+    """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the first layer."""
+    distance_mm: LimitMillimetres | None = None
+    """Instead of z_mm: the gap to the sheets above the board or to the board's underside."""
+    side: Literal["above", "below"] | None = None
+    """With distance_mm: the side of the board."""
+    x_mm: Position = 0.0
+    """x of the centre of a shape with an outline."""
+    y_mm: Position = 0.0
+    """y of the centre of a shape with an outline."""
+
+    @model_validator(mode="after")
+    def _one_height(self) -> Self:
+        """Refuse missing or contradicting keys of the height."""
+        if (self.z_mm is None) == (self.distance_mm is None):
+            raise ValueError("needs exactly one of z_mm and distance_mm")
+        if (self.side is None) != (self.distance_mm is None):
+            raise ValueError('needs side = "above" or "below" with distance_mm, and only with it')
+        if self.shape == "plate" and (self.x_mm or self.y_mm):
+            raise ValueError('has no x_mm and y_mm for shape = "plate", which is an infinite plate')
+        return self
+
+    def build(self, top: float, underside: float) -> Plate | FinitePlate:
+        """Return the plate in SI, for the heights of the sheets' upper and the board's lower face in m."""
+        plate = self.piece(self.name, self.x_mm * MM, self.y_mm * MM, (self.z_mm or 0.0) * MM)
+        if self.distance_mm is None:
+            return plate
+        low, high = plate.heights
+        gap = self.distance_mm * MM
+        return plate.lifted(top + gap - low if self.side == "above" else underside - gap - high)
+
+    @classmethod
+    def of(cls, plate: Plate | FinitePlate) -> dict[str, Any]:
+        """Return the entries of a plate but its name."""
+        if isinstance(plate, Plate):
+            return cls.of_piece(plate) | cls.entries_of(plate, "z_mm")
+        x, y, z = plate.centre
+        places = {"x_mm": x, "y_mm": y, "z_mm": z - plate.thickness / 2}
+        return cls.of_piece(plate) | {key: entry_of(place, MM) for key, place in places.items()}
+
+
+def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_copper: float) -> None:
+    """Raise DesignError for plates of one name, in the sheets, in the coils' copper or in each other.
+
+    `top` is the height in m of the sheets' upper face, and `lowest_copper` the height of the lowest face of the coils'
+    copper. Below it plates may lie in the board, such as a copper pour.
+    """
+    names = [plate.name for plate in plates]
+    if len(set(names)) != len(names):
+        raise DesignError(f"plates must have different names; got {', '.join(names)}.")
+    for k, plate in enumerate(plates):
+        low, high = plate.heights
+        if low < top - TOUCHING and high > lowest_copper + TOUCHING:
+            raise DesignError(
+                f"plate.{k} must lie above the sheets and the board (z above {top * 1e3:g} mm) or below the coils' "
+                f"copper (z below {lowest_copper * 1e3:g} mm); {plate.name!r} lies from {low * 1e3:g} to "
+                f"{high * 1e3:g} mm."
+            )
+    for (_, one), (m, other) in combinations(enumerate(plates), 2):
+        (low, high), (floor, roof) = one.heights, other.heights
+        if low < roof - TOUCHING and floor < high - TOUCHING and _share_ground(one, other):
+            raise DesignError(f"plate.{m} must not overlap another plate; {other.name!r} reaches into {one.name!r}.")
+
+
+def _share_ground(one: Plate | FinitePlate, other: Plate | FinitePlate) -> bool:
+    """Check whether two plates cover a common board area."""
+    if isinstance(one, Plate) or isinstance(other, Plate):
+        return True
+    first, second = (
+        shapely.Polygon(plate.on_board(plate.outline.exterior), [plate.on_board(hole) for hole in plate.outline.holes])
+        for plate in (one, other)
+    )
+    return bool(shapely.area(shapely.intersection(first, second)) > 0)
+
+
+class RoundTable(MaterialTable):
+    """``[indenter]`` of every shape without an edge; without a material it is nothing to the field.
+
+    The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
+    """
+
+    shape: Literal["hemisphere", "paraboloid", "cylinder_edge"]
+    """Shape of the tip; a cylinder edge is a long cylinder that lies along y."""
+    radius_mm: Millimetres
+    """Radius; of a paraboloid that of the curvature at its tip."""
+
+    def build(self) -> Indenter:
+        """Return the indenter in SI."""
+        return _ROUND[self.shape](self.radius_mm * MM)
+
+
+_ROUND: Mapping[str, Callable[[float], Indenter]] = {
+    "hemisphere": Hemisphere,
+    "paraboloid": Paraboloid,
+    "cylinder_edge": CylinderEdge,
+}
+
+
+class PunchTable(MaterialTable):
+    """``[indenter]`` with ``shape = "flat_punch"``."""
+
+    shape: Literal["flat_punch"]
+    """A cylinder that presses with its flat end."""
+    radius_mm: Millimetres
+    """Radius of the punch."""
+    edge_radius_mm: Millimetres | None = None
+    """Radius of its rounded edge, a tenth of its radius by default; then gast2020's sheets take 0.3 radii of depth."""
+
+    def build(self) -> FlatPunch:
+        """Return the indenter in SI."""
+        sizes = self.in_si()
+        return FlatPunch(sizes["radius"], sizes["edge_radius"])
+
+
+class ConeTable(MaterialTable):
+    """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
+
+    shape: Literal["cone"]
+    """A cone that presses with its tip; large deformations do not reach far under a sharp one, of some 45°."""
+    half_angle_deg: Annotated[float, Field(gt=0, lt=90)]
+    """Angle between its axis and its side."""
+    radius_mm: Millimetres | None = None
+    """Radius at which the cone ends; it is infinite by default."""
+    edge_radius_mm: Millimetres | None = None
+    """Radius of the rounded edge where it ends; a tenth of that radius by default."""
+
+    def build(self) -> Cone:
+        """Return the indenter in SI."""
+        sizes = self.in_si()
+        return Cone(sizes["half_angle"], sizes["radius"] or math.inf, sizes["edge_radius"])
+
+
+def indenter_entries(indenter: Indenter, material: Material | None) -> dict[str, Any]:
+    """Return the table of an indenter."""
+    table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
+    if isinstance(indenter, Cone):
+        table |= ConeTable.entries_of(indenter, "half_angle_deg")
+    if math.isfinite(indenter.radius):
+        table |= RoundTable.entries_of(indenter, "radius_mm")
+    if isinstance(indenter, Cone | FlatPunch):
+        table |= ConeTable.entries_of(indenter, "edge_radius_mm")
+    return table if material is None else table | MaterialTable.of_material(material)
+
+
+class PlacesTable(Table):
+    """Positions above the board, relative to an origin."""
+
+    x_mm: Range | None = None
+    """Range [low, high] of the positions along x; by default over all coils."""
+    y_mm: Range | None = None
+    """The same along y."""
+    step_mm: Annotated[float, Field(ge=1e-3, le=10_000)] | None = None
+    """Spacing of the positions; chosen for the coils by default."""
+    x_positions_mm: Positions | None = None
+    """Instead of a range and a step: every x, rising."""
+    y_positions_mm: Positions | None = None
+    """Every y, rising."""
+    origin: str | None = None
+    """Name of the coil whose centre is the origin of x and y; the board's origin by default."""
+    origin_mm: Point | None = None
+    """Point [x, y] on the board that is the origin of x and y."""
+
+    @model_validator(mode="after")
+    def _consistent_places(self) -> Self:
+        """Refuse contradicting keys and too many positions."""
+        if self.origin is not None and self.origin_mm is not None:
+            raise ValueError("needs one of origin and origin_mm, not both")
+        ranges = (self.x_mm, self.y_mm, self.step_mm)
+        lists = (self.x_positions_mm, self.y_positions_mm)
+        over_array = lists == ranges[:2] == (None, None)
+        if not over_array and (
+            None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
+        ):
+            raise ValueError(
+                "needs x_mm, y_mm and step_mm, or x_positions_mm and y_positions_mm, or none of these for positions "
+                "over all coils"
+            )
+        for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
+            if values is not None and self.step_mm is not None:
+                _check_range(key, *values, self.step_mm)
+        for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
+            require_rising(key, positions or ())
+        count = math.prod(map(len, self.positions()))
+        if count > MOST_POSITIONS:
+            raise ValueError(f"may have {MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
+        return self
+
+    def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return x and y of the map in m, with both ends; empty if they follow from the array."""
+        if self.x_mm is None or self.y_mm is None or self.step_mm is None:
+            x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
+        else:
+            x, y = _even_positions(self.x_mm, self.step_mm), _even_positions(self.y_mm, self.step_mm)
+        return x, y
+
+    def places(self) -> dict[str, Any]:
+        """Return x, y, origin and step in SI, as `Indentation` and `Target` take them."""
+        x, y = self.positions()
+        at_x, at_y = (0.0, 0.0) if self.origin_mm is None else self.origin_mm
+        return {
+            "x": x,
+            "y": y,
+            "origin": self.origin,
+            "origin_point": (at_x * MM, at_y * MM),
+            "step": None if self.step_mm is None or x else self.step_mm * MM,
+        }
+
+    @classmethod
+    def of_places(cls, setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, Any]:
+        """Return the entries of the positions of an `Indentation` or a `Target` and of their origin."""
+        table: dict[str, Any]
+        x, y = ([_label(value) for value in row] for row in (setup.x, setup.y))
+        step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
+        if (setup.x, setup.y) == setup.over_array:
+            table = cls.entries_of(setup, "step_mm")
+        elif _is_even(x, step) and _is_even(y, step):
+            table = {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
+        else:
+            table = {"x_positions_mm": x, "y_positions_mm": y}
+        if setup.origin is not None:
+            table["origin"] = names[setup.origin]
+        elif any(setup.origin_point):
+            table["origin_mm"] = [entry_of(value, MM) for value in setup.origin_point]
+        return table
+
+
+def _check_range(key: str, low: float, high: float, step: float) -> None:
+    """Refuse a range without a whole number of steps."""
+    if low > high:
+        raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
+    steps = (high - low) / step
+    if abs(steps - round(steps)) > _WHOLE_STEPS:
+        raise ValueError(
+            f"needs {key} to span a whole number of steps of {step:g} mm; {low:g} to {high:g} are {steps:g}"
+        )
+    if steps >= MOST_POSITIONS:
+        raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
+
+
+# Positions are labels, and -26 mm must be -0.026 m: they are divided by whole millimetres, not multiplied by 1e-3.
+def _even_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
+    """Return the positions in m of a range [low, high] and a step in mm."""
+    low, high = bounds
+    steps = round((high - low) / step)
+    return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
+
+
+def _label(value: float) -> float:
+    """Return the entry in mm of a position in m."""
+    return nearest_entry(1e3 * value, value, lambda entry: entry / 1e3)
+
+
+def _is_even(row: Sequence[float], step: float) -> bool:
+    """Check whether positions in mm are those of a range with a step."""
+    if step <= 0 or round((row[-1] - row[0]) / step) != len(row) - 1:
+        return False
+    return np.allclose(_even_positions((row[0], row[-1]), step), np.array(row) / 1e3, rtol=0, atol=_FEMTOMETRE)
+
+
+class IndentationTable(PlacesTable):
+    """``[indentation]``: how deep and where the indenter presses."""
+
+    strain: Strain = "finite"
+    """Large deformations of neo-Hookean sheets, or linear elasticity, faster and some percent less accurate."""
+    base: Literal["bonded", "frictionless", "seat"] = "bonded"
+    """Support of the lowest sheet: glued to the board, sliding freely on it, or on a soft seat."""
+    seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
+    """Pressure on the seat per millimetre of its compression."""
+    seat_shear_kPa_per_mm: Annotated[float, Field(ge=0, le=1e9)] | None = None  # noqa: N815 - the unit
+    """Shear stress per millimetre of sliding along the seat; none by default."""
+    seat_stiffness_slope_x_per_mm: SeatSlope = 0.0
+    """Relative change of the seat's stiffness along x, per millimetre."""
+    seat_stiffness_slope_y_per_mm: SeatSlope = 0.0
+    """The same along y."""
+    seat_gap_slope_x_mm_per_mm: SeatSlope = 0.0
+    """Change of the gap between sheet and seat along x."""
+    seat_gap_slope_y_mm_per_mm: SeatSlope = 0.0
+    """The same along y."""
+    seat_lifts: bool = False
+    """Whether the sheet may lift off the seat."""
+    seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
+    """Pressure of the sheets' own weight, which holds them down on a seat that they may lift off."""
+    depths_mm: list[Millimetres] = Field(min_length=1)
+    """Depths of the indentation, rising."""
+    sample_radius_mm: Millimetres | None = None
+    """Radius of a round sample with a free edge; without it and the next two the sheets are infinite."""
+    sample_x_mm: Range | None = None
+    """Range of a rectangular sample with free sides along x, from the same origin as the positions."""
+    sample_y_mm: Range | None = None
+    """The same along y."""
+    ellipse_x_mm: Range | None = None
+    """Range of the positions along x to which ellipses are fitted, from the same origin; all of the map by default."""
+    ellipse_y_mm: Range | None = None
+    """The same along y."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        """Refuse missing or contradicting keys."""
+        require_rising("depths_mm", self.depths_mm)
+        if (self.base == "seat") != (self.seat_stiffness_kPa_per_mm is not None):
+            raise ValueError('needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base')
+        if self.base != "seat" and self.seat_shear_kPa_per_mm is not None:
+            raise ValueError(f'needs base = "seat" for seat_shear_kPa_per_mm; got base = "{self.base}"')
+        if self._unevenness() != EVEN and (self.base != "seat" or self.sample_x_mm is None or self.sample_radius_mm):
+            raise ValueError(
+                'needs base = "seat", sample_x_mm and sample_y_mm and no sample_radius_mm for an uneven or lifting seat'
+            )
+        for what in ("sample", "ellipse"):
+            x, y = (f"{what}_{axis}_mm" for axis in "xy")
+            if (getattr(self, x) is None) != (getattr(self, y) is None):
+                raise ValueError(f"needs both {x} and {y}, or neither")
+            for key in (x, y):
+                bounds = getattr(self, key)
+                if bounds is not None and not bounds[0] < bounds[1]:
+                    raise ValueError(f"needs {key} from low to high, with a width; got [{bounds[0]:g}, {bounds[1]:g}]")
+        return self
+
+    def values(self) -> dict[str, Any]:
+        """Return the values in SI, as `coilarray.Indentation` takes them."""
+        base: Base = "frictionless" if self.base == "frictionless" else "bonded"
+        if self.seat_stiffness_kPa_per_mm is not None:
+            base = Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
+        return {
+            "depths": tuple(depth * MM for depth in self.depths_mm),
+            "base": base,
+            "sample_radius": None if self.sample_radius_mm is None else self.sample_radius_mm * MM,
+            "sample_bounds": _bounds(self.sample_x_mm, self.sample_y_mm),
+            "ellipse_bounds": _bounds(self.ellipse_x_mm, self.ellipse_y_mm),
+            "strain": self.strain,
+            "unevenness": self._unevenness(),
+            **self.places(),
+        }
+
+    def _unevenness(self) -> Unevenness:
+        return Unevenness(
+            (self.seat_stiffness_slope_x_per_mm * 1e3, self.seat_stiffness_slope_y_per_mm * 1e3),
+            (self.seat_gap_slope_x_mm_per_mm, self.seat_gap_slope_y_mm_per_mm),
+            self.seat_lifts,
+            self.seat_weight_Pa,
+        )
+
+    @classmethod
+    def of(cls, setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
+        """Return the entries of an indentation."""
+        table: dict[str, Any] = {"strain": setup.strain}
+        if isinstance(setup.base, Seat):
+            table |= {"base": "seat", "seat_stiffness_kPa_per_mm": entry_of(setup.base.stiffness, KPA_PER_MM)}
+            if setup.base.shear:
+                table["seat_shear_kPa_per_mm"] = entry_of(setup.base.shear, KPA_PER_MM)
+        else:
+            table["base"] = setup.base
+        seat: Unevenness = setup.unevenness
+        (stiffer_x, stiffer_y), (wider_x, wider_y) = seat.stiffness_slope, seat.gap_slope
+        uneven = {
+            "seat_stiffness_slope_x_per_mm": entry_of(stiffer_x, 1e3),
+            "seat_stiffness_slope_y_per_mm": entry_of(stiffer_y, 1e3),
+            "seat_gap_slope_x_mm_per_mm": wider_x,
+            "seat_gap_slope_y_mm_per_mm": wider_y,
+            "seat_lifts": seat.lifts,
+            "seat_weight_Pa": seat.weight,
+        }
+        table |= {key: value for key, value in uneven.items() if value}
+        table |= cls.entries_of(setup, "depths_mm") | cls.of_places(setup, names)
+        table |= cls.entries_of(setup, "sample_radius_mm")
+        for what, bounds in (("sample", setup.sample_bounds), ("ellipse", setup.ellipse_bounds)):
+            if bounds is not None:
+                x_min, y_min, x_max, y_max = map(_label, bounds)
+                table |= {f"{what}_x_mm": [x_min, x_max], f"{what}_y_mm": [y_min, y_max]}
+        return table
+
+
+def _bounds(x_mm: Range | None, y_mm: Range | None) -> tuple[float, float, float, float] | None:
+    """Return the edges (x_min, y_min, x_max, y_max) of ranges in m, labels as the positions within them."""
+    if x_mm is None or y_mm is None:
+        return None
+    return x_mm[0] / 1e3, y_mm[0] / 1e3, x_mm[1] / 1e3, y_mm[1] / 1e3
+
+
+class MovedTable(PlacesTable):
+    """Where a target is moved: the same for all bodies."""
+
+    distances_mm: list[Millimetres] = Field(default=[1.0, 2.0, 4.0, 8.0], min_length=1)
+    """Distances of the target's nearest point from the highest face of board and sheets, rising."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        require_rising("distances_mm", self.distances_mm)
+        return self
+
+    def of_body(self, body: Plate | FinitePlate | Ball) -> Target:
+        """Return the target in SI."""
+        return Target(body, distances=tuple(distance / 1e3 for distance in self.distances_mm), **self.places())
+
+
+class FlatTarget(FlatTable, MovedTable):
+    """``[target]`` of every shape but the sphere."""
+
+    shape: Shape
+    """Outline; a plate is infinite."""
+
+    @model_validator(mode="after")
+    def _no_places_of_a_plate(self) -> Self:
+        for key in PlacesTable.model_fields:
+            if self.shape == "plate" and getattr(self, key) is not None:
+                raise ValueError(f'has no {key} for shape = "plate", which is an infinite plate')
+        return self
+
+    def build(self) -> Target:
+        """Return the target in SI."""
+        piece = self.piece("target")
+        return self.of_body(piece if isinstance(piece, Plate) else piece.lifted(-piece.thickness / 2))
+
+
+class SphereTarget(MaterialTable, MovedTable):
+    """``[target]`` with ``shape = "sphere"``."""
+
+    shape: Literal["sphere"]
+    """A ball."""
+    diameter_mm: Millimetres
+    """Diameter of the sphere."""
+
+    @model_validator(mode="after")
+    def _some_material(self) -> Self:
+        if self.substance("target") is None:
+            raise ValueError("needs a material, or conductivity_MS_per_m and relative_permeability")
+        return self
+
+    def build(self) -> Target:
+        """Return the target in SI."""
+        material = self.substance("target")
+        assert material is not None  # the validator has checked it
+        return self.of_body(Ball(self.diameter_mm * MM / 2, material))
+
+
+def target_entries(target: Target, names: Mapping[str, str]) -> dict[str, Any]:
+    """Return the table of a target."""
+    body = target.body
+    if isinstance(body, Ball):
+        size = {"shape": "sphere", "diameter_mm": entry_of(body.radius, MM / 2)}
+        table = size | MaterialTable.of_material(body.material)
+    else:
+        table = {"shape": "plate", **FlatTable.of_piece(body)}
+    table["distances_mm"] = list(map(_label, target.distances))
+    return table if isinstance(body, Plate) else table | PlacesTable.of_places(target, names)
