@@ -54,7 +54,9 @@ def show_plate(design: Design) -> None:
     print("x (mm)".ljust(30), (1e3 * x).round(1))
     for plates in ((), (plate,)):
         changed = replace(design, plates=plates)
-        found = response_map(changed, x=x, y=[0.0], depths=indentation_of(design).depths[:1], ideal=True, mesh=COARSE)
+        found = response_map(
+            changed, x=x, y=[0.0], depths=indentation_of(design).depths[:1], ideal=True, accuracy=COARSE
+        )
         for state, delta in zip(found.state.values, found.delta.values[0, 0].T, strict=True):
             print(f"1e4 δ, {state}, plates: {len(plates)}".ljust(30), (1e4 * delta).round(2), flush=True)
 

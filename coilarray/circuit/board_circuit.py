@@ -7,7 +7,7 @@ together, see `BoardCircuit.plates`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -18,7 +18,7 @@ import xarray as xr
 from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.compute.store import kept_dataset
+from coilarray.compute.store import kept_dataset, not_kept
 from coilarray.compute.threads import Progress, Recent, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
@@ -80,16 +80,12 @@ def _windings(design: Design, above: float, accuracy: Accuracy, keep: Keep, prog
         return xr.Dataset({"inductance": (pair, L + by_sheets), "by_sheets": (pair, by_sheets)})
 
     few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
-    keep_few = keep if few else _not_kept
+    keep_few = keep if few else not_kept
     found = keep_few(("inductance", digest_of(array, sheets)), compute)
     return Windings(
         array=array, sheets=sheets, above=above, accuracy=accuracy, keep=keep, keep_few=keep_few,
         inductance=found.inductance.values, by_sheets=found.by_sheets.values,
     )  # fmt: skip
-
-
-def _not_kept(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    return compute()
 
 
 Owner = TypeVar("Owner", bound="_Locked")

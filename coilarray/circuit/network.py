@@ -393,91 +393,49 @@ def self_resonance_of(network: Network, result: StateResult, within: float = _SE
     return math.inf if crossing is None else crossing
 
 
-def changed_resonances(
-    network: Network, result: StateResult, inductances: Callable[[FloatArray], ComplexArray], cases: int
-) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Follow a resonance while the inductances change.
-
-    The changes may be of any size, with losses that depend on frequency. `inductances` gives for frequencies (cases,)
-    in Hz the matrices (cases, n, n) in H that replace the network's own, with their losses as imaginary parts −ΔR/ω.
-    The result is the frequencies (cases,) in Hz, and at these the impedances in Ω and the admittances with the tank in
-    S. A NetworkError is raised if there is no resonance.
-    """
-    wiring = _wire(network, result.state)
-    frequencies, _ = _followed(network, result, wiring, cases, inductances)
-    impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
-    return frequencies, impedance, admittance
-
-
 def cases_at_once(network: Network) -> int:
-    """How many changed circuits per call fit into memory.
-
-    It applies to `changed_resonances` and `resonances_near`.
-    """
+    """Return how many cases of `changed_resonances` fit into memory."""
     return max(1, _MATRIX_VALUES // (2 * len(network.names) + 3) ** 2)
 
 
-def resonances_near(
+def changed_resonances(
     network: Network,
     result: StateResult,
-    inductances: FloatArray | ComplexArray,
+    inductances: FloatArray | ComplexArray | Callable[[FloatArray], FloatArray | ComplexArray],
+    cases: int | None = None,
     winding_capacitances: FloatArray | None = None,
-) -> FloatArray:
-    """Resonant frequencies (cases,) in Hz after small changes.
+) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+    """Follow a resonance while inductances and capacitances change.
 
-    Inductances and capacitances change. `inductances` (cases, n, n) in H, or L − jR/ω with losses, and
-    `winding_capacitances` (cases, n) in F replace the network's own. A change may make the latter negative, as the tank
-    is in parallel. A NetworkError is raised if no resonance is found.
+    `inductances` (cases, n, n) in H replace the network's own, with losses −ΔR/ω as imaginary parts. A function gives
+    them at frequencies (cases,) in Hz. `winding_capacitances` (cases, n) in F may be negative, as the tank is in
+    parallel. The result is the frequencies (cases,) in Hz, and the impedances in Ω and admittances with the tank in S
+    at these. All cases are solved at once by the secant method. A NetworkError is raised if there is no resonance.
     """
-    return resonators_near(network, result, inductances, winding_capacitances)[0]
+    wiring, f0 = _wire(network, result.state), result.frequency
+    if not callable(inductances):
+        constant, cases = inductances, len(inductances)
 
+    def solve(at: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        changed = inductances(at) if callable(inductances) else constant
+        return _solve_with_tank(network, wiring, at, changed, winding_capacitances)
 
-def resonators_near(
-    network: Network,
-    result: StateResult,
-    inductances: FloatArray | ComplexArray,
-    winding_capacitances: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies and parallel resistances after small changes.
-
-    The frequencies are those from `resonances_near`. The parallel resistances R_p (cases,) are in Ω.
-    """
-    wiring, cases = _wire(network, result.state), len(inductances)
-    frequencies, conductance = _followed(network, result, wiring, cases, lambda _: inductances, winding_capacitances)
-    with np.errstate(divide="ignore"):
-        return frequencies, 1 / conductance
-
-
-def _followed(
-    network: Network,
-    result: StateResult,
-    wiring: _Wiring,
-    cases: int,
-    inductances: Callable[[FloatArray], FloatArray | ComplexArray],
-    winding_capacitances: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Find Im Y(f) = 0 by the secant method.
-
-    All cases are solved at once, beginning with the slope of the given resonance. The result is the frequencies in Hz,
-    and Re Y in S at these to the tolerance.
-    """
-    f0 = result.frequency
     first = susceptance_slope(network, result.state, f0)
-    frequencies: FloatArray = np.full(cases, f0)
-    slope, before, step = np.full(cases, first), np.zeros(cases), np.zeros(cases)
+    frequencies: FloatArray = np.full(cases or 1, f0)
+    slope, before, step = np.full_like(frequencies, first), np.zeros_like(frequencies), np.zeros_like(frequencies)
     for _ in range(NEWTON_STEPS):
-        solved = _solve_with_tank(network, wiring, frequencies, inductances(frequencies), winding_capacitances)
-        B, last = solved[2].imag, step
+        B, last = solve(frequencies)[2].imag, step
         moved = last != 0
         slope[moved] = (B[moved] - before[moved]) / -last[moved]
         slope[~(slope > _LEAST_SLOPE * first)] = first  # also replaces NaN
         step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
         frequencies, before = frequencies - step, B
         # Steps shrink faster and faster. The next step is less than this step times its ratio to the last.
-        share = np.divide(step, last, out=np.ones(cases), where=moved)
+        share = np.divide(step, last, out=np.ones_like(step), where=moved)
         settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
         if settled.all():
-            return frequencies, solved[2].real
+            impedance, _, admittance = solve(frequencies)
+            return frequencies, impedance, admittance
         step[settled] = 0.0
     raise NetworkError(
         f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; the last "

@@ -95,10 +95,10 @@ def response(
     x, y = shared.from_map_origin(opened.indentation, *places)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
-    with shared.map_parts(out) as parts, shared.progress_bar("response") as progress:
+    with shared.map_parts(out) as keep, shared.progress_bar("response") as progress:
         result = response_map(
             opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=parts, progress=progress,
+            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, keep=keep, progress=progress,
         )  # fmt: skip
         shown = on_board(result)
         table = response_table(shown)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from coilarray.compute.store import Keep
     from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile, Indentation
@@ -207,7 +208,7 @@ def design_record(design: Design) -> dict[str, str]:
 
 
 @contextmanager
-def map_parts(out: Path | None) -> Iterator[Path | None]:
+def map_parts(out: Path | None) -> Iterator[Keep | None]:
     """Keep the parts of a map in a folder beside its file, from which an interrupted command goes on; none without one.
 
     They are discarded at the end of the block, in which the file is written.
@@ -220,7 +221,7 @@ def map_parts(out: Path | None) -> Iterator[Path | None]:
     store = open_store(out.with_name(f"{out.name}.parts"))
     kept = store.keys()
     try:
-        yield store.folder
+        yield store.dataset
         store.discard(store.keys())
     except NetworkError:
         store.discard(store.keys() - kept)  # of no use: going on would end in the same way

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,9 +12,11 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.errors import MetalError
 
 if TYPE_CHECKING:
     from coilarray.design.model import Design
+    from coilarray.electromagnetics.inductance import Accuracy
 
 _MANY = 1000  # positions, which take a minute and more
 
@@ -34,15 +37,13 @@ def target(
     y_mm: shared.PlacesY = None,
     noise: shared.Noise = None,
     ideal: shared.Ideal = False,
-    fineness: Annotated[
-        float,
+    accuracy: Annotated[
+        str,
         typer.Option(
-            min=0.5,
-            max=4.0,
-            help="Fineness of the mesh of a plate with an outline, whose error is estimated and printed.",
+            help="full, screen (inductances to 3e-4), or 0.5 to 4: the fineness of the mesh of a plate with an "
+            "outline, whose error is estimated and printed."
         ),
-    ] = 1.0,
-    accuracy: shared.Accuracy = "full",
+    ] = "full",
     out: shared.NumbersFile = Path("target.nc"),
     plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
     maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
@@ -83,10 +84,10 @@ def target(
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
     _tell_work(opened, distances, x, y)
-    with shared.map_parts(out) as parts, shared.progress_bar("target") as progress:
+    with shared.map_parts(out) as keep, shared.progress_bar("target") as progress:
         result = target_map(
-            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, fineness=fineness, accuracy=accuracy,
-            parts=parts, progress=progress,
+            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, accuracy=_accuracy(accuracy),
+            keep=keep, progress=progress,
         )  # fmt: skip
         shown = on_board(result)
         shared.write_numbers(out, result, values_table(shown).csv)
@@ -113,6 +114,16 @@ def target(
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])
+
+
+def _accuracy(text: str) -> Accuracy | float:
+    """Return the accuracy of an option."""
+    if text == "full" or text == "screen":
+        return text
+    with suppress(ValueError):
+        if 0.5 <= (fineness := float(text)) <= 4.0:
+            return fineness
+    raise MetalError(f"--accuracy must be full, screen or a fineness of 0.5 to 4; got {text!r}.")
 
 
 def _tell_work(design: Design, *given: Sequence[float] | None) -> None:

@@ -156,6 +156,11 @@ def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.
     return store.dataset(parts, compute)
 
 
+def not_kept(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
+    """Compute a dataset and keep nothing."""
+    return compute()
+
+
 def content_key(*parts: Any) -> str:
     """SHA-256 of `code_version` and the parts, everything else that decides a result."""
     return hashlib.sha256(canonical(code_version(), *parts)).hexdigest()

@@ -26,7 +26,7 @@ def line_response(
     *,
     depths: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
-    mesh: LayerMesh | None = None,
+    accuracy: LayerMesh | None = None,
 ) -> xr.Dataset:
     """Compute δ of one coil in a two-dimensional model.
 
@@ -41,7 +41,7 @@ def line_response(
     depths, x : array_like, shape (n,), optional
         Depths and positions along x of the indenter in m, positions from the map's origin. By default those in the
         design.
-    mesh : LayerMesh, optional
+    accuracy : LayerMesh, optional
         Accuracy of the magnetic problem.
 
     Returns
@@ -93,7 +93,7 @@ def line_response(
     cylinder = replace(setup, indenter=CylinderEdge(setup.indenter.radius))
     contact = contact_at(cylinder, design.sheets, axes.depth)
     dents = dents_of(contact, design.sheets)
-    change = line_dent_inductance(wires, dents, axes.x + setup.origin_point[0], mesh)
+    change = line_dent_inductance(wires, dents, axes.x + setup.origin_point[0], accuracy)
     flat = line_inductance(wires, design.sheets)
     return response_dataset(
         design, axes, contact, change / flat, np.array([flat]), np.array([[flat]]),

@@ -2,37 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
-from coilarray.circuit.network import Network, Resonance, cases_at_once, loaded_quality, resonate, resonators_near
+from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.coupling import design_circuit, provenance
+from coilarray.circuit.network import Network, Resonance, loaded_quality, resonate
 from coilarray.circuit.noise_budget import NoiseBudget, budget_of
 from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
-from coilarray.compute.threads import Progress, part_of, ranges
+from coilarray.compute.store import not_kept
+from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, Indentation, design_of
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.face_shift import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.flat_stack import Backing
-from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
-from coilarray.geometry import Conductor, Material
+from coilarray.geometry import Ball, Conductor, Material
 from coilarray.metal.backing import backings_of
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
+from coilarray.response.changes import (
+    Variable,
+    changes_by_bounds,
+    changes_by_levels,
+    check_metal,
+    constant_change,
+    dent_changes,
+    metal_attributes,
+    metal_share,
+    metal_variables,
+    plus,
+    through_circuit,
+)
 from coilarray.response.coordinates import ELLIPSE_WINDOW, map_coordinates, origin_attributes
-from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
-from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -45,6 +56,9 @@ from coilarray.response.setup import (
     wedge_inductance,
 )
 
+if TYPE_CHECKING:
+    from coilarray.compute.store import Keep
+
 __all__ = [
     "Imperfections",
     "Reach",
@@ -54,7 +68,6 @@ __all__ = [
     "response_map",
     "with_material",
 ]
-
 
 Reach = float | Literal["auto"] | None
 """Coils that count at a position.
@@ -72,7 +85,7 @@ _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far 
 _AUTO_ERROR = 1e-3
 _OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the computed frequencies
 
-_Changed = Callable[[float], FloatArray | ComplexArray]  # ΔL − jΔR/ω in H, (depths, places, n, n), at a frequency in Hz
+_PLACES = ("depth", "y", "x")
 
 
 def response_map(
@@ -85,12 +98,11 @@ def response_map(
     imperfections: Imperfections | None = None,
     network: Network | None = None,
     ideal: bool = False,
-    inductance: Callable[[], FloatArray] | None = None,
     dielectric: bool = False,
     metal: bool = True,
     rest: float = 0.0,
-    mesh: LayerMesh | None = None,
-    parts: str | Path | None = None,
+    accuracy: LayerMesh | None = None,
+    keep: Keep | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the sensor response matrix of a design.
@@ -111,14 +123,10 @@ def response_map(
     imperfections : Imperfections, optional
         Deviations of the experiment from the design. None by default.
     network : Network, optional
-        Coils, switches and strays. Its inductance matrix is replaced. By default
+        Coils, switches and strays under the flat sheets with their true thicknesses. By default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
         Leave AC resistance and all strays out of the circuit, unless `network` is given.
-    inductance : callable, optional
-        Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, for a matrix
-        that is known or being computed elsewhere. Without `reach` it is called after the dents are solved. By default
-        the matrix is computed with `coilarray.circuit.coupling.design_inductance`.
     dielectric : bool
         Include the change of the coils' capacitance, which the converter takes for a change of L:
         `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L, and
@@ -129,10 +137,11 @@ def response_map(
     rest : float
         Height in m of an indenter with a material over the sheets while L_0 is read at the same position. At 0 it just
         touches them, as in a campaign. At inf it is far away.
-    mesh : LayerMesh, optional
+    accuracy : LayerMesh, optional
         Accuracy of the magnetic problem.
-    parts : str or Path, optional
-        Folder for the finished parts of a map of all coils, so that an interrupted run goes on from there.
+    keep : callable, optional
+        Keeps the finished parts of a map of all coils, so that an interrupted run goes on from there, for example
+        ``coilarray.compute.store.Store(folder).dataset``.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -190,16 +199,12 @@ def response_map(
         `coilarray.circuit.state_sensitivity` does not treat.
     MemoryLimitError
         More values than fit into memory.
-    OutputError
-        A part that cannot be written.
 
     Notes
     -----
     Eq. 2 of Gast & Zimmermann (2020). Without `reach` every position is solved: contact, dented sheets, and the
     resonance of the whole circuit with the changed inductance matrix. With `reach` δ_a = Re(w_a i_aᵀ ΔL i_a) to first
-    order in ΔL, with the currents of the whole flat board, see `coilarray.response.near`. With 1e-3, δ differs from a
-    map of all coils by 8e-4 of the peak for gast2020, and by 3e-4 for 4 × 4 of its coils in a hexagonal lattice. For 16
-    × 16 coils, with 38 states and 110 coils near, it differs by 9e-4 (benchmarks/large_response.py).
+    order in ΔL, with the currents of the whole flat board, see `coilarray.response.near`.
 
     Beside plates below the coils, every position includes the field of coils and dent that the plates send back. Their
     losses count in the resonance. For plates with an outline, only the field of the coils is included. The field of the
@@ -213,7 +218,7 @@ def response_map(
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
     design = design_of(design)
-    true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
+    true, mesh = imperfections or Imperfections(), accuracy or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
     more = (_BYTES_OF_METAL if ball is not None else 0.0) + (_BYTES_OF_PLATES if design.plates else 0.0)
@@ -221,77 +226,113 @@ def response_map(
     _require_room(axes, coils, len(design.plan), error, more)
     check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
-
-    def flat_network() -> Network:
-        L0 = design_inductance(pressed.design)[0] if inductance is None else inductance()
-        L0 = L0 + wedge_inductance(pressed.design, true.tilt)
-        return replace(design_circuit(pressed.design, ideal=ideal) if network is None else network, inductance=L0)
-
-    flat = flat_network() if error or design.plates else None
-    states = None if flat is None or not error else _sensitivity(flat, design.plan, required=reach != "auto")
-    if flat is not None and states is not None:
-        base = states.base_inductance
-        budget, alone = _budget_of_states(pressed.design, flat, states)
-        delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
-        delta += _shift_of_states(pressed, states, mesh)
-        # The effect of dents on frequency and losses, some 1e-3, is left out of the readability here.
-        changes: dict[str, Variable] = {} if ideal else _readability(design, flat, alone, alone, ())
-        attributes: dict[str, object] = {
-            "error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils
-        }  # fmt: skip
+    if network is None:
+        circuit = board_circuit(pressed.design)
+        network = circuit.ideal if ideal else circuit.network
+    flat = replace(network, inductance=network.inductance + wedge_inductance(pressed.design, true.tilt))
+    states = _sensitivity(flat, design.plan, required=reach != "auto") if error else None
+    if states is not None:
+        solved = _near_coils(pressed, flat, states, error, mesh, ideal=ideal, progress=progress)
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
-        backings = [] if flat is None else _backings(pressed, design.array, _band(flat, design.plan))
-        cases = [changes_by_dents(pressed, permittivity, mesh, one, parts, part_of(progress, k, max(len(backings), 1)))
-                 for k, one in enumerate(backings or [None])]  # fmt: skip
-        change, _, capacitance_change = cases[0]
-        flat = flat or flat_network()
-        flats = [resonate(flat, state) for state in design.plan]
-        changes, attributes = {}, {"error_of_peak": 0.0}
-        changed = _at_any(change)
-        if backings:
-            over = ChangeOverFrequency(
-                _band(flat, design.plan), np.stack([one - 1j * loss for one, loss, _ in cases], axis=2)
-            )
-            changed, mean = over.at, _mean_frequency(flat, design.plan)
-            change = over.at(mean).real
-            attributes |= {
-                "plate_frequency_Hz": mean, "plate_lowest_Hz": over.band.low, "plate_highest_Hz": over.band.high
-            }  # fmt: skip
-            changes = _plate_variables(axes, over, mean)
-        delta, sensors = _through_circuit(flat, flats, changed, capacitance_change)
-        if ball is not None:
-            frequency = _mean_frequency(flat, design.plan)
-            share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
-            both, sensors = _through_circuit(flat, flats, _moved(changed, share), capacitance_change)
-            changes |= metal_variables(axes, both - delta, share, frequency)
-            attributes |= metal_attributes(ball, frequency, rest)
-            delta, change = both, change + share.real
-        if not ideal:
-            changes |= _readability(design, flat, sensors, _sensors(flats), axes.shape)
-        base = np.array([_converted(flat, one) for one in flats])
-        budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats])
-        changes |= {
-            "inductance_change": (
-                ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
-                {"units": "H", "long_name": "inductance matrix, dented minus flat"},
-            ),
-            "capacitance_change": (
-                ("depth", "y", "x", "coil"), capacitance_change.reshape(*axes.shape, coils),
-                {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
-            ),
-        }  # fmt: skip
+        solved = _all_coils(
+            pressed, flat, ball, permittivity, rest, mesh, ideal=ideal, keep=keep or not_kept, progress=progress
+        )
     if pressed.correction is not None and indentation_of(design).unevenness.lifts:
-        attributes["lifted_m"] = float(pressed.correction.lifted.max())
+        solved.attributes["lifted_m"] = float(pressed.correction.lifted.max())
     drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")
-    delta = delta + drift[..., None]
+    delta = solved.delta.reshape(*drift.shape, -1) + drift[..., None]
     if true.noise:
         delta = _noisy(delta, true)
+    solved.attributes["noise"] = float(solved.budget.independent.max())
     return response_dataset(
-        design, axes, pressed.contact, delta, base, flat.inductance,
-        variables=changes | budget.variables(), attributes=attributes | {"noise": float(budget.independent.max())},
-    )  # fmt: skip
+        design,
+        axes,
+        pressed.contact,
+        delta,
+        solved.base,
+        flat.inductance,
+        variables=solved.variables | solved.budget.variables(),
+        attributes=solved.attributes,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """δ of all depths, places and states, L_0 (states,) in H, the noise budget, and what else belongs to the map."""
+
+    delta: FloatArray
+    base: FloatArray
+    budget: NoiseBudget
+    variables: dict[str, Variable]
+    attributes: dict[str, object]
+
+
+def _near_coils(
+    pressed: Experiment,
+    flat: Network,
+    states: StateSensitivity,
+    error: float,
+    mesh: LayerMesh,
+    *,
+    ideal: bool,
+    progress: Progress | None,
+) -> _Solved:
+    """Compute a map with the coils near the indenter only."""
+    design = pressed.design
+    budget, alone = _budget_of_states(design, flat, states)
+    delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
+    if pressed.correction is not None:
+        origin, currents = indentation_of(design).origin_point, states.currents.T
+        places = pressed.points - origin
+        energy = shift_energy(design.array, design.sheets, pressed.correction, places, origin, mesh, currents, currents)
+        delta = delta + (states.weights * energy).real
+    # The effect of dents on frequency and losses, some 1e-3, is left out of the readability here.
+    found = {} if ideal else _readability(design, flat, alone, alone, ())
+    attributes: dict[str, object] = {
+        "error_of_peak": error,
+        "state_cutoff_m": cutoff.states,
+        "coil_cutoff_m": cutoff.coils,
+    }
+    return _Solved(delta, states.base_inductance, budget, found, attributes)
+
+
+def _all_coils(
+    pressed: Experiment,
+    flat: Network,
+    ball: Ball | None,
+    permittivity: float | None,
+    rest: float,
+    mesh: LayerMesh,
+    *,
+    ideal: bool,
+    keep: Keep,
+    progress: Progress | None,
+) -> _Solved:
+    """Compute a map with every coil, and the resonance of the whole circuit at every depth and place."""
+    design, axes = pressed.design, pressed.axes
+    flats = [resonate(flat, state) for state in design.plan]
+    band, mean = _band(flats), _mean_frequency(flats)
+    change, capacitance_change = dent_changes(pressed, band, permittivity, mesh, keep, progress)
+    found: dict[str, Variable] = {}
+    attributes: dict[str, object] = {"error_of_peak": 0.0}
+    if change.band is band:
+        attributes |= {"plate_frequency_Hz": mean, "plate_lowest_Hz": band.low, "plate_highest_Hz": band.high}
+        found |= _plate_variables(axes, change, mean)
+    answers = through_circuit(flat, flats, change, capacitance_change)
+    if ball is not None:
+        share = metal_share(pressed, design.array, ball, mean, rest, mesh)
+        dented, change = answers["delta"], plus(change, share)
+        answers = through_circuit(flat, flats, change, capacitance_change)
+        found |= metal_variables(axes, answers["delta"] - dented, share, mean)
+        attributes |= metal_attributes(ball, mean, rest)
+    if not ideal:
+        found |= _readability(design, flat, _sensors(answers), _sensors_of(flats), axes.shape)
+    found |= _change_variables(axes, change.at(mean).real, capacitance_change)
+    budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats])
+    base = np.array([one.effective_inductance for one in flats])
+    return _Solved(answers["delta"], base, budget, found, attributes)
 
 
 def respond(
@@ -302,59 +343,34 @@ def respond(
     inductance_change: FloatArray | None = None,
     ideal: bool = False,
 ) -> xr.Dataset:
-    """Put a computed map through the circuit again.
+    """Put a computed map of all coils through the circuit again, with another scan plan or other changes.
 
-    The scan plan or the inductance changes may differ from the map's.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the map.
-    response : xarray.Dataset
-        Response of all coils, from `response_map` without `reach`.
-    plan : sequence of ScanState, optional
-        States of the scan. By default the design's.
-    inductance_change : ndarray, shape (depth, y, x, coil, other), optional
-        Changes in H. By default the map's own.
-    ideal : bool
-        Leave out alternating-current resistance and all strays.
-
-    Returns
-    -------
-    xarray.Dataset
-        Response with the new plan or changes, without noise.
-
-    Raises
-    ------
-    ElastomerError
-        A response without inductance changes.
-    NetworkError
-        A state without a resonance, or a state that names an unknown coil.
+    `response` comes from `response_map` without `reach`. `inductance_change` (depth, y, x, coil, other) is in H. The
+    result is without noise. A response without inductance changes raises an ElastomerError, a state without a resonance
+    or of an unknown coil a NetworkError.
     """
     if "inductance_change" not in response:
         raise ElastomerError("a response of only the near coils has no inductance changes; compute it with reach=None.")
     states = design.plan if plan is None else tuple(plan)
-    change = response.inductance_change.values if inductance_change is None else inductance_change
-    n = change.shape[-1]
-    flat = change.reshape(change.shape[0], -1, n, n)
-    capacitance_change = response.capacitance_change.values.reshape(*flat.shape[:3])
+    given = response.inductance_change.values if inductance_change is None else inductance_change
+    shape, n = given.shape[:3], given.shape[-1]
+    flat = given.reshape(-1, n, n)
     network = replace(design_circuit(design, ideal=ideal), inductance=response.inductance.values)
     flats = [resonate(network, state) for state in states]
-    lossy: FloatArray | ComplexArray = flat
     if "metal_resistance_change" in response:
         loss = response.metal_resistance_change.values.reshape(flat.shape)
-        lossy = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
-    changed = _at_any(lossy)
+        flat = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
+    change = constant_change(flat)
     if "plate_frequency" in response.dims:
         over = _over_frequency(response)
-        changed = _moved(over.at, lossy - over.at(response.attrs["plate_frequency_Hz"]).real)
-    delta, sensors = _through_circuit(network, flats, changed, capacitance_change)
-    base = np.array([_converted(network, one) for one in flats])
+        change = plus(over, flat - over.at(response.attrs["plate_frequency_Hz"]).real)
+    answers = through_circuit(network, flats, change, response.capacitance_change.values.reshape(-1, n))
     others = response.drop_dims("state")  # also the share of a material in δ
-    others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
-    others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
+    others["inductance_change"] = (response.inductance_change.dims, given, response.inductance_change.attrs)
+    others["delta"] = ((*_PLACES, "state"), answers["delta"].reshape(*shape, -1), response.delta.attrs)
     if not ideal:
-        others = others.assign(_readability(design, network, sensors, _sensors(flats), change.shape[:3]))
+        others = others.assign(_readability(design, network, _sensors(answers), _sensors_of(flats), shape))
+    base = np.array([one.effective_inductance for one in flats])
     others["base_inductance"] = ("state", base, response.base_inductance.attrs)
     others = others.assign_coords(state=[state.name for state in states])
     if "common_noise" in response and list(response.state.values) == [state.name for state in states]:
@@ -370,34 +386,12 @@ def with_material(
     imperfections: Imperfections | None = None,
     rest: float = 0.0,
     ideal: bool = False,
-    mesh: LayerMesh | None = None,
+    accuracy: LayerMesh | None = None,
 ) -> xr.Dataset:
-    """Put an indenter with a material into a computed map.
+    """Put an indenter with a material into a computed map of all coils without one.
 
-    The map was computed without a material. The result is the response that it would have had.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the map, with a hemisphere for an indenter.
-    response : xarray.Dataset
-        Response of all coils, from `response_map` without `reach` and without an indenter's material.
-    material : Material
-        Material of the indenter.
-    imperfections : Imperfections, optional
-        Imperfections of the map.
-    rest, ideal, mesh
-        As for `response_map`.
-
-    Returns
-    -------
-    xarray.Dataset
-        The response with the material included, as `response_map` returns it.
-
-    Raises
-    ------
-    ElastomerError, DesignError, NetworkError, MetalError
-        As `response_map` and `respond`.
+    The design has a hemisphere for an indenter, and the imperfections are those of the map. The result is the response
+    that the map would have had. Errors are as in `response_map` and `respond`.
     """
     if "metal_delta" in response:
         raise ElastomerError("the response has an indenter with a material already; compute it with metal=False.")
@@ -409,15 +403,15 @@ def with_material(
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
     pressed = experiment(solid, axes, imperfections)
-    share = metal_share(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
-    variables = metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
+    share = metal_share(pressed, design.array, ball, frequency, rest, accuracy or LayerMesh())
+    found = metal_variables(axes, np.zeros((len(share), response.sizes["state"])), share, frequency)
     whole = respond(
         design,
-        response.assign(variables).assign_attrs(metal_attributes(ball, frequency, rest)),
-        inductance_change=response.inductance_change.values + variables["metal_inductance_change"][1],
+        response.assign(found).assign_attrs(metal_attributes(ball, frequency, rest)),
+        inductance_change=response.inductance_change.values + found["metal_inductance_change"][1],
         ideal=ideal,
     )
-    of_metal = (whole.delta - respond(design, response, ideal=ideal).delta).assign_attrs(variables["metal_delta"][2])
+    of_metal = (whole.delta - respond(design, response, ideal=ideal).delta).assign_attrs(found["metal_delta"][2])
     delta = (response.delta + of_metal).assign_attrs(response.delta.attrs)  # noise and drift stay unchanged
     return whole.assign(delta=delta, metal_delta=of_metal)
 
@@ -431,12 +425,11 @@ def inductance_changes(
     frequency: float | None = None,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Compute the inductance changes of a map in H.
+    """Compute the inductance changes (depth, y, x, paths, paths) of a map in H, dented minus flat.
 
-    They are given at every depth and position as dented minus flat, shape (depth, y, x, paths, paths). The paths are
-    the design's coils by default, but may be any. With a `frequency` in Hz the material of the indenter counts, against
-    the indenter just touching the sheets. Without a frequency it does not count. Plates count at the mean frequency of
-    the states. Errors for a design, axes or a contact are as in `response_map`.
+    The paths are the design's coils by default, but may be any. With a `frequency` in Hz the material of the indenter
+    counts, against the indenter just touching the sheets. Plates count at the mean frequency of the states. Errors for
+    a design, axes or a contact are as in `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
     check_metal(axes, ball, 0.0)
@@ -447,17 +440,18 @@ def inductance_changes(
     shares = np.ones(1)
     if design.plates:
         network = design_circuit(design)
-        band = _band(network, design.plan)
-        over = _backings(pressed, source, band)
+        flats = [resonate(network, state) for state in design.plan]
+        band = _band(flats)
+        over = backings_of(source, pressed.design.plates, band.nodes.tolist(), pressed.design.sheets)
         if over:
-            backings, shares = over, band.shares(np.array([_mean_frequency(network, design.plan)]))[0]
+            backings, shares = over, band.shares(np.array([_mean_frequency(flats)]))[0]
     for share, backing in zip(shares.tolist(), backings, strict=True):
         for levels in together(pressed.levels):
             part = changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress)
             change += share * part.real
         change += share * changes_by_bounds(pressed, source, LayerMesh(), backing).real
     if ball is not None and frequency is not None:
-        change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
+        change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real.reshape(change.shape)
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -567,118 +561,69 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: fl
     require_memory((_BYTES_A_VALUE + more) * values, f"a map of {what}", "compute it in pieces")
 
 
-def _at_any(change: FloatArray | ComplexArray) -> _Changed:
-    """Take a change as constant over frequency."""
-    return lambda frequency: change
+def _change_variables(axes: MapAxes, change: FloatArray, capacitance_change: FloatArray) -> dict[str, Variable]:
+    """Return the variables of the changes of inductance (cases, n, n) in H and capacitance (cases, n) in F."""
+    n = change.shape[-1]
+    return {
+        "inductance_change": (
+            (*_PLACES, "coil", "other"),
+            change.reshape(*axes.shape, n, n),
+            {"units": "H", "long_name": "inductance matrix, dented minus flat"},
+        ),
+        "capacitance_change": (
+            (*_PLACES, "coil"),
+            capacitance_change.reshape(*axes.shape, n),
+            {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
+        ),
+    }
 
 
-def _moved(changed: _Changed, by: FloatArray | ComplexArray) -> _Changed:
-    """Add the same value to a change at all frequencies."""
-    return lambda frequency: changed(frequency) + by
-
-
-def _band(flat: Network, plan: Sequence[ScanState]) -> FrequencyBand:
+def _band(flats: Sequence[Resonance]) -> FrequencyBand:
     """Frequencies at which the states of a scan oscillate."""
-    found = [resonate(flat, state).frequency for state in plan]
+    found = [one.frequency for one in flats]
     return FrequencyBand(min(found), max(found), _OVER_FREQUENCY)
 
 
-def _backings(pressed: Experiment, source: Source, band: FrequencyBand) -> list[Backing]:
-    """Return the field that the plates send back.
-
-    It is given at the nodes of a band. There is none without plates.
-    """
-    return backings_of(source, pressed.design.plates, band.nodes.tolist(), pressed.design.sheets)
+def _mean_frequency(flats: Sequence[Resonance]) -> float:
+    """Mean frequency in Hz at which the scan states oscillate."""
+    return float(np.mean([one.frequency for one in flats]))
 
 
 def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:
-    """Return the variables of the changes beside plates.
-
-    These are the loss at the mean frequency, and both changes over frequency.
-    """
-    matrix = ("depth", "y", "x", "coil", "other")
-    each, f = np.moveaxis(over.values, 2, 0), over.band.nodes
-    shape = (*axes.shape, *each.shape[3:])
-    losses = -2 * np.pi * f[:, None, None, None, None] * each.imag
+    """Return the loss by plates at the mean frequency, and both changes over frequency."""
+    matrix, f = (*_PLACES, "coil", "other"), over.band.nodes
+    each = np.moveaxis(over.values, 1, 0)
+    shape = (*axes.shape, *each.shape[2:])
+    losses = -2 * np.pi * f[:, None, None, None] * each.imag
     loss = {"units": "ohm", "long_name": "change of the eddy-current loss in the plates, dented minus flat"}
     return {
         "resistance_change": (matrix, -2 * np.pi * mean * over.at(mean).imag.reshape(shape), loss),
         "plate_frequency": (("plate_frequency",), f, {"units": "Hz", "long_name": "frequency"}),
         "plate_inductance_change": (
-            ("plate_frequency", *matrix), each.real.reshape(len(f), *shape),
+            ("plate_frequency", *matrix),
+            each.real.reshape(len(f), *shape),
             {"units": "H", "long_name": "inductance matrix over frequency, dented minus flat"},
         ),
         "plate_resistance_change": (("plate_frequency", *matrix), losses.reshape(len(f), *shape), loss),
-    }  # fmt: skip
+    }
 
 
 def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:
-    """Return the changes beside plates of a map.
-
-    See `_plate_variables`.
-    """
+    """Return the changes beside plates of a map, the inverse of `_plate_variables`."""
     f, L = response.plate_frequency.values, response.plate_inductance_change.values
     loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
     low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
-    values = np.moveaxis((L - 1j * loss).reshape(len(f), L.shape[1], -1, *L.shape[-2:]), 0, 2)
+    values = np.moveaxis((L - 1j * loss).reshape(len(f), -1, *L.shape[-2:]), 0, 1)
     return ChangeOverFrequency(FrequencyBand(low, high, _OVER_FREQUENCY), values)
 
 
-def _mean_frequency(network: Network, plan: Sequence[ScanState]) -> float:
-    """Mean frequency in Hz at which the scan states oscillate."""
-    return float(np.mean([resonate(network, state).frequency for state in plan]))
+def _sensors(answers: Mapping[str, FloatArray]) -> FloatArray:
+    """Frequencies in Hz and parallel resistances in Ω, shape (2, cases, states)."""
+    return np.stack((answers["frequency"], answers["parallel_resistance"]))
 
 
-def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerMesh) -> FloatArray | float:
-    """Contribution to δ of a finite sample's sides and seat.
-
-    It is added to δ of the dents and has shape (depths, places, states). It is 0 for a wide sample.
-    """
-    if pressed.correction is None:
-        return 0.0
-    design, origin, currents = pressed.design, indentation_of(pressed.design).origin_point, states.currents.T
-    places = pressed.points - origin
-    energy = shift_energy(design.array, design.sheets, pressed.correction, places, origin, mesh, currents, currents)
-    return np.asarray((states.weights * energy).real)
-
-
-def _converted(network: Network, flat: Resonance) -> float:
-    """Inductance L_0 in H of a state for the converter."""
-    return 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)
-
-
-def _through_circuit(
-    network: Network, flats: Sequence[Resonance], changed: _Changed, capacitance_change: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Compute δ of every depth, place and state.
-
-    It follows from the resonances of the states under flat sheets. `_sensors` of all are returned with it.
-    """
-    shape = capacitance_change.shape[:2]
-    capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
-    delta, frequency, resistance = np.empty((3, *shape, len(flats)))
-    for k, flat in enumerate(flats):
-        inductances = network.inductance + changed(flat.frequency).reshape(-1, *network.inductance.shape)
-        parts = []
-        for start, stop in ranges(len(inductances), cases_at_once(network)):
-            # The network itself comes first, so an unchanged network gives zero to the last digit.
-            found, losses = resonators_near(
-                network,
-                flat,
-                np.insert(inductances[start:stop], 0, network.inductance, axis=0),
-                np.insert(capacitances[start:stop], 0, network.winding_capacitance, axis=0),
-            )
-            parts.append(((found[0] / found[1:]) ** 2 - 1, found[1:], losses[1:]))
-        for values, part in zip((delta, frequency, resistance), zip(*parts, strict=True), strict=True):
-            values[..., k] = np.concatenate(part).reshape(shape)
-    return delta, np.stack((frequency, resistance))
-
-
-def _sensors(flats: Sequence[Resonance]) -> FloatArray:
-    """Frequencies in Hz and parallel resistances in Ω.
-
-    The shape is (2, states).
-    """
+def _sensors_of(flats: Sequence[Resonance]) -> FloatArray:
+    """Frequencies in Hz and parallel resistances in Ω, shape (2, states)."""
     return np.array([(one.frequency, one.parallel_resistance) for one in flats]).T
 
 

@@ -24,8 +24,8 @@ from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_slab
-from coilarray.errors import CoilarrayError, ElastomerError
-from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Plate, Sheet
+from coilarray.errors import CoilarrayError, ElastomerError, MetalError
+from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Plate, Sheet, Target
 from coilarray.geometry.sheet import Base, Strain
 from coilarray.metal.backing import require_below
 from coilarray.metal.finite_plates import outlined_inductance
@@ -185,6 +185,21 @@ def indentation_of(design: Design) -> Indentation:
     if design.indentation is None:
         raise ElastomerError(no_indentation(design))
     return design.indentation
+
+
+def target_of(design: Design) -> Target:
+    """Return the target of a design.
+
+    A design without a target raises a MetalError.
+    """
+    if design.target is None:
+        bundled = ", ".join(names_with("target"))
+        raise MetalError(
+            f'the design {design.name} has no [target]: add one, for example with shape = "disc", diameter_mm = 12, '
+            'thickness_mm = 1 and material = "aluminium"; bundled designs '
+            f"that have one are {bundled}."
+        )
+    return design.target
 
 
 def map_axes(

@@ -1,44 +1,44 @@
-"""Response of every scan state to a moving target.
-
-A target is a body of metal or ferrite that is moved over the board.
-"""
+"""Response of every scan state to a moving target, a body of metal or ferrite, and its range."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.interpolate import make_interp_spline
 
 from coilarray.circuit.board_circuit import board_circuit
 from coilarray.circuit.coupling import provenance
-from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances, loaded_quality, resonate
+from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
-from coilarray.circuit.readability import readability
+from coilarray.circuit.readability import readability, readable_of
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
-from coilarray.compute.store import Store, content_key
-from coilarray.compute.threads import Progress, ranges
-from coilarray.design.bundled import names_with
+from coilarray.compute.store import not_kept
+from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
 from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.finite_plates import PlateError, worst_attributes
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
-from coilarray.metal.target import require_apart, target_inductance
+from coilarray.metal.target import require_apart
+from coilarray.response.changes import target_changes, through_circuit
 from coilarray.response.coordinates import map_coordinates, origin_attributes
-from coilarray.response.setup import MapAxes, checked_axis
-from coilarray.response.target_range import ranges_of, require_noise
+from coilarray.response.setup import MapAxes, checked_axis, target_of
+
+if TYPE_CHECKING:
+    from coilarray.compute.store import Keep
 
 _MARGIN = (0.02, 0.2)  # margin of the band of log f: a minimum, and a part of its width
 _MOST_NODES = 16  # of bands up to a factor of fifty
-_BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
+_BYTES_A_VALUE = 48.0  # a complex number as computed, and as the circuit takes it
 _COARSE = 0.5  # fraction of the mesh fineness with which the band of the resonances is guessed
 _LEFT_OUT = ("change of the losses in the copper by the target", "capacitance of the target")
 _QUANTITIES = (
@@ -48,21 +48,17 @@ _QUANTITIES = (
     ("quality_factor", "1", "quality factor"),
     ("parallel_resistance", "ohm", "parallel resistance"),
 )
+STEPS = (1e-6, 1e-5, 1e-4)
+"""Changes of distance in m whose resolution limit is reported.
 
+For each, the farthest distance is given at which it is resolved.
+"""
+FACTOR = 3.0
+"""Fewest standard deviations of |δ| for a target's detection.
 
-def target_of(design: Design) -> Target:
-    """Return the target of a design.
-
-    A design without a target raises a MetalError.
-    """
-    if design.target is None:
-        bundled = ", ".join(names_with("target"))
-        raise MetalError(
-            f'the design {design.name} has no [target]: add one, for example with shape = "disc", diameter_mm = 12, '
-            'thickness_mm = 1 and material = "aluminium"; bundled designs '
-            f"that have one are {bundled}."
-        )
-    return design.target
+The standard deviation is of a single reading.
+"""
+_FINE = 4001  # distances between the first and the last
 
 
 def with_target_as_plate(design: Design, place: tuple[float, float], distance: float) -> Design:
@@ -91,9 +87,8 @@ def target_map(
     noise: float | None = None,
     network: Network | None = None,
     ideal: bool = False,
-    fineness: float = 1.0,
-    accuracy: Accuracy = "full",
-    parts: str | Path | None = None,
+    accuracy: Accuracy | float = "full",
+    keep: Keep | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the response of the coils to a target.
@@ -116,15 +111,14 @@ def target_map(
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
         Leave AC resistance of the copper and all strays out of the circuit, unless `network` is given.
-    fineness : float
-        Fineness of the mesh of a plate with an outline. The value 2 halves the lengths of 1 and takes eight times as
-        long.
-    accuracy : {"full", "screen"}
+    accuracy : {"full", "screen"} or float
         Accuracy of the target's changes and of the network, see `coilarray.inductance_matrix`. A given network keeps
-        its own.
-    parts : str or Path, optional
-        Folder for finished distances, so that an interrupted map goes on from there. They are kept individually for a
-        plate with an outline over magnetic sheets or beside plates, else all at once.
+        its own. A number is the fineness of the mesh of a plate with an outline: 2 halves the lengths of 1 and takes
+        eight times as long.
+    keep : callable, optional
+        Keeps finished distances, so that an interrupted map goes on from there, for example
+        ``coilarray.compute.store.Store(folder).dataset``. They are kept individually for a plate with an outline over
+        magnetic sheets or beside plates, else all at once.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -149,7 +143,7 @@ def target_map(
         `coilarray.circuit.readability.readability` give the states that it can read, and the drive current.
 
         ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are from
-        `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
+        `ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
         origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
 
         With plates that have an outline
@@ -158,8 +152,7 @@ def target_map(
           by mesh and model, the largest of the target and of the fixed plates. ``plate_skin_depths`` is the thickness
           of that plate in skin depths.
         - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ due to the errors of
-          ΔL
-          and ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.
+          ΔL and ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.
 
     Raises
     ------
@@ -170,8 +163,6 @@ def target_map(
         A state without a resonance, also with the target.
     MemoryLimitError
         More values than fit into memory.
-    OutputError
-        A part that cannot be written.
 
     Notes
     -----
@@ -184,6 +175,7 @@ def target_map(
     target = target_of(design)
     if noise is not None:
         require_noise(noise)
+    fineness, rule = (1.0, accuracy) if isinstance(accuracy, str) else (accuracy, "full")
     require_positive("fineness of a mesh", fineness, "")
     require_apart(target.body, design.plates)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
@@ -193,26 +185,25 @@ def target_map(
     coils, cases = len(design.array.names), int(np.prod(axes.shape))
     what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
     require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
-    circuit = board_circuit(design, accuracy=accuracy)
+    circuit, keep = board_circuit(design, accuracy=rule), keep or not_kept
     if network is None:
         network = circuit.ideal if ideal else circuit.network
     alone = [resonate(network, state) for state in design.plan]
-    resonances = np.array([one.frequency for one in alone])
-    middle = float(np.exp(np.log(resonances).mean()))
-    nearest = replace(axes, depth=axes.depth[:1])
+    base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
+    resonances = base["frequency"]
+    nearest, middle = replace(axes, depth=axes.depth[:1]), float(np.exp(np.log(resonances).mean()))
     at_middle = FrequencyBand(middle, middle)
-    first = _changes(design, nearest, at_middle.nodes, parts, None, _COARSE * fineness, "screen")[0]
+    first = target_changes(design, nearest, at_middle.nodes, "screen", _COARSE * fineness, keep)[0]
     _require_passive(network, first, nearest)
-    guess = _cases(at_middle, first)
-    moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
+    guess = through_circuit(network, alone, _in_a_row(at_middle, first), at_own_frequency=True)
+    moved = guess["frequency"]
     for _ in range(2):  # the guess holds for a single frequency
         band = _around(np.append(moved, resonances))
-        changes, *errors = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
+        changes, *errors = target_changes(design, axes, band.nodes, rule, fineness, keep, progress)
         _require_passive(network, changes, axes)
-        near, network = _cases(band, changes), circuit.widened(network, band.low, band.high)
-        solved = [_through_circuit(network, one, near, axes) for one in alone]
-        by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
-        moved = by_state["frequency"]
+        change, network = _in_a_row(band, changes), circuit.widened(network, band.low, band.high)
+        answers = through_circuit(network, alone, change, at_own_frequency=True)
+        moved = answers["frequency"]
         if band.holds(moved):
             break
     else:
@@ -220,35 +211,30 @@ def target_map(
             f"a target at {axes.depth[0] * 1e3:g} mm moves a resonance to {moved.min():.6g} to {moved.max():.6g} Hz; "
             f"it is computed from {band.low:.6g} to {band.high:.6g} Hz. Begin at a greater distance."
         )
-    base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
-    budget = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone])
-    result = _dataset(design, target, axes, network, by_state, base, mean, near.of_each(mean))
+    result = _dataset(design, target, axes, network, answers, base, mean, change.of_each(mean))
+    budget = budget_of(design, resonances, [loaded_quality(network, one) for one in alone])
+    over = ("distance", "y", "x", "state")
     if noise is None:
         result = result.assign(budget.variables())
     if not ideal:
-        at = {name: values.reshape(*axes.shape, -1) for name, values in by_state.items()}
-        result = result.assign(readability(design, ("distance", "y", "x", "state"), at, base))
+        at = {name: values.reshape(*axes.shape, -1) for name, values in answers.items()}
+        result = result.assign(readability(design, over, at, base))
     own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
     result = result.assign_attrs(noise=own).merge(ranges_of(result, sigma), combine_attrs="no_conflicts")
     stated = list(circuit.plate_errors(float(mean.mean())).values())
     if isinstance(target.body, FinitePlate):
         depths = target.body.thickness / target.body.material.skin_depth(float(band.nodes.max()))
-        in_a_row = [part.reshape(-1, *part.shape[2:]) for part in (changes, *errors)]
-        stated.append(PlateError(in_a_row[0], in_a_row[1], in_a_row[2], depths))
-        of_L = sum(
-            np.abs(by_state["effective_inductance"] - _moved(network, alone, _cases(band, changes + step), axes))
-            for step in (np.copysign(errors[0].real, changes.real), 1j * np.copysign(errors[0].imag, changes.imag))
-        )
+        flat = [part.reshape(-1, *part.shape[2:]) for part in (changes, *errors)]
+        stated.append(PlateError(flat[0], flat[1], flat[2], depths))
+        steps = (np.copysign(errors[0].real, changes.real), 1j * np.copysign(errors[0].imag, changes.imag))
+        of_L = np.zeros_like(moved)
+        for step in steps:
+            wrong = through_circuit(network, alone, _in_a_row(band, changes + step), at_own_frequency=True)
+            of_L += np.abs(answers["effective_inductance"] - wrong["effective_inductance"])
         values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
-        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the plate's mesh and model")
-        result = result.assign(variables(row))
+        result = result.assign(variables(("delta_error", over, values, "1", "± δ by the plate's mesh and model")))
     return result.assign_attrs(worst_attributes(stated))
-
-
-def _moved(network: Network, alone: Sequence[Resonance], near: ChangeOverFrequency, axes: MapAxes) -> FloatArray:
-    """Effective inductances of all states in H, (cases, states)."""
-    return np.stack([_through_circuit(network, one, near, axes)["effective_inductance"] for one in alone], axis=-1)
 
 
 def _around(frequencies: FloatArray) -> FrequencyBand:
@@ -258,11 +244,8 @@ def _around(frequencies: FloatArray) -> FrequencyBand:
     return FrequencyBand(low * math.exp(-margin), high * math.exp(margin))
 
 
-def _cases(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
-    """Take distances and places as cases.
-
-    The shape is (…, …, nodes, n, n).
-    """
+def _in_a_row(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
+    """Take distances and places (…, …, nodes, n, n) as cases."""
     return ChangeOverFrequency(band, values.reshape(-1, *values.shape[2:]))
 
 
@@ -280,91 +263,12 @@ def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> N
             )
 
 
-def _changes(
-    design: Design,
-    axes: MapAxes,
-    frequencies: FloatArray,
-    parts: str | Path | None,
-    progress: Progress | None,
-    fineness: float,
-    accuracy: Accuracy = "full",
-) -> ComplexArray:
-    """ΔL − jΔR/ω in H at all distances and places.
-
-    The shape is (3, distances, places, frequencies, coils, coils). Along the first axis are the change, its error, and
-    the part of the mesh in this error. The errors are 0 for bodies other than plates.
-    """
-    target = target_of(design)
-    places = axes.places + target.origin_point
-    paths = [conductor.vertices for conductor in design.array.conductors()]
-    metal = (target.body, places, frequencies, design.sheets, design.plates, paths, accuracy, fineness)
-    keys = [content_key(*metal, float(distance)) for distance in axes.depth]
-    found: dict[int, ComplexArray] = {}
-    if parts is not None:
-        store = Store(Path(parts))
-        for k, key in enumerate(keys):
-            part = store.get_dataset(key)
-            if part is not None:
-                found[k] = part.inductance.values - 1j * part.loss.values
-    missing = [k for k in range(len(keys)) if k not in found]
-    # A plate with an outline between layers is solved again at every distance. Otherwise the most costly part serves
-    # all distances.
-    magnetic = any(sheet.magnetic for sheet in design.sheets)
-    apart = isinstance(target.body, FinitePlate) and (magnetic or bool(design.plates))
-    blocks = [[k] for k in missing] if apart or not missing else [missing]
-    for done, block in enumerate(blocks):
-
-        def counted(within: int, total: int, done: int = done) -> None:
-            if progress is not None:
-                progress(100 * done + 100 * within // total, 100 * len(blocks))
-
-        change, error = target_inductance(
-            design.array, target, places, axes.depth[block].tolist(), frequencies, design.sheets, design.plates,
-            accuracy=accuracy, fineness=fineness, progress=counted,
-        )  # fmt: skip
-        both = [np.zeros_like(change)] * 2 if error is None else [error.absolute, error.mesh]
-        together = np.stack([change, *(part.reshape(change.shape) for part in both)])
-        for k, values in zip(block, np.moveaxis(together, 1, 0), strict=True):
-            found[k] = values
-            if parts is not None:
-                dims = ("value_or_error", "place", "frequency", "coil", "other")
-                part = xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
-                store.put_dataset(keys[k], part)
-    return np.stack([found[k] for k in range(len(keys))], axis=1)
-
-
-def _through_circuit(
-    network: Network, alone: Resonance, near: ChangeOverFrequency, axes: MapAxes
-) -> Mapping[str, FloatArray]:
-    """Quantities of one state at all distances and places.
-
-    Each has shape (cases,).
-    """
-    cases = int(np.prod(axes.shape))
-    parts = []
-    for start, stop in ranges(cases, cases_at_once(network)):
-
-        def inductances(frequencies: FloatArray, cases: slice = slice(start, stop)) -> ComplexArray:
-            return network.inductance + near.of_each(frequencies, cases)
-
-        parts.append(changed_resonances(network, alone, inductances, stop - start))
-    frequency, impedance, admittance = (np.concatenate(part) for part in zip(*parts, strict=True))
-    with np.errstate(divide="ignore"):
-        return {
-            "frequency": frequency,
-            "effective_inductance": 1 / ((2 * np.pi * frequency) ** 2 * alone.tank_capacitance),
-            "effective_resistance": impedance.real,
-            "quality_factor": impedance.imag / impedance.real,
-            "parallel_resistance": 1 / admittance.real,
-        }
-
-
 def _dataset(
     design: Design,
     target: Target,
     axes: MapAxes,
     network: Network,
-    by_state: Mapping[str, FloatArray],
+    answers: Mapping[str, FloatArray],
     base: Mapping[str, FloatArray],
     middle: FloatArray,
     matrix: ComplexArray,
@@ -376,16 +280,15 @@ def _dataset(
     root = np.sqrt(np.diagonal(with_target, axis1=-2, axis2=-1))
     coupling = with_target / (root[:, :, None] * root[:, None, :])
     omega = 2 * np.pi * middle[:, None, None]
-    L, L_0 = by_state["effective_inductance"], base["effective_inductance"]
     shape = (*axes.shape, len(names), len(names))
     beside_q = design.circuit.switches.beside_q
     quantities = [
         (name, unit, words + (beside_q if name == "quality_factor" else "")) for name, unit, words in _QUANTITIES
     ]
     rows = [
-        ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "δ"),
-        ("base_inductance", ("state",), L_0, "H", "L_0 as the converter sees it"),
-        *((name, (*place, "state"), by_state[name].reshape(*axes.shape, -1), unit, words)
+        ("delta", (*place, "state"), answers["delta"].reshape(*axes.shape, -1), "1", "δ"),
+        ("base_inductance", ("state",), base["effective_inductance"], "H", "L_0 as the converter sees it"),
+        *((name, (*place, "state"), answers[name].reshape(*axes.shape, -1), unit, words)
           for name, unit, words in quantities),
         *((f"base_{name}", ("state",), base[name], unit, f"{words} without the target")
           for name, unit, words in quantities if name != "effective_inductance"),
@@ -412,3 +315,122 @@ def _dataset(
             **origin_attributes(target),
         },
     )
+
+
+def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
+    """Find range and resolution of every state.
+
+    They are computed at the place of the largest |δ| at the least distance.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        ``delta`` (distance, y, x, state) of `target_map`, and ``readable``, if present.
+    noise : float
+        Standard deviation σ of δ in a reading, positive.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``best_x`` and ``best_y`` (state) are in m. ``distance_deviation`` (distance, state) is the standard deviation
+        σ/|δ'| of a distance in m. ``range`` (state) is the distance in m at which |δ| has fallen to `FACTOR` σ.
+        ``resolved_distance`` (step, state) is the distance up to which a ``step`` of distance in m is no less than the
+        standard deviation. Both are NaN if this holds nowhere, and the last distance if it holds everywhere, with
+        ``range_is_least`` and ``resolved_is_least`` set. ``nearest_readable`` (state) is the least distance in m that
+        the converter reads, or NaN. Attributes ``sigma`` and ``range_factor``.
+
+    Raises
+    ------
+    MetalError
+        Noise that is not positive and finite.
+
+    Notes
+    -----
+    Distances and places that the converter cannot read do not count. This applies to all places, and to other distances
+    at the place where |δ| is the largest. Between the distances ln |δ| is a cubic spline, as δ falls about
+    exponentially. If δ changes its sign, δ itself is the spline.
+    """
+    require_noise(noise)
+    distance = response.distance.values
+    delta = response.delta.transpose("distance", "state", "y", "x").values
+    seen = readable_of(response).transpose("distance", "state", "y", "x").values
+    states = delta.shape[1]
+    deviation = np.full((len(distance), states), np.nan)
+    nearest = np.full(states, np.nan)
+    found, least = np.full((1 + len(STEPS), states), np.nan), np.zeros((1 + len(STEPS), states), dtype=np.bool_)
+    rows, columns = np.zeros((2, states), dtype=np.intp)
+    for s in range(states):
+        at, read = delta[:, s].reshape(len(distance), -1), seen[:, s].reshape(len(distance), -1)
+        counted = read.any(axis=0) if read.any() else ~read.any(axis=0)
+        best = int(np.where(counted, np.abs(at[read.any(axis=1).argmax()]), -1.0).argmax())
+        rows[s], columns[s] = np.unravel_index(best, delta.shape[2:])
+        if not read[:, best].any():
+            continue
+        first = int(read[:, best].argmax())
+        last = first + int(np.append(~read[first:, best], True).argmax())
+        d = distance[first:last]
+        nearest[s] = d[0]
+        curve, slope = _curve(d, at[first:last, best])
+        fine = np.geomspace(d[0], d[-1], _FINE) if len(d) > 1 else d
+        size = np.abs(curve(fine)) / (FACTOR * noise)
+        margins = [size]
+        if len(d) > 1:
+            with np.errstate(divide="ignore"):
+                deviation[first:last, s] = noise / np.abs(slope(d))
+            margins += [np.abs(slope(fine)) * step / noise for step in STEPS]
+        for k, margin in enumerate(margins):
+            found[k, s], beyond = _until(fine, margin)
+            least[k, s] = beyond and last == len(distance)
+    rows_of = (
+        ("best_x", ("state",), response.x.values[columns], "m", "x where |δ| is the largest"),
+        ("best_y", ("state",), response.y.values[rows], "m", "y where |δ| is the largest"),
+        ("distance_deviation", ("distance", "state"), deviation, "m", "± distance"),
+        ("nearest_readable", ("state",), nearest, "m", "least distance that the converter reads"),
+        ("range", ("state",), found[0], "m", f"distance at which |δ| is {FACTOR:g} times the noise"),
+        ("range_is_least", ("state",), least[0], "", "whether the range is longer"),
+        ("resolved_distance", ("step", "state"), found[1:], "m", "distance up to which a step is resolved"),
+        ("resolved_is_least", ("step", "state"), least[1:], "", "whether it is longer"),
+    )
+    step = ("step", np.array(STEPS), {"units": "m", "long_name": "change of distance"})
+    return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"sigma": noise, "range_factor": FACTOR})
+
+
+def require_noise(noise: float) -> None:
+    """Refuse noise of δ that is not positive and finite.
+
+    The error is a MetalError.
+    """
+    require_positive("noise", noise, "", MetalError)
+
+
+Curve = Callable[[FloatArray], FloatArray]
+
+
+def _curve(distance: FloatArray, delta: FloatArray) -> tuple[Curve, Curve]:
+    """δ over the distance, and its slope."""
+    degree = min(3, len(distance) - 1)
+    one_sign = bool((delta > 0).all() or (delta < 0).all())
+    spline = make_interp_spline(distance, np.log(np.abs(delta)) if one_sign else delta, k=degree)
+    if not one_sign:
+        return spline, spline.derivative() if degree else np.zeros_like
+    sign, change = np.sign(delta[0]), spline.derivative() if degree else np.zeros_like
+
+    def value(at: FloatArray) -> FloatArray:
+        return np.asarray(sign * np.exp(spline(at)))
+
+    return value, lambda at: np.asarray(value(at) * change(at))
+
+
+def _until(distance: FloatArray, margin: FloatArray) -> tuple[float, bool]:
+    """Distance up to which a margin is at least 1.
+
+    A flag tells whether this holds to the end. The distance is NaN if the margin begins below 1.
+    """
+    below = np.flatnonzero(margin < 1)
+    if not len(below):
+        return float(distance[-1]), True
+    k = int(below[0])
+    if k == 0:
+        return float("nan"), False
+    share = (margin[k - 1] - 1) / (margin[k - 1] - margin[k])
+    return float(distance[k - 1] + share * (distance[k] - distance[k - 1])), False

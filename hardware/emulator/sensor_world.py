@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coilarray.circuit.network import Network, StateResult, loaded_quality, resonances_near, resonate, solve_state
+from coilarray.circuit.network import Network, StateResult, changed_resonances, loaded_quality, resonate, solve_state
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
@@ -127,7 +127,7 @@ class SensorWorld:
             return Resonator(untouched.frequency, untouched.parallel_resistance, quality)
         network = self._warmed(warmer)
         inductance = network.inductance + (self.table.at(place) if place.depth > 0 else 0.0)
-        frequency = float(resonances_near(network, untouched, inductance[None])[0])
+        frequency = float(changed_resonances(network, untouched, inductance[None])[0][0])
         pressed = solve_state(replace(network, inductance=inductance), untouched.state, frequency)
         lossier = pressed.parallel_resistance / untouched.parallel_resistance
         return Resonator(frequency, pressed.parallel_resistance, quality * lossier)

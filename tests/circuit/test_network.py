@@ -14,8 +14,8 @@ from support.coil_paths import random_matrix
 from coilarray.circuit.network import (
     Network,
     between_coils,
+    changed_resonances,
     loaded_quality,
-    resonances_near,
     resonate,
     self_resonance_of,
     solve_state,
@@ -171,7 +171,7 @@ def test_many_circuits_at_once_are_each_by_itself():
     circuit = network(random_matrix(3, 2), 8.0, C=10e-12, mutual=5e-12, **STRAYS)
     changed = circuit.inductance * np.linspace(0.7, 1.4, 40)[:, None, None]
     for state in (measure("a"), measure("b", "-c"), measure("a", others="open"), measure("c", others="load")):
-        together = resonances_near(circuit, resonate(circuit, state), changed)
+        together, _, _ = changed_resonances(circuit, resonate(circuit, state), changed)
         alone = [resonate(replace(circuit, inductance=L), state).frequency for L in changed]
         np.testing.assert_allclose(together, alone, rtol=2e-12)  # the tolerance of both searches
 

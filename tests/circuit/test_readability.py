@@ -38,8 +38,7 @@ from coilarray.report.circuit_tables import drive_table, limit_table
 from coilarray.report.noise_tables import sigma_table
 from coilarray.report.summary import unread_words, verdicts
 from coilarray.report.target_tables import path_drive_table, range_table, target_table
-from coilarray.response.target import target_map
-from coilarray.response.target_range import ranges_of
+from coilarray.response.target import ranges_of, target_map
 from coilarray.studies.create import broken_limits
 from coilarray.studies.optimize.derive import derive_goal, keeping_rules
 from coilarray.studies.optimize.goal import best_points
@@ -216,7 +215,7 @@ distances_mm = [0.2, 0.5, 1, 2]
 capacitance_pF = 100
 """
     )
-    found = target_map(design, x=[-7.5e-3], y=[0.0], accuracy="screen", fineness=0.5)
+    found = target_map(design, x=[-7.5e-3], y=[0.0], accuracy=0.5)
     at = found.isel(x=0, y=0)
     assert float(at.frequency[0, 0]) > 10e6
     over = (at.frequency > 10e6) | (at.parallel_resistance < 1e3)

@@ -1,7 +1,7 @@
 """First-order sensitivity of the states of a scan.
 
 Who checks whom: the resonance against `network.resonate`, currents against `circuit.active_coil`, δ against the
-change of the resonance that `network.resonances_near` finds, to its order.
+change of the resonance that `network.changed_resonances` finds, to its order.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ from support.active_coil import active_coil
 
 from coilarray.circuit import state_sensitivity as ways
 from coilarray.circuit.board_circuit import bare_network
-from coilarray.circuit.network import Network, SampledMatrix, resonances_near, resonate
+from coilarray.circuit.network import Network, SampledMatrix, changed_resonances, resonate
 from coilarray.circuit.state_sensitivity import resonances, state_sensitivity
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError
@@ -58,7 +58,7 @@ def slopes(circuit, plan, change, step=1e-5):
     """Slope of δ = (f₀/f)² along a change of L for each state, by the resonances on both sides."""
     for flat in (resonate(circuit, state) for state in plan):
         changed = circuit.inductance + np.array([step, -step])[:, None, None] * change
-        up, down = resonances_near(circuit, flat, changed)
+        up, down = changed_resonances(circuit, flat, changed)[0]
         yield ((flat.frequency / up) ** 2 - (flat.frequency / down) ** 2) / (2 * step)
 
 

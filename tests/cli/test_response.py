@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from support.command_line import mistakes, runner, successes
 
-import coilarray.response.dent_changes
+import coilarray.response.changes
 from coilarray import load_design
 from coilarray.design.bundled import read
 from coilarray.errors import ElastomerError
@@ -208,7 +208,7 @@ def test_designs_without_a_response(capsys, old, new, message):
 
 
 def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
-    solve, asked = coilarray.response.dent_changes.dent_inductance, []
+    solve, asked = coilarray.response.changes.dent_inductance, []
 
     def interrupted(source, dents, positions, *rest, **named):
         asked.append(np.array(positions))
@@ -216,8 +216,8 @@ def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
             raise KeyboardInterrupt
         return solve(source, dents, positions, *rest, **named)
 
-    monkeypatch.setattr(coilarray.response.dent_changes, "_POSITIONS", 1)
-    monkeypatch.setattr(coilarray.response.dent_changes, "dent_inductance", interrupted)
+    monkeypatch.setattr(coilarray.response.changes, "_POSITIONS", 1)
+    monkeypatch.setattr(coilarray.response.changes, "dent_inductance", interrupted)
     command = (*IDEAL, "--out", "r.nc")
     code, out, _ = run(capsys, *command)
     assert (code, out) == (130, "")
@@ -231,7 +231,7 @@ def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
     good(capsys, *command)
     assert [path.name for path in Path().glob("r.*")] == ["r.nc"]
     np.testing.assert_allclose(np.array(asked)[2:, 0, 0], [5e-3], rtol=0, atol=1e-12)  # from the origin, coil 2
-    monkeypatch.setattr(coilarray.response.dent_changes, "dent_inductance", solve)
+    monkeypatch.setattr(coilarray.response.changes, "dent_inductance", solve)
     whole = library(starter, ideal=True)  # in the same blocks
     with xr.open_dataset("r.nc", engine="h5netcdf") as saved:
         # every block is the same computation, apart from the order of sums in parallel kernels

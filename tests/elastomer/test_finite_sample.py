@@ -21,6 +21,7 @@ from support.first_assumed import first_assumed
 import coilarray.elastomer.finite_sample as finite_sample
 import coilarray.response.setup as pressing
 from coilarray import load_design
+from coilarray.circuit.coupling import design_circuit
 from coilarray.compute.memory import MemoryLimitError
 from coilarray.elastomer.box import Axis, Box, factorised, wide_field
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
@@ -345,10 +346,12 @@ def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
     assert design.indentation is not None
     setup = replace(design.indentation, base=SEAT)
 
+    ideal = design_circuit(design, ideal=True)
+
     def response(bounds: tuple[float, float, float, float] | None, reach: float | None = None) -> np.ndarray:
         sample = replace(design, indentation=replace(setup, sample_bounds=bounds))
         known = 50e-6 * (np.eye(3) - 0.05 * (np.eye(3, k=1) + np.eye(3, k=-1)))
-        found = response_map(sample, x=[0.0], y=[0.0], reach=reach, ideal=True, inductance=lambda: known)
+        found = response_map(sample, x=[0.0], y=[0.0], reach=reach, network=replace(ideal, inductance=known))
         return np.asarray(found.delta.values[0, 0, 0])
 
     close = (-40e-3, -9e-3, 40e-3, 9e-3)

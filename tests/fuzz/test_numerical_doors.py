@@ -226,7 +226,7 @@ _BEYOND = {
     "place of a connector": lambda bad: ca.Connector(at=bad),
     "rule": lambda bad: ca.FabRules(min_gap=bad),
     "clock": lambda bad: ca.Readout(clock=bad),
-    "fineness": lambda bad: ca.target_map(_AIMED, fineness=bad),
+    "fineness": lambda bad: ca.target_map(_AIMED, accuracy=bad),
     "coupling": lambda bad: ca.operating_currents(_BARE, _coupling(bad), "coil1"),
     "corner of a path": lambda bad: ca.path_coil([[(0.0, 0.0), (1e-2, bad)]], 1e-4, 1e-4, VIA),
 }

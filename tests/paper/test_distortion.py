@@ -31,7 +31,7 @@ def split():
     with coarse_maps(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(distortion_module, "response_map", partial(response_map, ideal=True))
         patch.setattr(distortion_module, "respond", partial(respond, ideal=True))
-        patch.setattr(distortion_module, "with_material", partial(with_material, ideal=True, mesh=MESH))
+        patch.setattr(distortion_module, "with_material", partial(with_material, ideal=True, accuracy=MESH))
         patch.setattr(distortion_module, "_WIDE", (6e-3, 4e-3))
         patch.setattr(distortion_module, "_SEEDS", 3)
         design = first_coils_design(3)

@@ -18,7 +18,8 @@ from support.refusals import refused
 
 from coilarray import Design
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.network import resonances_near, resonate
+from coilarray.circuit.network import changed_resonances, resonate
+from coilarray.compute.store import Store
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
@@ -38,7 +39,7 @@ def beside(*plates: Plate | FinitePlate, design: Design = PAIR) -> Design:
 
 
 def mapped(design: Design, **changes: Any) -> xr.Dataset:
-    return response_map(design, **{"x": X, "y": [0.0], "ideal": True, "mesh": MESH, **changes})
+    return response_map(design, **{"x": X, "y": [0.0], "ideal": True, "accuracy": MESH, **changes})
 
 
 @pytest.fixture
@@ -119,7 +120,7 @@ def test_changes_alone_are_those_of_the_map() -> None:
 
 
 def test_parts_of_a_map_keep_its_losses(tmp_path: Any, over_steel: xr.Dataset) -> None:
-    first, again = (mapped(beside(BACK), parts=tmp_path).resistance_change for _ in range(2))
+    first, again = (mapped(beside(BACK), keep=Store(tmp_path).dataset).resistance_change for _ in range(2))
     xr.testing.assert_identical(again, first)
     xr.testing.assert_allclose(first, over_steel.resistance_change, rtol=1e-12)  # digits of another computation
 
@@ -185,9 +186,7 @@ def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset)
         backing = Backing(-3e-3, layers, f)
         (change,) = dent_inductance(design.array, level.dents, pressed.points, MESH, backing=backing)
         for m, state in enumerate(states):
-            dented = resonances_near(
-                network, state, network.inductance + change, np.tile(network.winding_capacitance, (len(X), 1))
-            )
+            dented, _, _ = changed_resonances(network, state, network.inductance + change)
             deltas[k, m] = (state.frequency / dented) ** 2 - 1
     found = over_steel.delta.values[0, 0].T
     largest = np.abs(found).max()

@@ -28,7 +28,7 @@ def of(material, design=PLAIN):
 
 
 def nominal(design, **changes):
-    return response_map(design, **{"depths": DEPTHS, "x": X, "y": [0.0], "ideal": True, "mesh": MESH, **changes})
+    return response_map(design, **{"depths": DEPTHS, "x": X, "y": [0.0], "ideal": True, "accuracy": MESH, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_above_the_sheets_it_is_the_ball(steel):
 
 
 def test_a_material_put_into_a_map_is_that_of_the_design(steel, plain):
-    put = with_material(PLAIN, plain, MATERIALS["steel"], ideal=True, mesh=MESH)
+    put = with_material(PLAIN, plain, MATERIALS["steel"], ideal=True, accuracy=MESH)
     for name in ("delta", "metal_delta", "inductance_change", "metal_resistance_change"):
         expected = steel[name].isel(depth=[1, 2]).values
         assert put[name].values == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
@@ -77,7 +77,7 @@ def test_a_material_put_into_a_map_is_that_of_the_design(steel, plain):
 
 def test_aluminium_lowers_and_ferrite_raises_the_response(plain):
     for name, sign in (("aluminium", -1), ("ferrite", 1)):
-        share = with_material(PLAIN, plain, MATERIALS[name], ideal=True, mesh=MESH).metal_delta
+        share = with_material(PLAIN, plain, MATERIALS[name], ideal=True, accuracy=MESH).metal_delta
         assert (share.values[1, 0, 0] * sign > 0).all()  # both states, with the other coil shorted
 
 
@@ -87,13 +87,13 @@ def test_plates_weaken_what_an_indenter_of_metal_does(plain, steel):
     design = replace(PLAIN, plates=(back,))
     whole = nominal(of("steel", design), depths=DEPTHS[1:])
     beside = nominal(design, depths=DEPTHS[1:])
-    put = with_material(design, beside, MATERIALS["steel"], ideal=True, mesh=MESH)
+    put = with_material(design, beside, MATERIALS["steel"], ideal=True, accuracy=MESH)
     for name in ("delta", "metal_delta", "inductance_change", "metal_resistance_change"):
         assert put[name].values == pytest.approx(
             whole[name].values, rel=1e-6, abs=1e-9 * np.abs(whole[name].values).max()
         )
     share, alone = (
-        with_material(one, response, MATERIALS["ferrite"], ideal=True, mesh=MESH).metal_inductance_change
+        with_material(one, response, MATERIALS["ferrite"], ideal=True, accuracy=MESH).metal_inductance_change
         for one, response in ((design, beside), (PLAIN, plain))
     )
     assert 0 < share.values[1, 0, 0, 0, 0] < 0.7 * alone.values[1, 0, 0, 0, 0]

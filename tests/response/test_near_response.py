@@ -16,6 +16,7 @@ from support.lattices import hexagonal
 import coilarray.response.map as map_module
 import coilarray.response.near as near_module
 from coilarray import load_design
+from coilarray.circuit.board_circuit import bare_network
 from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.compute.memory import MemoryLimitError
@@ -39,7 +40,10 @@ FIELD = hexagonal(4, 4)
 
 def quick(matrix):
     """Known inductances and the ideal circuit, so that only what depends on the dent is computed, on a coarse mesh."""
-    return {"inductance": lambda: matrix.inductance.values, "mesh": MESH, "ideal": True}
+    R = dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity)
+    names = matrix.coil.values.tolist()
+    network = bare_network(names, matrix.inductance.values, np.resize(R, len(names)), PAPER.circuit.switches)
+    return {"network": network, "accuracy": MESH, "ideal": True}
 
 
 def largest(a, b):
@@ -49,12 +53,12 @@ def largest(a, b):
 
 @pytest.fixture(scope="module")
 def row():
-    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], mesh=MESH, ideal=True, **ROW)
+    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], accuracy=MESH, ideal=True, **ROW)
 
 
 @pytest.fixture(scope="module")
 def field():
-    return response_map(FIELD, mesh=MESH, ideal=True, **LATTICE)
+    return response_map(FIELD, accuracy=MESH, ideal=True, **LATTICE)
 
 
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
@@ -96,7 +100,7 @@ def test_imperfections_count_with_near_coils_too():
         noise=1e-5, seed=3,
     )  # fmt: skip
     places = {"depths": [0.2e-3], "x": [-11e-3, 2e-3], "y": [0.0], "imperfections": given}
-    near, full = (response_map(load_design("starter"), reach=reach, mesh=MESH, **places) for reach in (1e-3, None))
+    near, full = (response_map(load_design("starter"), reach=reach, accuracy=MESH, **places) for reach in (1e-3, None))
     # the same noise in both
     assert largest(near, full) < 1e-3
     assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)
@@ -145,7 +149,15 @@ def test_large_boards_answer_as_all_their_coils_together():
     change = dent_inductance(design.array, [dent], np.column_stack((x, [y, y])), MESH)[0]
     states = state_sensitivity(design_circuit(design, ideal=True), design.plan)
     full = states.delta(change)
-    local = response_map(design, reach=1e-3, x=x, y=[y], inductance=lambda: L, mesh=MESH, ideal=True)
+    local = response_map(
+        design,
+        reach=1e-3,
+        x=x,
+        y=[y],
+        network=replace(design_circuit(design, ideal=True), inductance=L),
+        accuracy=MESH,
+        ideal=True,
+    )
     assert np.abs(local.delta.values[0, 0] - full).max() < 1e-3 * np.abs(full).max()
     # the same currents as of another solution, with the effective inductance in place of the resonance: losses are 2e-3
     middle = int(np.argmax(full[0]))
@@ -170,7 +182,7 @@ def test_open_neighbours_carry_nothing(row):
     opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
     places = {"x": [-13.28e-3, -6e-3, 2e-3], "y": [0.0]}
     local = response_map(opened, reach=1e-3, **places, **quick(row))
-    assert largest(local, response_map(opened, mesh=MESH, ideal=True, **places)) < 1e-3
+    assert largest(local, response_map(opened, accuracy=MESH, ideal=True, **places)) < 1e-3
 
 
 @pytest.mark.parametrize("reach", [1e-5, np.nan, 0.5, "all"])

@@ -12,10 +12,11 @@ import pytest
 from support.active_coil import active_coil
 from support.contacts import MESH, contacts_of, first_coils_design
 
-import coilarray.response.dent_changes as response_module
+import coilarray.response.changes as response_module
 import coilarray.response.setup as response_setup
 from coilarray import load_design
 from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.compute.store import Store
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.elastomer.contact import DEFAULT_MESH
@@ -39,7 +40,7 @@ X = [-13.28e-3, -6e-3, 2e-3]
 
 def nominal(design=PAPER, **changes):
     """Response in the ideal circuit, which takes no seconds to make, on a coarse mesh."""
-    return response_map(design, **{"x": X, "y": [0.0], "ideal": True, "mesh": MESH, **changes})
+    return response_map(design, **{"x": X, "y": [0.0], "ideal": True, "accuracy": MESH, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -167,17 +168,17 @@ def test_noise_has_its_size_and_its_seed():
 def test_parts_are_used_again(tmp_path, monkeypatch):
     whole = nominal(PAIR).delta.values
     monkeypatch.setattr(response_module, "_POSITIONS", 2)
-    first = nominal(PAIR, parts=str(tmp_path)).delta.values
+    first = nominal(PAIR, keep=Store(tmp_path).dataset).delta.values
     assert first == pytest.approx(whole, abs=1e-5 * first.max())  # other wavenumbers
     assert len(list(tmp_path.rglob("*.nc"))) == 2
     other = replace(PAIR, sheets=(replace(PAIR.sheets[0], thickness=4e-3), PAIR.sheets[1]))  # finds none of its own
-    assert (nominal(other, parts=tmp_path).delta.values == nominal(other).delta.values).all()
+    assert (nominal(other, keep=Store(tmp_path).dataset).delta.values == nominal(other).delta.values).all()
     with monkeypatch.context() as patch:
         patch.setattr(response_module, "dent_inductance", None)  # not needed any more
-        assert (nominal(PAIR, parts=tmp_path).delta.values == first).all()
+        assert (nominal(PAIR, keep=Store(tmp_path).dataset).delta.values == first).all()
     for part in tmp_path.rglob("*.nc"):  # damaged
         part.write_bytes(part.read_bytes()[:100])
-    assert (nominal(PAIR, parts=tmp_path).delta.values == first).all()
+    assert (nominal(PAIR, keep=Store(tmp_path).dataset).delta.values == first).all()
 
 
 def test_dataset_is_complete_and_can_be_stored(plain, tmp_path):

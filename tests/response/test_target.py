@@ -15,10 +15,11 @@ from support.quick_coils import series_tank
 from support.refusals import refused
 
 import coilarray as ca
-import coilarray.response.target as module
+import coilarray.response.changes as module
 from coilarray.circuit.board_circuit import bare_network, board_circuit
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import changed_resonances, resonate, solve_state
+from coilarray.compute.store import Store
 from coilarray.design.model import parse_design
 from coilarray.errors import GeometryError, LocalizeError, MetalError
 from coilarray.localize.forward import forward_model
@@ -27,8 +28,7 @@ from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import PlateError
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.response.coordinates import over_depth
-from coilarray.response.target import target_map
-from coilarray.response.target_range import STEPS, ranges_of
+from coilarray.response.target import STEPS, ranges_of, target_map
 
 ALUMINIUM = ca.MATERIALS["aluminium"]
 ONE = replace(
@@ -164,9 +164,9 @@ def test_an_interrupted_map_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "target_inductance", solver)
     network = design_circuit(ONE, ideal=True)
     with pytest.raises(KeyboardInterrupt):
-        target_map(design, network=network, parts=tmp_path)
+        target_map(design, network=network, keep=Store(tmp_path).dataset)
     assert asked == [[1e-3], [2e-3], [4e-3]]
-    again = target_map(design, network=network, parts=tmp_path)
+    again = target_map(design, network=network, keep=Store(tmp_path).dataset)
     assert asked[3:] == [[4e-3], [8e-3]]
     xr.testing.assert_identical(again, target_map(design, network=network))
     assert again.attrs["plate_error_inductance"] == pytest.approx(0.01)

@@ -21,7 +21,7 @@ def results():
         {"coils.hexagon.turns_per_layer": 4, "array.columns": 2, "indentation.strain": "linear"},
     )
     sweep = sweep_design(design, [1e6, 3e6])
-    response = response_map(design, x=[-5e-3, 0.0], y=[0.0], mesh=MESH)
+    response = response_map(design, x=[-5e-3, 0.0], y=[0.0], accuracy=MESH)
     return {
         "B": magnetic_field(design.array, POINTS, [1.0, 2.0]),
         "A": vector_potential(design.array, POINTS, [1.0, 2.0]),

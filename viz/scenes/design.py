@@ -25,8 +25,8 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.coordinates import on_board
 from coilarray.response.map import response_map
-from coilarray.response.setup import indentation_of
-from coilarray.response.target import target_of, with_target_as_plate
+from coilarray.response.setup import indentation_of, target_of
+from coilarray.response.target import with_target_as_plate
 from coilarray.viz.datasets.field import flux_density, require_memory
 from coilarray.viz.scenes.board import (
     VEILED,

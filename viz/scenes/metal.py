@@ -20,7 +20,8 @@ from coilarray.geometry import Ball, CoilArray, FinitePlate, Plate
 from coilarray.geometry.target import Body
 from coilarray.metal.finite_plates import eddy_currents
 from coilarray.metal.plate_field import plate_currents
-from coilarray.response.target import target_map, target_of
+from coilarray.response.setup import target_of
+from coilarray.response.target import target_map
 from coilarray.viz.datasets.field import EDDY_AMOUNT, Eddies, eddy_arrows
 from coilarray.viz.datasets.meshes import body_mesh, plate_mesh, surface_of
 from coilarray.viz.palette import METAL, METALS, cycled

@@ -10,8 +10,7 @@ import xarray as xr
 
 from coilarray.circuit.network import StateResult
 from coilarray.design.model import Design
-from coilarray.response.setup import indentation_of
-from coilarray.response.target import target_of
+from coilarray.response.setup import indentation_of, target_of
 from coilarray.viz.datasets.field import AMOUNT
 from coilarray.viz.scenes.board import VEILED, CoilColours, recoloured, scene_of_dent, scene_of_sheets
 from coilarray.viz.scenes.field import scale_of_field, scene_of_slices

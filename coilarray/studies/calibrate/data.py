@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.network import Network
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.store import Store
 from coilarray.design.model import Design, build_design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import GoalError
@@ -224,8 +225,8 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
         imperfections=imperfections_of(item["imperfections"]),
         network=None if ideal else _network(design, item["start"]),
         ideal=ideal,
-        mesh=COARSE if item["mesh"] == "coarse" else None,
-        parts=Path(item["parts"]) if item["parts"] else None,
+        accuracy=COARSE if item["mesh"] == "coarse" else None,
+        keep=Store(Path(item["parts"])).dataset if item["parts"] else None,
     )
     return {str(k): value for k, value in enumerate(model_values(response, request).tolist())}
 
@@ -245,4 +246,4 @@ def imperfections_of(values: Mapping[str, float]) -> Imperfections:
 def _network(design: Design, start: Mapping[str, Any]) -> Network:
     """Circuit with all losses and strays, under the sheets with which the fit began."""
     flat = replace(design, sheets=build_design(start, start["name"]).sheets, indentation=None)
-    return design_circuit(flat)
+    return replace(design_circuit(flat), inductance=design_inductance(design)[0])

@@ -17,8 +17,8 @@ from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError, MetalError
 from coilarray.geometry import Margin, Target, check_rules
 from coilarray.response.map import response_map
-from coilarray.response.setup import no_indentation
-from coilarray.response.target import target_map, target_of
+from coilarray.response.setup import no_indentation, target_of
+from coilarray.response.target import target_map
 
 Rectangle = tuple[float, float, float, float]
 
@@ -95,9 +95,8 @@ class Evaluation:
         key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
-            self._maps[key] = self.taken(response_map(
-                self.design, depths=depths, x=x, y=y, reach="auto", network=network, inductance=lambda: self.inductance
-            ))  # fmt: skip
+            found = response_map(self.design, depths=depths, x=x, y=y, reach="auto", network=network)
+            self._maps[key] = self.taken(found)
         return self._maps[key]
 
     @property

@@ -18,7 +18,7 @@ from coilarray.localize.identifiability import identifiability
 from coilarray.paper.distortion import DELTAS, ellipse_curves
 from coilarray.response.coordinates import from_board
 from coilarray.response.interpolation import even_row
-from coilarray.response.target_range import FACTOR, ranges_of
+from coilarray.response.target import FACTOR, ranges_of
 from coilarray.studies.quantities.coils import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import (
