@@ -28,8 +28,8 @@ from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import Ball, FinitePlate
 from coilarray.metal.backing import backings_of, outlined_below
-from coilarray.metal.indenter import indenter_inductance
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
+from coilarray.metal.indenter import indenter_inductance
 from coilarray.metal.target import target_inductance
 from coilarray.response.setup import Experiment, Level, MapAxes, indentation_of, target_of, together
 
