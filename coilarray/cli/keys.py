@@ -43,4 +43,4 @@ def keys(
     for key in found:
         name = f"{key.dotted} ({', '.join(key.kinds)})" if key.kinds else key.dotted
         rows.append((name, key.unit, key.allowed, key.default, key.meaning))
-    shared.print_table(("key", "unit", "allowed", "default", "meaning"), rows)
+    typer.echo(shared.table_text(("key", "unit", "allowed", "default", "meaning"), rows))

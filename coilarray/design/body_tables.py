@@ -418,7 +418,8 @@ class PlacesTable(Table):
             )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:
-                _check_range(key, *values, self.step_mm)
+                low, high = values
+                _check_range(key, low, high, self.step_mm)
         for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
             require_rising(key, positions or ())
         count = math.prod(map(len, self.positions()))

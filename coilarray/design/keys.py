@@ -133,7 +133,7 @@ class Table(BaseModel):
         found: dict[str, Any] = {}
         for key in keys or [key for key in cls.model_fields if key not in without]:
             name, scale = cls.attribute(key)
-            entry = _entry(getattr(value, name), scale, whole=not _is_float(cls.model_fields[key].annotation))
+            entry = _entry(getattr(value, name), scale, whole=not _is_float(_annotation(cls, key)))
             if entry is not None:
                 found[key] = entry
         return found
@@ -157,6 +157,10 @@ def _entry(value: Any, scale: float, *, whole: bool) -> Any:
     if value is None or whole or isinstance(value, bool | str):
         return value
     return float(value) if scale == 1 else entry_of(value, scale)
+
+
+def _annotation(table: type[Table], key: str) -> Any:
+    return table.model_fields[key].annotation
 
 
 @cache
@@ -257,7 +261,8 @@ def sections_of(
     for field_name, field in table.model_fields.items():
         name, meaning = field.alias or field_name, meaning_of(table, field_name)
         if held := list(_tables(field.annotation)):
-            end = {dict: ".NAME", list: ".N"}.get(typing.get_origin(field.annotation) or object, "")
+            origin: Any = typing.get_origin(field.annotation)
+            end = ".NAME" if origin is dict else ".N" if origin is list else ""
             inner += [(each, f"{path}.{name}{end}".removeprefix("."), meaning) for each in held]
             continue
         unit = entry_unit(name)
@@ -355,7 +360,8 @@ def bounds_text(metadata: Sequence[Any]) -> str:
     """
     match [rule for rule in metadata if isinstance(rule, Ge | Le)]:
         case [Ge(ge=low), Le(le=high)]:
-            return f"always {low}" if low == high else f"{_number(low)} to {_number(high)}"
+            first, last = _number(low), _number(high)
+            return f"always {first}" if first == last else f"{first} to {last}"
     match [rule for rule in metadata if isinstance(rule, MinLen | MaxLen)]:
         case [MinLen(min_length=least), MaxLen(max_length=most)] if least == most:
             return f"{most} of them"

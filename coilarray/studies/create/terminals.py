@@ -12,7 +12,7 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.design.tables import ConnectorTable
+from coilarray.design.board_tables import ConnectorTable
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
 from coilarray.geometry import Placement, require_rules, route_leads
 from coilarray.geometry.connector import NoWayError
