@@ -11,14 +11,12 @@ from typing import Any
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, listed, shown
-from coilarray.studies.quantities.coils import COUPLINGS, LAYOUT, RESONATORS
+from coilarray.studies.quantities.coils import COILS
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Quantity, Request
-from coilarray.studies.quantities.responses import POSITIONS, RESPONSES, TARGETS
+from coilarray.studies.quantities.responses import RESPONSES
 
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {quantity.name: quantity for quantity in (*LAYOUT, *COUPLINGS, *RESONATORS, *TARGETS, *RESPONSES, *POSITIONS)}
-)
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType({one.name: one for one in (*COILS, *RESPONSES)})
 """Every quantity by its name, the cheap quantities first."""
 
 _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")

@@ -50,8 +50,8 @@ class Quantity:
 
     name: str
     unit: str
-    says: str
     cost: Cost
+    says: str
     compute: Callable[[Evaluation, Mapping[str, Any]], float]
     options: tuple[Option, ...] = ()
 
@@ -81,13 +81,6 @@ class Quantity:
                 hint = f": write {self.name}[{names}]" if names else ""
                 raise GoalError(f"{self.name} needs the option {option.name}, {option.must_be}{hint}.")
         return Request(self, options)
-
-
-def quantity(
-    name: str, unit: str, cost: Cost, says: str, *options: Option
-) -> Callable[[Callable[[Evaluation, Mapping[str, Any]], float]], Quantity]:
-    """Make a decorator that turns a function into a `Quantity`."""
-    return lambda compute: Quantity(name, unit, says, cost, compute, options)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,30 +19,38 @@ from coilarray.paper.distortion import DELTAS, ellipse_curves
 from coilarray.response.coordinates import from_board
 from coilarray.response.interpolation import even_row
 from coilarray.response.target import FACTOR, ranges_of
-from coilarray.studies.quantities.coils import COIL
+from coilarray.studies.quantities.coils import COIL, coil_or
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import (
     Option,
     Quantity,
-    quantity,
-    read_name,
     read_number,
     read_positive,
     read_rectangle,
 )
 
-_STEPS = 8  # positions of a line in the thickness of all sheets (tests/studies/test_quantities.py)
+_STEPS = 8  # positions of a line in the thickness of all sheets
+# Against half the spacing and twice the depths the medians of σ_x are accurate to 1 % and the medians of σ_h to 3 %
+# , and from one mesh to the next they scatter by less.
+_TABLE_STEPS = 6  # positions of the table in the thickness of all sheets
+_DEPTHS = (0.85, 1.0, 1.15)  # of the table, relative to the requested depth; δ = 0 at the depth 0 too
+_PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
+_DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; the design's first depth by default")
+_DISTANCE = Option(
+    "distance_mm", "a number of mm above 0", read_positive, "how far; the design's least distance by default"
+)
+_PLACE = tuple(
+    Option(f"{axis}_mm", "a number of mm", read_number, f"{axis} of the target on the board; over the coil by default")
+    for axis in "xy"
+)
+_OVER = (_DISTANCE, *_PLACE)
 
 
-DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; the design's first depth by default")
-"""Depth of an indentation."""
+def _noise(of: str) -> Option:
+    says = f"standard deviation of {of}; by default that of the noise budget"
+    return Option("noise", "a number above 0", read_positive, says)
 
 
-@quantity(
-    "peak_delta", "1", "response",
-    "δ of a coil pressed at its centre, or the largest δ pressed at the middle of the array",
-    Option("coil", COIL.must_be, read_name, "which coil; the array by default", bare=True), DEPTH,
-)  # fmt: skip
 def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Compute δ at a coil's centre, or the largest δ at the middle of the coils."""
     depth = evaluation.depth(options.get("depth_mm"))
@@ -54,11 +62,6 @@ def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(_line(evaluation, y, depth, x)(x).max())
 
 
-@quantity(
-    "response_width_mm", "mm", "response",
-    "distance along x, through the coil's centre, of the first and the last place with half the maximum of δ",
-    COIL, DEPTH,
-)  # fmt: skip
 def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Width in mm of a coil's response at half the peak."""
     name = options["coil"]
@@ -75,11 +78,6 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
     return float(np.ptp(delta.solve(half))) * 1e3
 
 
-@quantity(
-    "x0_distortion_mm", "mm", "response",
-    "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, where determined, in its map",
-    Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
-)  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Root mean square in mm of the ellipses' shift from the centre, of the worst coil."""
     setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
@@ -129,49 +127,6 @@ def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
     return inside
 
 
-RESPONSES = (_peak_delta, _response_width, _x0_distortion)
-
-
-# Against half the spacing and twice the depths the medians of σ_x are accurate to 1 % and the medians of σ_h to 3 %
-# (tests/studies/test_quantities.py), and from one mesh to the next they scatter by less.
-_TABLE_STEPS = 6  # positions of the table in the thickness of all sheets
-_DEPTHS = (0.85, 1.0, 1.15)  # of the table, relative to the requested depth; δ = 0 at the depth 0 too
-_PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
-
-
-_OPTIONS = (
-    Option(
-        "region_mm",
-        "[x_min, x_max, y_min, y_max] in mm, rising",
-        read_rectangle,
-        "where on the board; over the outlines of all coils by default",
-    ),
-    DEPTH,
-    Option(
-        "noise",
-        "a number above 0",
-        read_positive,
-        "standard deviation of every δ; by default that of the noise budget",
-    ),
-)
-
-
-@quantity(
-    "position_error_mm", "mm", "table",
-    "least standard deviation of x, the depth unknown too: Cramér–Rao bound, median over a region", *_OPTIONS,
-)  # fmt: skip
-def _position_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _median(evaluation, options, "sigma_x")
-
-
-@quantity(
-    "depth_error_mm", "mm", "table",
-    "least standard deviation of the depth: Cramér–Rao bound, median over a region", *_OPTIONS,
-)  # fmt: skip
-def _depth_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _median(evaluation, options, "sigma_h")
-
-
 def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> float:
     """Median over a region of the standard deviation in mm."""
     depth = evaluation.depth(options.get("depth_mm"))
@@ -203,41 +158,16 @@ def _middles(start: float, stop: float, count: int) -> FloatArray:
     return start + (stop - start) * (np.arange(count) + 0.5) / count
 
 
-POSITIONS = (_position_error, _depth_error)
-
-
-_DISTANCE = Option(
-    "distance_mm", "a number of mm above 0", read_positive, "how far; the design's least distance by default"
-)
-_PLACE = tuple(
-    Option(f"{axis}_mm", "a number of mm", read_number, f"{axis} of the target on the board; over the coil by default")
-    for axis in "xy"
-)
-_NOISE = Option(
-    "noise",
-    "a number above 0",
-    read_positive,
-    "standard deviation of δ in a reading; by default that of the noise budget",
-)
-_OVER = (_DISTANCE, *_PLACE)
-
-
 def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
     """Make the quantity of a variable of the target's map."""
 
-    @quantity(name, unit, "target", f"{says}, with the target at a distance", COIL, *_OVER)
     def with_target(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
         at = evaluation.taken(_over(evaluation, options, [evaluation.distance(options.get("distance_mm"))]))
         return scale * float(at[variable].item())
 
-    return with_target
+    return Quantity(name, unit, "target", f"{says}, with the target at a distance", with_target, (COIL, *_OVER))
 
 
-@quantity(
-    "target_range_mm", "mm", "target",
-    f"distance at which |δ| of a coil has fallen to {FACTOR:g} times the noise; the design's last one where it has not",
-    COIL, *_PLACE, _NOISE,
-)  # fmt: skip
 def _target_range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Largest detected distance in mm."""
     found = _ranges(_every_distance(evaluation, options), options)
@@ -250,10 +180,6 @@ def _target_range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return value * 1e3
 
 
-@quantity(
-    "target_deviation_um", "µm", "target", "standard deviation of a distance from one reading",
-    COIL, *_OVER, _NOISE,
-)  # fmt: skip
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Compute the standard deviation of the distance in µm."""
     distance = evaluation.distance(options.get("distance_mm"))
@@ -295,13 +221,52 @@ def _over(evaluation: Evaluation, options: Mapping[str, Any], distances: Sequenc
     return evaluation.target_map(distances, x, y).isel(state=[state])
 
 
-TARGETS = (
+_REGION = (
+    Option("region_mm", "[x_min, x_max, y_min, y_max] in mm, rising", read_rectangle,
+           "where on the board; over the outlines of all coils by default"),
+    _DEPTH, _noise("every δ"),
+)  # fmt: skip
+_TARGET_NOISE = _noise("δ in a reading")
+RESPONSES = (
     _with_target("target_delta", "1", "delta", 1.0, "relative change of a coil's inductance"),
     _with_target("target_inductance_uH", "µH", "effective_inductance", 1e6, "inductance of a measured coil"),
     _with_target("target_resistance_ohm", "Ω", "effective_resistance", 1.0, "AC resistance of a measured coil"),
     _with_target("target_frequency_MHz", "MHz", "frequency", 1e-6, "resonance of a measured coil with the tank"),
     _with_target("target_q", "1", "quality_factor", 1.0, "quality factor of a measured coil"),
     _with_target("target_parallel_resistance_kohm", "kΩ", "parallel_resistance", 1e-3, "R_p of a measured coil"),
-    _target_range,
-    _deviation,
-)
+    Quantity(
+        "target_range_mm", "mm", "target",
+        f"distance at which |δ| of a coil has fallen to {FACTOR:g} times the noise; the design's last one where it "
+        "has not", _target_range, (COIL, *_PLACE, _TARGET_NOISE),
+    ),
+    Quantity(
+        "target_deviation_um", "µm", "target", "standard deviation of a distance from one reading", _deviation,
+        (COIL, *_OVER, _TARGET_NOISE),
+    ),
+    Quantity(
+        "peak_delta", "1", "response",
+        "δ of a coil pressed at its centre, or the largest δ pressed at the middle of the array", _peak_delta,
+        (coil_or("the array"), _DEPTH),
+    ),
+    Quantity(
+        "response_width_mm", "mm", "response",
+        "distance along x, through the coil's centre, of the first and the last place with half the maximum of δ",
+        _response_width, (COIL, _DEPTH),
+    ),
+    Quantity(
+        "x0_distortion_mm", "mm", "response",
+        "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, where determined, in its map",
+        _x0_distortion, (coil_or("the worst of those in the map"),),
+    ),
+    Quantity(
+        "position_error_mm", "mm", "table",
+        "least standard deviation of x, the depth unknown too: Cramér–Rao bound, median over a region",
+        lambda evaluation, options: _median(evaluation, options, "sigma_x"), _REGION,
+    ),
+    Quantity(
+        "depth_error_mm", "mm", "table",
+        "least standard deviation of the depth: Cramér–Rao bound, median over a region",
+        lambda evaluation, options: _median(evaluation, options, "sigma_h"), _REGION,
+    ),
+)  # fmt: skip
+"""Quantities by rising cost."""
