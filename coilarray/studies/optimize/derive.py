@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +17,7 @@ from coilarray.errors import GoalError, NetworkError
 from coilarray.geometry import Target
 from coilarray.studies.optimize import ranges
 from coilarray.studies.optimize.goal import GOALS, RULES, Goal, Variable, check_goal, parse_goal
-from coilarray.studies.optimize.ranges import Range, rounded
+from coilarray.studies.optimize.ranges import Row, rounded
 from coilarray.studies.quantities import Evaluation, canonical, evaluate, request
 from coilarray.studies.sweep import UNREAD, Axis
 
@@ -77,24 +78,36 @@ def axis_of(variable: Variable) -> Axis:
 
 
 _TABLES = ("variable", "objective", "constraint")
+_UNKNOWNS = 3  # of a position: x, y and the depth
+_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
+_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
+_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
-def goal_text(goal: Goal, comments: Mapping[str, str], head: str) -> str:
-    """Write a goal as the text of a goal file, with a comment for each table by its place.
+@dataclass(frozen=True)
+class DerivedGoal:
+    """Goal with a line about the origin of its tables, by their kind with their entry or quantity."""
 
-    `head` are the lines at the top.
-    """
-    document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    lines = [*(f"# {line}".rstrip() for line in head.splitlines()), ""]
-    lines += [f"{key} = {_value(value)}" for key, value in document.items() if key not in (*_TABLES, "search")]
-    for table in _TABLES:
-        for k, entries in enumerate(document.get(table, [])):
-            lines += ["", f"[[{table}]]"]
-            if f"{table}.{k}" in comments:
-                lines.append(f"# {comments[f'{table}.{k}']}")
-            lines += _entries(entries)
-    lines += ["", "[search]", *_entries(document.get("search", {}))]
-    return "\n".join(lines) + "\n"
+    goal: Goal
+    comments: Mapping[tuple[str, str], str]
+
+    def text(self, head: str) -> str:
+        """Return the goal as a commented file with the lines `head` at its top."""
+        document = self.goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
+        lines = [*(f"# {line}".rstrip() for line in head.splitlines()), ""]
+        lines += [f"{key} = {_value(value)}" for key, value in document.items() if key not in (*_TABLES, "search")]
+        for kind in _TABLES:
+            for table in document.get(kind, []):
+                lines += ["", f"[[{kind}]]"]
+                if (kind, _name(table)) in self.comments:
+                    lines.append(f"# {self.comments[kind, _name(table)]}")
+                lines += _entries(table)
+        lines += ["", "[search]", *_entries(document.get("search", {}))]
+        return "\n".join(lines) + "\n"
+
+
+def _name(table: Mapping[str, Any]) -> str:
+    return str(table.get("entry") or table["quantity"])
 
 
 def _entries(table: Mapping[str, Any]) -> list[str]:
@@ -109,18 +122,12 @@ def _value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-_UNKNOWNS = 3  # of a position: x, y and the depth
-_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
-_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
-_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
-
-
 @dataclass(frozen=True)
 class _Part:
-    """Tables of one name or wish in a goal, each with a line about its origin."""
+    """Contribution of one name or wish to a goal."""
 
-    objectives: list[tuple[dict[str, Any], str]]
-    constraints: list[tuple[dict[str, Any], str]]
+    objective: Row
+    constraints: list[Row]
     watch: list[str] = field(default_factory=list)
     trials: int = 80
     polish: int = 40
@@ -132,20 +139,8 @@ class _Named:
 
     title: str
     needs: Callable[[Design], object]  # GoalError for a design that lacks the goal's subject
-    variables: Callable[[DesignFile], list[Range]]
+    variables: Callable[[DesignFile], list[Row]]
     part: Callable[[DesignFile], _Part]
-
-
-@dataclass(frozen=True)
-class DerivedGoal:
-    """Goal with a line about the origin of its tables, by places such as "variable.0"."""
-
-    goal: Goal
-    comments: Mapping[str, str]
-
-    def text(self, head: str) -> str:
-        """Return the goal as a commented file with `head` at its top."""
-        return goal_text(self.goal, self.comments, head)
 
 
 def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
@@ -177,7 +172,7 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
     if goal.search.sampler == "cmaes":
         return goal
     file, names = as_file(design), goal.quantities
-    more = [] if any(name.startswith(RULES) for name in names) else [_fab(file)[0]]
+    more = [] if any(name.startswith(RULES) for name in names) else [_fab(file).table]
     read = any(request(name).quantity.is_read for name in names)
     if read and UNREAD not in names and file.design.readout.converter:
         more.append({"quantity": UNREAD, "at_most": 0.0})
@@ -203,32 +198,29 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     asked = [_named(wish) for wish in wishes]
     for one in asked:
         one.needs(file.design)
-    varied = [Range(variable_of(axis), "") for axis in vary] or [each for one in asked for each in one.variables(file)]
-    variables = {one.variable["entry"]: one for one in varied}
+    variables = [Row(variable_of(axis), "") for axis in vary] or [row for one in asked for row in one.variables(file)]
     if not variables:
         raise GoalError(f"{_nothing_to_vary(wishes, file)}; name entries by --vary or in a goal file.")
     parts = [one.part(file) for one in asked]
-    objectives = {table["quantity"]: (table, says) for part in parts for table, says in part.objectives}
-    constraints = {table["quantity"]: (table, says) for part in parts for table, says in part.constraints}
-    for quantity in objectives:
-        constraints.pop(quantity, None)
-    single = len(objectives) == 1
+    objectives = _by_name([part.objective for part in parts])
+    constraints = _by_name([row for part in parts for row in part.constraints if _name(row.table) not in objectives])
+    rows = dict(zip(_TABLES, (_by_name(variables), objectives, constraints), strict=True))
     search = {"trials": max(part.trials for part in parts), "seed": 1, "accuracy": "screen"}
-    search |= {"polish": parts[0].polish} if single else {"sampler": "nsga2"}
+    search |= {"polish": parts[0].polish} if len(objectives) == 1 else {"sampler": "nsga2"}
     watch = dict.fromkeys(one for part in parts for one in part.watch)
     document = {
         "schema": 1,
         "title": "; ".join(one.title for one in asked),
         "watch": [one for one in watch if one not in objectives and one not in constraints],
-        "variable": [one.variable for one in variables.values()],
-        "objective": [table for table, _ in objectives.values()],
-        "constraint": [table for table, _ in constraints.values()],
+        **{kind: [row.table for row in named.values()] for kind, named in rows.items()},
         "search": search,
     }
-    comments = {f"variable.{k}": each.says for k, each in enumerate(variables.values()) if each.says}
-    comments |= {f"objective.{k}": says for k, (_, says) in enumerate(objectives.values()) if says}
-    comments |= {f"constraint.{k}": says for k, (_, says) in enumerate(constraints.values()) if says}
+    comments = {(kind, name): row.says for kind, named in rows.items() for name, row in named.items() if row.says}
     return DerivedGoal(check_goal(document, ", ".join(wishes)), comments)
+
+
+def _by_name(rows: Sequence[Row]) -> dict[str, Row]:
+    return {_name(row.table): row for row in rows}
 
 
 def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[str, Any]]) -> DerivedGoal:
@@ -236,20 +228,19 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
     if not vary and not keep:
         return derived
     document = derived.goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    comments = dict(derived.comments)
     if vary:
         document["variable"] = [variable_of(axis) for axis in vary]
-        comments = {place: says for place, says in comments.items() if not place.startswith("variable.")}
-    if keep:
-        given: dict[str, dict[str, Any]] = {}
-        for bound in keep:
-            key = canonical(bound["quantity"])
-            given[key] = {**given.get(key, {}), **bound, "quantity": key}
-        old = [(k, one) for k, one in enumerate(document.get("constraint", [])) if one["quantity"] not in given]
-        document["constraint"] = [*(one for _, one in old), *given.values()]
-        says = {f"constraint.{new}": comments.pop(f"constraint.{k}", "") for new, (k, _) in enumerate(old)}
-        comments = {place: text for place, text in comments.items() if not place.startswith("constraint.")}
-        comments |= {place: text for place, text in says.items() if text}
+    given: dict[str, dict[str, Any]] = {}
+    for bound in keep:
+        key = canonical(bound["quantity"])
+        given[key] = {**given.get(key, {}), **bound, "quantity": key}
+    others = [one for one in document.get("constraint", []) if one["quantity"] not in given]
+    document["constraint"] = [*others, *given.values()]
+    comments = {
+        (kind, name): says
+        for (kind, name), says in derived.comments.items()
+        if not ((kind == "variable" and vary) or (kind == "constraint" and name in given))
+    }
     return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
 
 
@@ -288,15 +279,12 @@ def _named(wish: str) -> _Named:
             f"got {wish!r}."
         )
     objective["quantity"] = canonical(objective["quantity"])
-    return _Named(wish, lambda _: None, _sizes, lambda file: _Part([(objective, "")], [_fab(file)]))
+    return _Named(wish, lambda _: None, _sizes, lambda file: _Part(Row(objective, ""), [_fab(file)]))
 
 
 def _worst_k(file: DesignFile) -> _Part:
-    return _Part(
-        [({"quantity": "worst_k", "direction": "minimize"}, "largest |k| of any two coils")],
-        [_fab(file), *_areas(file)],
-        ["rms_k", "span_mm"],
-    )
+    objective = Row({"quantity": "worst_k", "direction": "minimize"}, "largest |k| of any two coils")
+    return _Part(objective, [_fab(file), *_areas(file)], ["rms_k", "span_mm"])
 
 
 def _decouple(file: DesignFile) -> _Part:
@@ -305,13 +293,8 @@ def _decouple(file: DesignFile) -> _Part:
     reason = "two neighbours in the middle"
     if near.share_copper:
         reason += "; they lie on the same copper, where coils cannot overlap until k is zero"
-    return _Part(
-        [({"quantity": f"k[{','.join(near.names)}]", "target": 0.0}, reason)],
-        [_fab(file)],
-        ["worst_k", "board_area_mm2"],
-        trials=16,
-        polish=20,
-    )
+    objective = Row({"quantity": f"k[{','.join(near.names)}]", "target": 0.0}, reason)
+    return _Part(objective, [_fab(file)], ["worst_k", "board_area_mm2"], trials=16, polish=20)
 
 
 def _three_states(design: Design) -> None:
@@ -326,18 +309,9 @@ def _three_states(design: Design) -> None:
 
 def _position_error(file: DesignFile) -> _Part:
     """Goal of the least error of x over all coils."""
-    return _Part(
-        [
-            (
-                {"quantity": "position_error_mm", "direction": "minimize"},
-                "least standard deviation of x over all coils, for δ with the design's noise budget",
-            )
-        ],
-        [_fab(file), *_areas(file)],
-        ["depth_error_mm"],
-        trials=40,
-        polish=0,
-    )
+    says = "least standard deviation of x over all coils, for δ with the design's noise budget"
+    objective = Row({"quantity": "position_error_mm", "direction": "minimize"}, says)
+    return _Part(objective, [_fab(file), *_areas(file)], ["depth_error_mm"], trials=40, polish=0)
 
 
 def _target(design: Design) -> Target:
@@ -358,15 +332,10 @@ def _resolution(file: DesignFile) -> _Part:
 def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _Part:
     """Change size, turns and traces of the coils. The board does not grow."""
     coil = file.design.array.middle_coil
-    board, _ = _areas(file)[0]
     now = evaluate(file.design, ["board_area_mm2"])["board_area_mm2"]
-    return _Part(
-        [({"quantity": canonical(quantity.format(coil=coil)), "direction": direction}, f"of {coil}; {says}")],
-        [_fab(file), ({**board, "at_most": rounded(now, 3, up=True)}, "no more board than it is")],
-        [f"q[{coil}]", f"inductance_uH[{coil}]"],
-        trials=40,
-        polish=0,
-    )
+    board = Row({"quantity": "board_area_mm2", "at_most": rounded(now, 3, up=True)}, "no more board than it is")
+    objective = Row({"quantity": canonical(quantity.format(coil=coil)), "direction": direction}, f"of {coil}; {says}")
+    return _Part(objective, [_fab(file), board], [f"q[{coil}]", f"inductance_uH[{coil}]"], trials=40, polish=0)
 
 
 def _smallest(file: DesignFile) -> _Part:
@@ -377,60 +346,50 @@ def _smallest(file: DesignFile) -> _Part:
     if len(design.array.names) > 1:
         wanted["worst_k"] = (1.0, "at_most", "no more coupling than it is")
     wanted["q"] = (_Q_LESS, "at_least", "four fifths of what it is, as narrow traces cost Q")
-    constraints = [_fab(file)]
+    bounds = [_fab(file)]
     for quantity, (part, side, says) in wanted.items():
-        try:
+        with suppress(NetworkError):  # no converter oscillates with it: nothing to keep
             now = evaluate(design, [quantity])[quantity]
-        except NetworkError:  # no converter oscillates with it: nothing to keep
-            continue
-        constraints.append(({"quantity": quantity, side: rounded(part * now, 3, up=side == "at_most")}, says))
-    return _Part(
-        [({"quantity": "board_area_mm2", "direction": "minimize"}, "")],
-        constraints,
-        ["span_mm"],
-        trials=100,
-        polish=40,
-    )
+            bounds.append(Row({"quantity": quantity, side: rounded(part * now, 3, up=side == "at_most")}, says))
+    return _Part(Row({"quantity": "board_area_mm2", "direction": "minimize"}, ""), bounds, ["span_mm"], trials=100)
 
 
-def _distances(file: DesignFile) -> list[Range]:
-    """Ranges of the pitch, or of the sizes if each coil has its own place."""
-    return ranges.pitch_ranges(file) or ranges.size_ranges(file)
-
-
-def _sizes(file: DesignFile) -> list[Range]:
-    return [*ranges.pitch_ranges(file), *ranges.size_ranges(file), *ranges.turns_ranges(file)]
-
-
-def _of_traces(file: DesignFile) -> list[Range]:
-    return [*ranges.size_ranges(file), *ranges.turns_ranges(file), *ranges.trace_ranges(file)]
-
-
-def _fab(file: DesignFile) -> tuple[dict[str, Any], str]:
-    """Bound of the fabrication margin, with its reason."""
+def _fab(file: DesignFile) -> Row:
+    """Bound of the fabrication margin."""
     margin = evaluate(file.design, ["fab_margin_mm"])["fab_margin_mm"]
     if margin < _KEPT:
         least, says = rounded(_WORSE * margin, 3, up=False), "no worse than it is: the design itself breaks a rule"
     else:
         least, says = _KEPT, "no trace, gap or hole nearer to its limit in [fab] than the check takes as kept"
-    return {"quantity": "fab_margin_mm", "at_least": least}, says
+    return Row({"quantity": "fab_margin_mm", "at_least": least}, says)
 
 
-def _areas(file: DesignFile) -> list[tuple[dict[str, Any], str]]:
-    """Bounds of board area and covered area, with their reasons."""
-    now = evaluate(file.design, ["board_area_mm2", "covered_mm2"])
-    board = rounded(_AREA_MORE * now["board_area_mm2"], 3, up=True)
-    covered = rounded(_COVERED_LESS * now["covered_mm2"], 3, up=False)
+def _areas(file: DesignFile) -> list[Row]:
+    """Bounds of board area and covered area."""
+    board, covered = evaluate(file.design, ["board_area_mm2", "covered_mm2"]).values()
     return [
-        (
-            {"quantity": "board_area_mm2", "at_most": board},
-            f"a quarter more board than the {now['board_area_mm2']:.0f} mm² that it has",
+        Row(
+            {"quantity": "board_area_mm2", "at_most": rounded(_AREA_MORE * board, 3, up=True)},
+            f"a quarter more board than the {board:.0f} mm² that it has",
         ),
-        (
-            {"quantity": "covered_mm2", "at_least": covered},
-            f"a twentieth less than the {now['covered_mm2']:.0f} mm² that its coils cover",
+        Row(
+            {"quantity": "covered_mm2", "at_least": rounded(_COVERED_LESS * covered, 3, up=False)},
+            f"a twentieth less than the {covered:.0f} mm² that its coils cover",
         ),
     ]
+
+
+def _distances(file: DesignFile) -> list[Row]:
+    """Ranges of the pitch, or of the sizes if each coil has its own place."""
+    return ranges.pitch_ranges(file) or ranges.size_ranges(file)
+
+
+def _sizes(file: DesignFile) -> list[Row]:
+    return [*ranges.pitch_ranges(file), *ranges.size_ranges(file), *ranges.turns_ranges(file)]
+
+
+def _of_traces(file: DesignFile) -> list[Row]:
+    return [*ranges.size_ranges(file), *ranges.turns_ranges(file), *ranges.trace_ranges(file)]
 
 
 _NAMED: Mapping[str, _Named] = {

@@ -23,10 +23,10 @@ _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
 
 
 @dataclass(frozen=True)
-class Range:
-    """Table of ``[[variable]]`` with the reason for its range in one line."""
+class Row:
+    """Table of a goal file, with a line about its origin."""
 
-    variable: dict[str, Any]
+    table: dict[str, Any]
     says: str
 
 
@@ -65,7 +65,7 @@ def neighbours(design: Design) -> Pair:
     return next((pair for pair in near if not pair.share_copper), near[0])
 
 
-def pitch_ranges(file: DesignFile) -> list[Range]:
+def pitch_ranges(file: DesignFile) -> list[Row]:
     """Return the range of the pitch of a lattice of several coils."""
     design, pitch = file.design, file.values.get("array.pitch_mm")
     known = pairs(design)
@@ -83,7 +83,7 @@ def pitch_ranges(file: DesignFile) -> list[Range]:
     return [_between("array.pitch_mm", pitch, low, _WIDER * pitch, f"{why}; up to a quarter more than it is")]
 
 
-def size_ranges(file: DesignFile) -> list[Range]:
+def size_ranges(file: DesignFile) -> list[Row]:
     """Return the ranges of the outer sizes of all spirals that do not grow into each other."""
     design = file.design
     room = min(
@@ -96,31 +96,31 @@ def size_ranges(file: DesignFile) -> list[Range]:
     return [_between(key, size, _SMALLER * size, more * size, why) for key, size in _of_coils(file, "outer_")]
 
 
-def turns_ranges(file: DesignFile) -> list[Range]:
+def turns_ranges(file: DesignFile) -> list[Row]:
     """Return the ranges of all turns per layer in whole steps."""
     ranges = []
     for key, turns in _of_coils(file, "turns_per_layer"):
         low = turns - min(max(1, round(_TURNS_LESS * turns)), math.ceil(turns) - 1)
         high = turns + max(1, round(_TURNS_MORE * turns))
         ranges.append(
-            Range({"entry": key, "low": low, "high": high, "step": 1}, f"{turns:g} as it is, and whole turns around it")
+            Row({"entry": key, "low": low, "high": high, "step": 1}, f"{turns:g} as it is, and whole turns around it")
         )
     return ranges
 
 
-def trace_ranges(file: DesignFile) -> list[Range]:
+def trace_ranges(file: DesignFile) -> list[Row]:
     """Return the ranges of trace widths and gaps from the limits of [fab] to the present values."""
     rules = file.design.rules
     limits = (("trace_width_mm", rules.min_trace * 1e3), ("gap_mm", rules.min_gap * 1e3))
     return [
-        Range({"entry": key, "low": round(limit, 9), "high": value}, "from the limit of [fab] to what it is")
+        Row({"entry": key, "low": round(limit, 9), "high": value}, "from the limit of [fab] to what it is")
         for name, limit in limits
         for key, value in _of_coils(file, name)
         if value > limit * (1 + 1e-6)
     ]
 
 
-def layer_choices(file: DesignFile) -> list[Range]:
+def layer_choices(file: DesignFile) -> list[Row]:
     """Return the possible sets of copper layers, of which each coil takes one in turn."""
     sets = file.values.get("array.layers")
     if not isinstance(sets, list) or len(sets) < 2 or len(file.design.array.names) < 2:
@@ -137,16 +137,16 @@ def layer_choices(file: DesignFile) -> list[Range]:
             return []
     if len(choices) == 1:
         return []
-    return [Range({"entry": "array.layers", "choices": choices}, "as it is, and the other ways to share the layers")]
+    return [Row({"entry": "array.layers", "choices": choices}, "as it is, and the other ways to share the layers")]
 
 
-def termination_choices(file: DesignFile) -> list[Range]:
+def termination_choices(file: DesignFile) -> list[Row]:
     """Return the possible terminations of coils not measured, of several coils."""
     key = "circuit.default_termination"
     now = file.values.get(key)
     if now not in ("short", "open") or len(file.design.array.names) < 2:
         return []
-    return [Range({"entry": key, "choices": ["short", "open"]}, f"what closes the passive coils; {now} as it is")]
+    return [Row({"entry": key, "choices": ["short", "open"]}, f"what closes the passive coils; {now} as it is")]
 
 
 def rounded(value: float, digits: int, *, up: bool) -> float:
@@ -162,10 +162,10 @@ def rounded(value: float, digits: int, *, up: bool) -> float:
     return float(f"{steps * unit:.12g}")
 
 
-def _between(key: str, now: float, low: float, high: float, why: str) -> Range:
+def _between(key: str, now: float, low: float, high: float, why: str) -> Row:
     """Make a range with bounds of three digits that includes the present value."""
     ends = {"low": min(rounded(low, 3, up=True), now), "high": max(rounded(high, 3, up=True), now)}
-    return Range({"entry": key, **ends}, f"{now:g} as it is; {why}")
+    return Row({"entry": key, **ends}, f"{now:g} as it is; {why}")
 
 
 def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
