@@ -187,7 +187,9 @@ def fit(problem: Problem) -> Asking:
                     break
                 damping *= 10
                 continue
-        steps = _difference_steps(problem, now)
+        # half a standard deviation of every unknown, so that the data change by half of their noise
+        deviation = np.sqrt(np.diag(np.linalg.inv(information(problem, now))))
+        steps = np.clip(0.5 * deviation / problem.span, *_STEPS)
         slopes, made, reason = yield from _slopes(problem, point, values, steps)
         asked, fresh = asked + made, True
     return Fit(point, values, before, slopes, scale, converged, asked)
@@ -214,12 +216,6 @@ def _slopes(
                 slopes[:, k] = (outcome - values) / move
                 todo.remove(k)
     return slopes, made, reason if todo else ""
-
-
-def _difference_steps(problem: Problem, now: Fit) -> FloatArray:
-    """Half a standard deviation of every unknown, within its range."""
-    deviation = np.sqrt(np.diag(np.linalg.inv(information(problem, now))))
-    return np.clip(0.5 * deviation / problem.span, *_STEPS)
 
 
 def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:

@@ -136,7 +136,10 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
     """Find pitch and terminals for a winding. Raises DesignError if there are none."""
     _require_pads(wound)
     problem = None
-    for turned in (False, True) if _can_turn(wound) else (False,):
+    # turned hexagons, which face neighbours with corners, may lie further apart on equal layers
+    lattice = wound.arrangement.lattice
+    can_turn = wound.shape == "hexagon" and wound.sets > 1 and lattice in ("hexagonal", "triangle", "rings")
+    for turned in (False, True) if can_turn else (False,):
         try:
             placed = _placed(replace(wound, turned=turned), choices)
             return with_terminals(placed, movable=wound.sets == 1 and choices.pitch is None)
@@ -196,7 +199,11 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
         each = _WINDING_LAYERS if choices.inductance is not None else _WINDING_LAYERS[:1]
         pairs = sorted(product(some_sets, each), key=lambda pair: pair[0] * pair[1])
     else:
-        pairs = [(sets, layers // sets) for sets in some_sets if _divides(sets, layers)]
+        pairs = [
+            (sets, layers // sets)
+            for sets in some_sets
+            if layers > 0 and (layers % (2 * sets) == 0 or layers == sets == 1)
+        ]
     if not pairs:
         least = f"1 or a multiple of {2 * some_sets[0]}" if not overlap else f"a multiple of {2 * some_sets[0]}"
         apart = f" for neighbours on {some_sets[0]} different sets of them" if overlap else ""
@@ -204,22 +211,9 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
         raise DesignError(f"layers must be {least}{apart}; got {layers}{of}.")
     for sets, winding_layers in pairs:
         for hole in _HOLES if overlap else (plan.hole,):
-            fab = choices.fab or _house_for(sets * winding_layers)
+            count = sets * winding_layers
+            fab = choices.fab or next(name for name in _FABS if load_profile(name).rules.max_layers in (None, count))
             yield replace(plan, sets=sets, winding_layers=winding_layers, fab=fab, hole=hole)
-
-
-def _house_for(layers: int) -> str:
-    """Return the first of the usual board houses for a number of layers."""
-    return next(name for name in _FABS if load_profile(name).rules.max_layers in (None, layers))
-
-
-def _divides(sets: int, layers: int) -> bool:
-    return layers > 0 and (layers % (2 * sets) == 0 or layers == sets == 1)
-
-
-def _can_turn(plan: Plan) -> bool:
-    """Whether hexagons may face neighbours with corners, further apart on equal layers."""
-    return plan.shape == "hexagon" and plan.sets > 1 and plan.arrangement.lattice in ("hexagonal", "triangle", "rings")
 
 
 def _placed(plan: Plan, choices: Choices) -> Plan:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 
 import xarray as xr
@@ -35,7 +35,8 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
     if frequency is not None:
         return _for_frequency(with_capacitance, frequency)
     fewest, best = math.inf, _SMALLEST
-    for capacitance in _series():
+    series = (float(f"{value * _SMALLEST * 10**decade:.2g}") for decade in range(_DECADES) for value in _SERIES)
+    for capacitance in series:
         try:
             scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
         except NetworkError:  # too much for the losses of the coil: nothing resonates with more either
@@ -71,12 +72,6 @@ def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> lis
         limits = (share, *check_channel(*values))
         broken += [(state, limit) for limit in limits if not limit.kept]
     return broken
-
-
-def _series() -> Iterator[float]:
-    for decade in range(_DECADES):
-        for value in _SERIES:
-            yield float(f"{value * _SMALLEST * 10**decade:.2g}")
 
 
 def is_standard(capacitance: float) -> bool:

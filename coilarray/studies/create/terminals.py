@@ -74,7 +74,12 @@ def _clear_leads(plan: Plan) -> Iterator[float]:
     terminals, pad = coil.terminal_points, 0.0 if coil.terminal is None else coil.terminal.pad
     outwards = terminals.mean(axis=0) / float(np.hypot(*terminals.mean(axis=0)))
     alike = [
-        [line for other, own in zip(placements, windings, strict=True) if _meets(place, other) for line in own]
+        [
+            line
+            for other, own in zip(placements, windings, strict=True)
+            if other is not place and set(place.layers) & set(other.layers)
+            for line in own
+        ]
         for place in placements
     ]
     for longer in np.arange(0.0, _LONGEST_LEAD * plan.width, _LEAD_STEP).tolist():
@@ -97,11 +102,6 @@ def _clear_leads(plan: Plan) -> Iterator[float]:
             for k, place in enumerate(placements)
         ):
             yield plan.lead + longer
-
-
-def _meets(place: Placement, other: Placement) -> bool:
-    """Whether another coil lies on the same layers."""
-    return other is not place and bool(set(place.layers) & set(other.layers))
 
 
 def _windings(place: Placement) -> npt.NDArray[np.object_]:

@@ -146,8 +146,11 @@ def optimize_with(
     axes = axes_of(goal, file)
     inside = start_parameters(axes) is not None
     with open_study(Path(folder), file.design, goal) as store:
-        found = len(store.trials())
-        goal = _with_known(goal, store)
+        points = [trial.user_attrs["point"] for trial in store.trials()]
+        found = len(points)
+        known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
+        if known > goal.search.trials:  # no known point is left out
+            goal = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
         ((_, outcome),) = evaluate([{}], "full")
         start = trial_of(goal, "start", 0, {}, outcome)
         count = _Count(goal, progress)
@@ -167,15 +170,6 @@ def require_coils(design: Design, goal: Goal) -> None:
     for key in goal.quantities:
         for coil in quantities.request(key).coils:
             evaluation.coil(coil)
-
-
-def _with_known(goal: Goal, store: StudyFile) -> Goal:
-    """Return the goal with at least as many trials as the study."""
-    points = [trial.user_attrs["point"] for trial in store.trials()]
-    known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
-    if known <= goal.search.trials:
-        return goal
-    return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
 
 
 def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]:

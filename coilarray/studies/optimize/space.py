@@ -163,7 +163,11 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
     _check(file, variable.entry, high, f"{key}.high")
     whole = isinstance(start, int) and not isinstance(start, bool)
     if start is None:  # the entry's type is found from the values that it refuses
-        whole = low.is_integer() and high.is_integer() and not _allowed(file, variable.entry, _fraction(low, high))
+        whole = (
+            low.is_integer()
+            and high.is_integer()
+            and not _allowed(file, variable.entry, low + 0.5 * min(1.0, high - low))
+        )
     step = variable.step
     if whole:
         for name, number in (("low", low), ("high", high), ("step", step or 1.0)):
@@ -200,8 +204,3 @@ def _allowed(file: DesignFile, entry: str, value: Any) -> bool:
     except GoalError:
         return False
     return True
-
-
-def _fraction(low: float, high: float) -> float:
-    """Return a fraction between two whole numbers."""
-    return low + 0.5 * min(1.0, high - low)

@@ -242,8 +242,13 @@ def analyse(
     steps = error_steps(found)
     around = difference_points(steps)
     boards = [{}, *around, *(errors_of(found, row) for row in drawn)]
+    items = [outputs.item(file.document, errors) for errors in boards]
+    outcomes: list[Outcome] = [""] * len(boards)
     with open_executor(workers) as executor:
-        outcomes = _evaluated(file, outputs, boards, executor, cache, progress)
+        for k, outcome in run_cached(evaluate_board, items, executor, cache, progress=progress, total=len(boards)):
+            if k == 0 and isinstance(outcome, str):
+                raise GoalError(outcome)  # no board at all
+            outcomes[k] = outcome
     near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
     values = _near_values(near, boards, outputs.names(design))
     nominal, linear = values[0], sensitivity(found, steps, values[1:])
@@ -346,24 +351,6 @@ def _check_places(design: Design, outputs: Outputs) -> None:
     require_states([state.name for state in design.plan], len(PARAMETERS))
 
 
-def _evaluated(
-    file: DesignFile,
-    outputs: Outputs,
-    boards: Sequence[Mapping[str, float]],
-    executor: Executor,
-    cache: Store | None,
-    progress: Progress | None,
-) -> list[Outcome]:
-    """Evaluate boards, with outcomes in their order."""
-    items = (outputs.item(file.document, errors) for errors in boards)
-    outcomes: list[Outcome] = [""] * len(boards)
-    for k, outcome in run_cached(evaluate_board, items, executor, cache, progress=progress, total=len(boards)):
-        if k == 0 and isinstance(outcome, str):
-            raise GoalError(outcome)  # no board at all
-        outcomes[k] = outcome
-    return outcomes
-
-
 def _near_values(
     outcomes: Sequence[Outcome], boards: Sequence[Mapping[str, float]], names: Sequence[str]
 ) -> FloatArray:
@@ -394,11 +381,6 @@ def _with_shifts(
     }
     none = np.zeros(len(by_delta))
     return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), attributes
-
-
-def _is_read(output: str) -> bool:
-    """Whether an output, as δ and shifts do, depends on values that a converter reads."""
-    return output.partition("[")[0] not in QUANTITIES or request(output).quantity.is_read
 
 
 def _linear_part(
@@ -482,7 +464,10 @@ def _yields(
     shares = [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()]
     variables["linear_yield"] = ("limit", shares, {"long_name": "yield, linear"})
     if len(values):
-        is_read = np.array([_is_read(limit.quantity) for limit in limits])
+        # δ and shifts depend on values that a converter reads
+        is_read = np.array(
+            [name.partition("[")[0] not in QUANTITIES or request(name).quantity.is_read for name in picked]
+        )
         good = kept(limits, names, values) & ~(unread[:, None] & is_read)
         counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
         yields = [yield_of(count, len(values)) for count in counts]
