@@ -28,7 +28,7 @@ from coilarray.design.vary import vary
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError, GoalError
-from coilarray.studies.evaluate import evaluate_points
+from coilarray.studies.points import evaluate_points
 from coilarray.studies.quantities import Request, request
 
 MOST_POINTS = 100_000

@@ -147,7 +147,7 @@ def test_nothing_is_computed_twice(capsys, monkeypatch):
     before = {path: path.stat().st_mtime_ns for path in kept("mine")}
     assert len(before) == 3
     assert not kept()
-    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: pytest.fail("computed again"))
+    monkeypatch.setattr("coilarray.studies.points.evaluate", lambda *_, **__: pytest.fail("computed again"))
     first = Path("sweep.nc").read_bytes()
     good(capsys, *SMALL, *ONE, "--cache", "mine")
     assert {path: path.stat().st_mtime_ns for path in kept("mine")} == before
@@ -172,7 +172,7 @@ def test_nothing_is_computed_twice(capsys, monkeypatch):
     ],
 )
 def test_a_mistake_is_one_line_before_any_work(capsys, monkeypatch, arguments, message):
-    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: pytest.fail("work has begun"))
+    monkeypatch.setattr("coilarray.studies.points.evaluate", lambda *_, **__: pytest.fail("work has begun"))
     Path("taken").touch()
     assert message in refused(capsys, *arguments)
     assert not list(Path().glob("s*.*"))
@@ -223,7 +223,7 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
     assert not Path("s.csv").exists()
     computed = []
     made_up = {"worst_k": 0.25, "fab_broken": 0.0}
-    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: computed.append(1) or made_up)
+    monkeypatch.setattr("coilarray.studies.points.evaluate", lambda *_, **__: computed.append(1) or made_up)
     good(capsys, *arguments, "--workers", "1")  # in this process
     assert len(computed) == 60 - done
     assert len(kept()) == 60

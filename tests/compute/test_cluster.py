@@ -3,7 +3,6 @@
 import contextlib
 import os
 import re
-import signal
 import socket
 import sys
 
@@ -18,31 +17,11 @@ from coilarray.compute import workers
 from coilarray.compute.store import code_version
 from coilarray.compute.workers import dask_executor, open_executor, outcomes
 from coilarray.errors import ClusterError, MissingDependencyError
-from coilarray.studies.evaluate import evaluate_points
+from coilarray.studies.points import evaluate_points
 
 pytestmark = pytest.mark.slow
 
 pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-
-KERNEL = '''
-"""A kernel in a folder of its own, so that nothing of it is compiled before."""
-
-import os
-
-from coilarray.electromagnetics.kernels import kernel
-
-
-@kernel
-def twice(x):
-    return 2.0 * x
-
-
-def compiled(x):
-    """Use the kernel; process, and how often it was compiled and read from disk there."""
-    assert twice(x) == 2.0 * x
-    stats = twice.stats
-    return os.getpid(), sum(stats.cache_misses.values()), sum(stats.cache_hits.values())
-'''
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -60,7 +39,6 @@ def dask(tmp_path_factory):
     import distributed
 
     folder = tmp_path_factory.mktemp("dask")
-    (folder / "fresh_kernel.py").write_text(KERNEL, encoding="utf-8")
     with contextlib.closing(Dask(folder)) as running:
         for _ in range(2):
             running.add_worker()
@@ -80,11 +58,6 @@ def pool(dask):
 def impatient(monkeypatch):
     """As if ten seconds were one."""
     monkeypatch.setattr(workers, "ANSWER_WITHIN", 1.0)
-
-
-def processes(pool):
-    """Processes of the workers that answer."""
-    return set(pool._client.run(os.getpid, on_error="ignore").values())
 
 
 def refused(address):
@@ -136,29 +109,6 @@ def test_a_sweep_on_the_cluster_from_the_command_line(dask, tmp_path, capsys):
     assert (here.err, there.err) == ("", "")
     assert here.out.replace("here.csv", "there.csv") == there.out
     assert len(list((tmp_path / "there").rglob("*.json"))) == 3  # the cache is where the command runs
-
-
-def test_kernels_compile_at_most_once_a_worker_and_are_kept_on_disk(dask, pool):
-    """The second of two equal tasks finds the kernel compiled, a new process finds it on disk."""
-    sys.path.append(str(dask.folder))  # to name the function here; nothing is compiled here
-    try:
-        import fresh_kernel
-    finally:
-        sys.path.remove(str(dask.folder))
-
-    def compiled(items):
-        return {pid: counts for _, (pid, *counts) in outcomes(pool, fresh_kernel.compiled, items)}
-
-    first = compiled(map(float, range(12)))
-    assert all(misses + hits == 1 for misses, hits in first.values()), first
-    assert sum(misses for misses, _ in first.values()) >= 1
-    before = processes(pool)
-    for pid in before:
-        os.kill(pid, signal.SIGKILL)  # the nanny starts another
-    until(lambda: len(processes(pool) - before) == 2, within=PATIENCE)
-    later = compiled([1.0, 2.0])
-    assert not later.keys() & before
-    assert all(counts == [0, 1] for counts in later.values())
 
 
 def test_a_worker_that_is_lost_costs_only_time_and_one_task_that_ends_all_the_run(pool, tmp_path):

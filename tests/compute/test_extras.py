@@ -40,33 +40,16 @@ def told():
 PIP = ".venv/bin/python -m pip install"
 
 
-def test_of_an_index_by_its_name(installed):
-    installed(None)
-    assert told() == f'{PIP} "coilarray[step]".'
-
-
-def test_of_a_clone_by_its_folder(installed, tmp_path, monkeypatch):
-    installed({"url": tmp_path.as_uri(), "dir_info": {"editable": True}})
-    assert told() == f'{PIP} -e ".[step]".'
-    installed({"url": tmp_path.as_uri(), "dir_info": {}})
-    assert told() == f'{PIP} ".[step]".'
-    elsewhere = tmp_path / "with space"
-    elsewhere.mkdir()
-    monkeypatch.chdir(elsewhere)
-    assert told() == f'{tmp_path.as_posix()}/{PIP} "{tmp_path.as_posix()}[step]".'
-
-
-def test_of_a_clone_that_is_gone_by_the_name(installed, tmp_path):
-    installed({"url": (tmp_path / "gone").as_uri(), "dir_info": {}})
-    assert told() == f'{PIP} "coilarray[step]".'
-
-
-def test_of_a_wheel_and_of_a_repository(installed, tmp_path):
-    (tmp_path / "coilarray.whl").touch()
-    installed({"url": (tmp_path / "coilarray.whl").as_uri(), "archive_info": {}})
-    assert told() == f'{PIP} "{tmp_path.as_posix()}/coilarray.whl[step]".'
-    installed({"url": "https://example.org/coilarray.git", "vcs_info": {"vcs": "git", "commit_id": "0"}})
-    assert told() == f'{PIP} "coilarray[step] @ git+https://example.org/coilarray.git".'
+@pytest.mark.parametrize(("record", "requirement"), [
+    (None, '"coilarray[step]"'),  # from an index
+    ({"url": "file://HERE", "dir_info": {"editable": True}}, '-e ".[step]"'),
+    ({"url": "file://HERE", "dir_info": {}}, '".[step]"'),
+    ({"url": "file://HERE/gone", "dir_info": {}}, '"coilarray[step]"'),
+    ({"url": "https://example.org/c.git", "vcs_info": {"vcs": "git"}}, '"coilarray[step] @ git+https://example.org/c.git"'),
+])  # fmt: skip
+def test_pip_finds_this_coilarray_again(installed, tmp_path, record, requirement):
+    installed(record and {**record, "url": record["url"].replace("HERE", tmp_path.as_posix())})
+    assert told() == f"{PIP} {requirement}."
 
 
 def test_without_installation_and_with_a_space_in_the_path(installed, tmp_path, monkeypatch):

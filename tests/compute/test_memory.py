@@ -12,9 +12,6 @@ from coilarray import grid_points, inductance_matrix, load_design, magnetic_fiel
 from coilarray.circuit.coupling import design_circuit
 from coilarray.cli.main import main
 from coilarray.compute.memory import MemoryLimitError, allowed_memory, available_memory, require_memory
-from coilarray.elastomer.contact import indent
-from coilarray.elastomer.dent import dent_of
-from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.errors import CoilarrayError
 from coilarray.geometry import Conductor
 
@@ -103,13 +100,6 @@ def test_the_variable_goes_before_the_system(monkeypatch):
     assert issubclass(MemoryLimitError, MemoryError)
 
 
-def test_small_arrays_cost_no_look_at_the_system(system, monkeypatch):
-    monkeypatch.setattr(memory, "allowed_memory", lambda: 0.0)
-    require_memory(10e6, "this")
-    with pytest.raises(MemoryLimitError):
-        require_memory(100e6, "this")
-
-
 @pytest.mark.slow
 def test_fields_and_matrices_are_refused_before_anything_is_made():
     """Points of zero strides: 24 bytes stand for 1e13 points, and anything of their size ends in an error of NumPy."""
@@ -126,17 +116,6 @@ def test_fields_and_matrices_are_refused_before_anything_is_made():
         message = rf"^{what} needs about .* GB of memory; .* GB are allowed: .*\.$"
         with pytest.raises(MemoryLimitError, match=message):
             function(loop, many)
-
-
-@pytest.mark.slow
-def test_dents_at_many_positions_are_refused_before_anything_is_made(monkeypatch):
-    design = load_design("gast2020")
-    setup = design.indentation
-    dent = dent_of(indent(design.sheets, setup.indenter, [1e-3], base=setup.base).isel(depth=0), design.sheets)
-    monkeypatch.setenv(memory.LIMIT_VARIABLE, "1")
-    many = np.broadcast_to(np.zeros(2), (10**7, 2))
-    with pytest.raises(MemoryLimitError, match=r"^1 dents at 10000000 positions with 6 coils needs about 8.16 GB"):
-        dent_inductance(design.array, [dent], many)
 
 
 TABLE = "--x-mm -20:20:1000 --y-mm -6:6:1000"

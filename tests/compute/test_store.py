@@ -2,11 +2,7 @@
 
 import copy
 import dataclasses
-import functools
-import gc
 import json
-import os
-import stat
 import subprocess
 import sys
 import threading
@@ -17,11 +13,9 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
-from support.no_room import file_limit
 
 from coilarray.compute import store as versions
-from coilarray.compute.netcdf import netcdf_of
-from coilarray.compute.store import FOLDER_VARIABLE, Store, content_key, locked_database, open_store
+from coilarray.compute.store import FOLDER_VARIABLE, content_key, locked_database, open_store
 from coilarray.errors import OutputError
 from coilarray.geometry import Sheet
 
@@ -32,16 +26,6 @@ PLAIN = st.recursive(
     max_leaves=8,
 )
 KEY = "ab" + 62 * "0"
-
-
-@pytest.mark.lowest
-def test_the_content_of_a_file_is_collected_in_any_order():
-    """Python 3.13 says so of a buffer in memory that is closed before what shows it: seven times after a report."""
-    kept = {"content": netcdf_of(xr.Dataset({"a": ("x", np.arange(3.0))}))}
-    kept["itself"] = kept
-    assert kept["content"][:4] == b"\x89HDF"
-    del kept
-    gc.collect()  # a warning of pytest, which is an error here
 
 
 def files(cache):
@@ -62,13 +46,6 @@ def test_an_outcome_comes_back_to_the_last_bit(shared, outcome):
     if isinstance(outcome, dict):
         assert list(again) == list(outcome)
         assert [value.hex() for value in again.values()] == [value.hex() for value in outcome.values()]  # −0.0 too
-
-
-def test_what_is_not_there_is_none(tmp_path):
-    cache = open_store(tmp_path)
-    cache.put(KEY, {"a": 1.0})
-    assert cache.get("ab" + 62 * "1") is Store(tmp_path / "no" / "such").get(KEY) is None
-    assert [path.stat().st_size < 100 for path in files(cache)] == [True]  # one small file a point, nothing beside it
 
 
 def test_an_unreadable_entry_counts_as_none_and_is_written_anew(tmp_path):
@@ -115,14 +92,6 @@ def test_a_dataset_is_computed_once_and_again_where_it_is_damaged_or_the_code_is
     (store.folder / "notes.txt").unlink()
     store.discard(())
     assert not store.folder.exists()
-
-
-def test_a_dataset_that_finds_no_room_is_computed_all_the_same(tmp_path):
-    store = open_store(tmp_path / "store")
-    with file_limit(0):
-        for _ in range(2):
-            assert store.dataset(("part",), lambda: xr.Dataset({"a": ("n", [1.0])})).a.values.tolist() == [1.0]
-    assert not store.keys()
 
 
 def test_arrays_and_dataclasses_are_part_of_a_key_by_their_values():
@@ -185,14 +154,6 @@ def test_several_writers_leave_whole_entries(tmp_path):
     assert len(files(cache)) == 1
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="the superuser may write everywhere")
-def test_a_folder_without_permission_is_one_line(tmp_path):
-    cache = open_store(tmp_path)
-    cache.folder.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    with pytest.raises(OutputError, match="cannot make the folder"):
-        cache.put(KEY, "why")
-
-
 def test_a_file_in_the_place_of_the_folder_is_one_line(tmp_path):
     (tmp_path / "points").write_text("mine", encoding="utf-8")
     with pytest.raises(OutputError, match="a file has that name"):
@@ -249,38 +210,3 @@ def test_the_version_changes_with_the_source_of_what_computes(copied, name, chan
     assert version() == before
     change(root / name)
     assert (version() != before) == changes
-
-
-def test_the_version_changes_with_that_of_what_computes(copied, monkeypatch):
-    found, installed = [copied[1]()], versions.metadata.version
-    for package in ("numpy", "scipy", "numba"):
-        later = {package: "9.9"}
-        monkeypatch.setattr(versions.metadata, "version", lambda name, later=later: later.get(name) or installed(name))
-        found.append(copied[1]())
-    assert len(set(found)) == 4
-
-
-def test_the_version_follows_links_to_folders(copied, tmp_path):
-    """Geometry is such a link in a working copy; in an installation it is a folder."""
-    root, version = copied
-    linked = tmp_path / "geometry"
-    linked.mkdir()
-    (linked / "coil.py").write_text("turns", encoding="utf-8")
-    before = version()
-    (root / "geometry").symlink_to(linked)
-    with_link = version()
-    assert with_link != before
-    (linked / "coil.py").write_text("more turns", encoding="utf-8")
-    changed = version()
-    assert changed != with_link
-    (root / "geometry").unlink()
-    linked.rename(root / "geometry")
-    assert version() == changed
-
-
-def test_the_version_of_this_package_counts_geometry():
-    names = {path.relative_to(versions._ROOT).as_posix() for path in versions._sources()}
-    electromagnetics = {f"electromagnetics/{name}.py" for name in ("kernels/bars", "inductance")}
-    assert {"geometry/coil.py", *electromagnetics, "design/fabs/jlcpcb-4-layer.toml"} <= names
-    assert not any(name.startswith(("cli/", "viz/", "report/")) for name in names)
-    assert isinstance(versions.code_version, functools._lru_cache_wrapper)  # read once a process

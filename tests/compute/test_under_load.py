@@ -16,7 +16,6 @@ import sqlite3
 import subprocess
 import sys
 import threading
-import time
 import tomllib
 from contextlib import chdir, closing, contextmanager, redirect_stderr, redirect_stdout
 from functools import partial
@@ -32,7 +31,7 @@ from threadpoolctl import threadpool_limits
 from coilarray.cli import optimize
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
-from coilarray.compute.threads import Recent, run_blocks
+from coilarray.compute.threads import Recent
 from coilarray.design.bundled import read
 from coilarray.design.vary import vary_document
 from coilarray.paper.published import published_map
@@ -192,8 +191,6 @@ def write_inputs(folder):
     ("field flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc --force", "f.nc", False),
     ("distortion gast2020 --out d.csv --plot d.png --force", "d.csv d.png", False),
     ("matrix small.toml --out m.nc --force", "m.nc", True), ("matrix small.toml --out m.csv --force", "m.csv", True),
-    ("impedance small.toml --points 2 --out i.csv --force", "i.csv", True),
-    ("indent small.toml --strain finite -o d.nc --force", "d.nc", True),
     ("fit a1.nc --out f.json --force", "f.json", True), ("field small.toml --out f.vtr --force", "f.vtr", True),
     ("export small.toml --to gerber --out g.zip --force", "g.zip", True),
     ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb", True),
@@ -281,16 +278,3 @@ def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, caps
             np.testing.assert_allclose(found[0][name], expected, rtol=1e-9, atol=1e-9 * largest)
         else:
             assert found[0][name].tolist() == expected.tolist()
-
-
-def test_an_interrupt_drops_the_blocks_that_have_not_begun(monkeypatch):
-    monkeypatch.setenv("COILARRAY_THREADS", "2")
-    begun = []
-
-    def work(number):
-        begun.append(number)
-        time.sleep(0.01)
-
-    with pytest.raises(KeyboardInterrupt):
-        run_blocks(work, range(10_000), progress=_interrupt)
-    assert len(begun) < 5000  # 40 where the first progress is told after 0.2 s

@@ -91,11 +91,6 @@ def test_bounds_and_priors_are_kept():
     assert information(problem, found)[0, 0] == pytest.approx(24, rel=1e-6)
 
 
-def test_few_numbers_for_the_scale_of_the_noise():
-    with pytest.raises(GoalError, match="3 unknowns and the scale of the noise need more than 3 independent numbers"):
-        posed(np.zeros(3), estimated=True)
-
-
 @pytest.mark.parametrize("low", [[-1.0, 0.0], [0.5, -5.0], [4.0, 4.0]])
 def test_a_normal_distribution_in_a_box(low):
     mean, covariance, high = np.array([0.0, 3.0]), np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([5.0, 6.0])
@@ -383,9 +378,3 @@ def test_mistakes_of_a_plan(document, text):
 def test_mistakes_of_a_calibration(data, unknowns, text):
     with pytest.raises((GoalError, LocalizeError), match=text):
         calibrate(PAPER, data, unknowns)
-
-
-def test_noise_that_is_asked_for_must_be_there():
-    plan = check_plan({"unknown": [UNKNOWN], "data": {"noise": "given"}})
-    with pytest.raises(GoalError, match="do not state their noise"):
-        calibrate(PAPER, straight(2.6, 0.0), plan)

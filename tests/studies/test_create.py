@@ -17,7 +17,7 @@ from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
-from coilarray.studies.create import LONG_SHAPES, Choices, reach_of_fewer_layers
+from coilarray.studies.create import Choices, reach_of_fewer_layers
 from coilarray.studies.create.choices import Arrangement, read_arrangement
 from coilarray.studies.create.layout import neighbour_coupling
 from coilarray.studies.create.plan import Plan, Room, Winding, wind
@@ -91,16 +91,6 @@ def test_arrangements_are_read(coils, shape, expected):
 @pytest.mark.parametrize("coils", ["", "0", "4x", "x4", "8-hex", "4x0", "-3", "4 by 4"])
 def test_other_arrangements_are_refused(coils):
     refused(DesignError, f"coils must be as 1, 6 .*; got '{coils}'", read_arrangement, coils)
-
-
-def test_a_number_of_coils_is_a_row_and_a_name_is_checked_first():
-    assert read_arrangement(3) == read_arrangement("3")
-    refused(DesignError, "^my pad: name may have letters, .*; got 'my pad'.$", new_design, "my pad", "1")
-
-
-@pytest.mark.parametrize(("coils", "number"), [("40x26", 1040), ("99999", 99999)])
-def test_too_many_coils_are_refused_with_their_number(coils, number):
-    refused(DesignError, f"coils must be at most 1000; got {number} in '{coils}'", read_arrangement, coils)
 
 
 @pytest.mark.slow
@@ -298,17 +288,6 @@ def test_choices_that_cannot_be_are_one_line(name):
     refused(DesignError, words, new_design, "x", "3", **choices)
 
 
-def test_one_coil_has_no_pitch():
-    refused(
-        DesignError, "one coil has no neighbours: pitch and overlap are for several", new_design, "x", "1", pitch=1e-2
-    )
-
-
-def test_the_least_size_that_is_named_can_be_made():
-    file = new_design("x", "1", size=3.28e-3, elastomer=False)
-    assert file.values["coils.hexagon.turns_per_layer"] == 1
-
-
 def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold():
     file = new_design("x", "1", size=0.2, inductance=10e-6, elastomer=False)
     assert file.values["coils.hexagon.trace_width_mm"] <= 5
@@ -318,11 +297,3 @@ def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold
 def test_the_vias_of_many_layers_have_room_between_the_leads(layers):
     made = new_design("many", inductance=18e-6, layers=layers)
     assert not [margin for margin in check_rules(made.design.array, made.design.rules) if not margin.kept]
-
-
-@pytest.mark.parametrize("shape", LONG_SHAPES)
-def test_a_rectangle_and_a_racetrack_are_longer_than_wide_by_default(shape):
-    """With two equal sides they would be a square and a circle, which have names of their own."""
-    (placed,) = new_design("long", "1", shape=shape, elastomer=False).design.array.placements
-    width, height = np.ptp(placed.coil.outline, axis=0)
-    assert (width, height) == pytest.approx((20e-3, 12e-3), rel=1e-6)  # to the corners of the arcs' polygons

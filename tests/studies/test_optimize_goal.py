@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from coilarray import load_design
 from coilarray.errors import GoalError
-from coilarray.studies.optimize.derive import load_goal
 from coilarray.studies.optimize.goal import Goal, parse_goal
 from coilarray.studies.optimize.search import study_name
 from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
@@ -23,24 +22,6 @@ GOOD = "schema = 1\n" + PITCH + LEAST
 
 def goal_of(*parts, head="schema = 1\n") -> Goal:
     return parse_goal(head + "\n".join(parts))
-
-
-def test_defaults_and_words():
-    goal = goal_of(PITCH, LEAST, '[[constraint]]\nquantity = "span_mm"\nat_least = 80\nat_most = 90.5')
-    assert [objective.wish for objective in goal.objectives] == ["minimize rms_k"]
-    assert goal.constraints[0].wish == "span_mm ≥ 80 and ≤ 90.5"
-    assert (goal.sampler, goal.directions, goal.search.seed) == ("tpe", ["minimize"], 0)
-    assert goal.polish > 0
-    assert goal.quantities == ("rms_k", "span_mm")
-    several = goal_of(PITCH, LEAST, '[[objective]]\nquantity = "q"\ndirection = "maximize"')
-    assert (several.sampler, several.directions, several.polish) == ("nsga2", ["minimize", "maximize"], 0)
-
-
-def test_quantities_have_one_name_each():
-    objective = '[[objective]]\nquantity = { quantity = "k", coils = ["coil1", "coil2"] }\ntarget = 0.0'
-    goal = goal_of(PITCH, objective, head='schema = 1\nwatch = ["k[ coil1 , coil2 ]", "rms_k"]\n')
-    assert goal.quantities == ("k[coil1,coil2]", "rms_k")
-    assert goal.objectives[0].wish == "bring k[coil1,coil2] to 0"
 
 
 def test_scores_and_violations():
@@ -121,16 +102,6 @@ def test_mistakes(text, message):
         parse_goal(text)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_files(design, tmp_path):
-    copy = tmp_path / "goal.toml"
-    copy.write_text(GOOD, encoding="utf-8")
-    assert load_goal(copy, design) == parse_goal(GOOD)
-    with pytest.raises(GoalError, match=r"there is no goal file none\.toml\."):
-        load_goal("none.toml", design)
-    with pytest.raises(GoalError, match=r"there is no goal 'least': it must be a file or one of worst_k, decouple, "):
-        load_goal("least", design)
 
 
 def test_axes_know_the_design(design):

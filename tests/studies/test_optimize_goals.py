@@ -14,7 +14,7 @@ from coilarray import load_design
 from coilarray.design.model import build_design_file
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
-from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, parse_bound, unfit_goals
+from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, parse_bound
 from coilarray.studies.optimize.goal import parse_goal
 from coilarray.studies.optimize.space import axes_of, start_parameters
 from coilarray.studies.quantities import evaluate
@@ -152,22 +152,3 @@ def test_what_the_command_line_gives_takes_the_place_of_the_derived():
 def test_goals_that_a_design_has_not(wishes, file, message):
     with pytest.raises(GoalError, match=message):
         derive_goal(wishes, file)
-
-
-@pytest.mark.parametrize("file", [ONE, PAD, MOVED, FREE, WIRE], ids=["one", "pad", "moved", "free", "wire"])
-def test_goals_are_unfit_for_the_reason_for_which_they_are_refused(file):
-    refused = {}
-    for name in NAMES:
-        try:
-            derive_goal([name], file)
-        except GoalError as error:
-            refused[name] = str(error).partition(";")[0].rstrip(".")
-    unfit = {name: why.partition(";")[0].rstrip(".") for name, why in unfit_goals(file).items()}
-    assert unfit == refused
-    assert refused
-    assert ("smallest" in unfit) == (file is WIRE)
-
-
-def test_a_bound_that_is_none():
-    with pytest.raises(GoalError, match="--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got 'span_mm=3'"):
-        parse_bound("span_mm=3")

@@ -96,17 +96,6 @@ def test_stops_and_goes_on(design, tmp_path):
     assert len(more.asked) == 1 + len(polished(longer)) - count
 
 
-def test_more_points_are_the_same_with_and_without(design, tmp_path):
-    """The sampler does not see the points of the local solver: they come only after those that were asked for."""
-
-    def tried(folder, *runs):
-        for trials, polish in runs:
-            result = optimize_with(design, goal_of(polish=polish, trials=trials), tmp_path / folder, Bowl())
-        return [trial.changes for trial in result.trials if trial.kind == "search"]
-
-    assert tried("a", (12, 10), (26, 0)) == tried("b", (26, 0))
-
-
 def test_the_best_never_gets_worse_with_more_points(design, tmp_path):
     """Two dips, the narrow one deeper: what the local solver found in it stays when the search ends up in the other."""
 
@@ -142,16 +131,6 @@ def test_nothing_to_polish(design, tmp_path):
     assert problem(polish=0) == "the goal asks for none."
     assert problem(wanted=never) == "no point of the search keeps all constraints."
     assert problem(text=whole) == "no variable is continuous."
-
-
-def test_points_that_cannot_be(design, tmp_path):
-    def walled(change):
-        return "too near." if change.get("array.pitch_mm", 13.28) < 12.6 else bowl_at(change)
-
-    result = optimize_with(design, goal_of(polish=80), tmp_path, StandIn(walled))
-    assert any(trial.reason for trial in polished(result))
-    # the wall is at 12.6, the bottom beyond it; a solver of smooth models comes near
-    assert 12.6 <= result.best.changes["array.pitch_mm"] < 12.75
 
 
 def test_every_point_can_be_made(design, tmp_path):

@@ -1,14 +1,11 @@
 """The search: it finds what is known, tries the same points however it is run, and loses nothing."""
 
 import json
-import os
-import sqlite3
 import sys
 import threading
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import optuna
 import pytest
@@ -108,25 +105,6 @@ def test_start_comes_first_where_it_lies_inside(design, tmp_path):
         assert [point.name for point in run.points if point.start] == ["search 0"] * inside
 
 
-ODD_NAMES = (
-    "a%41r", "50%", "board?1", "a#b", "two words", "Größe 10 µm", "it's \"quoted\"", "{SCHEMA_VERSION}", "a&b=c;d",
-    "file:x", os.fsdecode(b"latin-\xb5m"),
-)  # fmt: skip
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not allow all of these names")
-@pytest.mark.parametrize("name", ODD_NAMES, ids=ascii)
-def test_a_folder_may_have_any_name(design, tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
-    optimize_with(design, goal_of(trials=2), Path(name), Points())
-    assert os.listdir() == [name]
-    assert {FILE, "study.lock"} <= set(os.listdir(name))
-    assert points_found(Path(name), design, goal_of(trials=2)) == 2
-    (run,) = read_runs(Path(name))  # as the studio reads it
-    assert len(run.points) == 2
-    assert os.listdir() == [name]
-
-
 @pytest.mark.parametrize(("sampler", "wanted"), [
     ("tpe", LEAST + BOUND), ("nsga2", LEAST + MOST + BOUND), ("nsga3", LEAST + MOST), ("qmc", LEAST), ("cmaes", LEAST),
 ])  # fmt: skip
@@ -149,21 +127,6 @@ def test_same_points_however_it_is_run(design, tmp_path, sampler, wanted):
     assert asked == 17  # of 18 points, the first being the start: nothing twice
 
 
-def test_fewer_points_than_are_known(design, tmp_path):
-    whole = optimize_with(design, goal_of(trials=14), tmp_path, Points())
-    points = Points()
-    fewer = optimize_with(design, goal_of(trials=5), tmp_path, points)
-    assert points_of(fewer) == points_of(whole)
-    assert (fewer.found, fewer.goal.search.trials, len(points.asked)) == (14, 14, 1)
-
-
-def test_other_seeds_give_other_points(design, tmp_path):
-    goals = [goal_of(trials=3, replaced=("seed = 3", f"seed = {seed}")) for seed in (3, 4)]
-    one, other = (optimize_with(design, goal, tmp_path, Points()) for goal in goals)
-    assert points_of(one)[0] == points_of(other)[0]
-    assert points_of(one)[1] != points_of(other)[1]
-
-
 def test_bounds_and_impossible_points(design, tmp_path):
     goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 90\n', trials=64, batch=8)
     result = optimize_with(design, goal, tmp_path, Points())
@@ -177,14 +140,6 @@ def test_bounds_and_impossible_points(design, tmp_path):
     assert result.best.quantities["span_mm"] >= 90
     best = min(t.scores[0] for t in result.trials if t.scores and t.quantities["span_mm"] >= 90)
     assert result.best.scores[0] == best < 1.0
-
-
-def test_nothing_keeps_the_bounds(design, tmp_path):
-    goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 1000\n', trials=5)
-    result = optimize_with(design, goal, tmp_path, Points())
-    assert (result.best, result.front, result.designs()) == (None, (), ())
-    fails = optimize_with(design, goal_of(trials=5), tmp_path, StandIn(lambda change: "no."))
-    assert (fails.start.reason, fails.front) == ("no.", ())
 
 
 def test_a_best_that_is_no_better_than_the_start(design, tmp_path):
@@ -320,14 +275,6 @@ def test_files_that_are_none_of_ours(design, tmp_path, name):
     # the class of an error tells nobody anything
     with pytest.raises(OutputError, match=r"^(?!.*\(sqlite3\.)"), open_study(tmp_path, design, goal_of()):
         pass
-
-
-def test_places_where_no_study_can_be(design, tmp_path):
-    with closing(sqlite3.connect(tmp_path / FILE)) as other:
-        other.execute("CREATE TABLE studies (x)")
-    for folder, message in ((tmp_path, "cannot use"), (tmp_path / FILE, "cannot make the folder")):
-        with pytest.raises(OutputError, match=message):
-            optimize_with(design, goal_of(), folder, Points())
 
 
 def test_missing_libraries(design, tmp_path, monkeypatch):

@@ -3,23 +3,17 @@
 import csv
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgba
 from support.optimize_points import StandIn
 
-from coilarray import load_design
-from coilarray.design.bundled import read
 from coilarray.design.model import build_design_file, load_design_file, parse_design_file
-from coilarray.errors import OutputError
-from coilarray.report.optimization import chosen_designs, quantity_table, write_optimization_report
+from coilarray.report.optimization import write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
 from coilarray.studies.optimize.write import LEAST_POINTS, importance, result_data, trial_text
 from coilarray.studies.quantities import evaluate
-from coilarray.viz.palette import VERMILLION
-from coilarray.viz.plots.optimize import boards_figure, plot_convergence, plot_front, plot_importance
+from coilarray.viz.plots.optimize import plot_convergence
 
 GOAL = """
 schema = 1
@@ -137,13 +131,6 @@ def test_what_was_chosen_is_not_assumed(single):
     assert "assumed" not in trial_text(bare, single.best, "best")
 
 
-def test_unwritable(single, tmp_path):
-    (tmp_path / "file").write_text("")
-    for write in (write_optimization, write_optimization_report):
-        with pytest.raises(OutputError, match="cannot make the folder"):
-            write(single, tmp_path / "file")
-
-
 def test_importance(single, double):
     (parts,) = importance(single.goal, single.axes, single.trials)
     assert sum(parts.values()) == pytest.approx(1.0)
@@ -152,24 +139,6 @@ def test_importance(single, double):
     assert len(importance(double.goal, double.axes, double.trials)) == 2
     few = [trial for trial in single.trials if trial.feasible][: LEAST_POINTS - 1]
     assert importance(single.goal, single.axes, few) == [{}]
-
-
-def test_quantities_that_no_design_has_are_left_out(single):
-    """One coil has no couplings, of which the page had rows of dashes."""
-    one = replace(single, file=parse_design_file(read("gast_fem"), "gast_fem"))
-    found = quantity_table(one, (), ("fab_broken", "rms_k", "covered_mm2")).rows
-    assert [row[0] for row in found] == ["fab_broken", "covered_mm2"]
-
-
-def test_chosen_designs(single, double):
-    assert [one.label for one in chosen_designs(single)] == ["best"]
-    chosen = chosen_designs(double)
-    assert (chosen[0].label, chosen[-1].label) == ("pareto_01", f"pareto_{len(double.front):02d}")
-    assert len(chosen) == 3
-    # the one between is nearest to the best of both, of the front scaled to the unit box
-    scores = np.array([trial.scores for trial in double.front])
-    scaled = (scores - scores.min(axis=0)) / np.ptp(scores, axis=0)
-    assert chosen[1].trial is double.front[int((scaled**2).sum(axis=1).argmin())]
 
 
 @pytest.mark.slow
@@ -196,18 +165,6 @@ def test_page(single, double, tmp_path, monkeypatch):
     assert f"<td>covered_mm2</td><td>mm²</td><td></td><td>{covered}</td>" in one
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("small_pictures")
-def test_page_where_nothing_is_found(starter, tmp_path, monkeypatch):
-    monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))
-    goal = parse_goal(GOAL.format(second="", trials=4).replace("at_least = 30", "at_least = 4000"))
-    result = optimize_with(starter, goal, tmp_path, StandIn(quantities))
-    page = write_optimization_report(result, tmp_path).read_text(encoding="utf-8")
-    assert "No design is found that keeps all bounds; the given design does not either, as it breaks" in page
-    assert "Too few points" in page
-    assert [path.name for path in write_optimization(result, tmp_path)] == ["trials.csv", "result.json"]
-
-
 def test_convergence_picture():
     scores = [5.0, np.nan, 3.0, 4.0, 1.0]
     feasible = [True, False, True, True, False]
@@ -225,36 +182,3 @@ def test_convergence_picture():
     assert not plot_convergence([np.nan], [False], label="q").lines
     with pytest.raises(ValueError, match="rows of one length"):
         plot_convergence([1.0], [True, True], label="q")
-
-
-def test_front_picture():
-    points = [(1.0, 5.0), (3.0, 1.0), (2.0, 2.0), (90.0, 90.0), (0.0, 0.0)]
-    feasible = [True, True, True, True, False]
-    named = {2: "middle"}
-    ax = plot_front(points, feasible, [0, 1, 2], labels=("a", "b"), start=(4.0, 4.0), named=named, stairs="post")
-    shown = {c.get_label(): c for c in ax.collections}
-    assert shown["Pareto front"].get_offsets().tolist() == [[1, 5], [2, 2], [3, 1]]
-    assert shown["Pareto front"].get_facecolors()[0].tolist() == pytest.approx(to_rgba(VERMILLION))
-    assert shown["given design"].get_offsets().tolist() == [[4, 4]]
-    assert len(shown["keeps all bounds"].get_offsets()) == 4
-    assert [text.get_text() for text in ax.texts] == ["middle"]
-    assert ax.lines[0].get_drawstyle() == "steps-post"
-    assert ax.get_xlim()[1] < 10  # the far-off point does not make the front a dot
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("a", "b")
-    assert plot_front(points, [False] * 5, [], labels=("a", "b")).collections
-    alone = plot_front(points, feasible, [1], labels=("a", "b")).collections
-    assert [one.get_label() for one in alone] == ["keeps all bounds", "best"]  # one point is no front
-    with pytest.raises(ValueError, match="shape"):
-        plot_front(points, [True], [], labels=("a", "b"))
-
-
-def test_importance_and_board_pictures(starter):
-    ax = plot_importance({"pitch": 0.75, "columns": 0.25}, title="what")
-    assert [bar.get_width() for bar in ax.patches] == [75, 25]
-    assert [text.get_text() for text in ax.texts] == ["75 %", "25 %"]
-    few = load_design("gast_fem")
-    figure = boards_figure({"one": starter.array, "other": few.array})
-    upper, lower = figure.axes
-    assert (upper.get_title(loc="left"), lower.get_title(loc="left")) == ("one", "other")
-    assert upper.get_xlim() == lower.get_xlim()  # one scale
-    assert upper.get_xlim()[1] > starter.array.bounds[2] * 1e3

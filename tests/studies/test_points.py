@@ -12,10 +12,8 @@ from coilarray import load_design
 from coilarray.compute.store import open_store
 from coilarray.compute.workers import open_executor
 from coilarray.design.vary import vary
-from coilarray.errors import GoalError
-from coilarray.studies.evaluate import evaluate_points, run_cached
+from coilarray.studies.points import evaluate_points, run_cached
 from coilarray.studies.quantities import evaluate
-from coilarray.studies.tolerance.perturb import perturb
 
 QUANTITIES = ["span_mm", "board_area_mm2"]  # shapes alone: 20 ms a point
 
@@ -170,20 +168,6 @@ def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
     assert (pool.computed, len(found)) == (2, 5)
     assert values[0] == values[2] == values[3] != values[1] == values[4]
     assert told == [(k, 5) for k in range(1, 6)]
-
-
-def test_quantities_and_design_are_checked_at_once(starter):
-    with open_executor() as pool, pytest.raises(GoalError, match="there is no quantity 'span'"):
-        evaluate_points(starter, pitches(12), ["span"], pool)
-
-
-def test_a_board_with_errors_is_sent_as_it_is(starter):
-    """It stands in no file: every line of its coils travels."""
-    thick = perturb(starter, {"etch.L1": 2e-6, "registration_x.L3": 20e-6})
-    with open_executor() as pool:
-        ((_, outcome),) = evaluate_points(thick, [{}], QUANTITIES, pool)
-    assert outcome == pytest.approx(evaluate(thick, QUANTITIES), rel=1e-12)
-    assert outcome != pytest.approx(evaluate(starter, QUANTITIES), rel=1e-6)
 
 
 def test_any_function_of_plain_data_can_be_cached(cache):

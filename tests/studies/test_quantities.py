@@ -2,22 +2,18 @@
 
 # ruff: noqa: E501 - each case is one line of input and one of output
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.contacts import coarse_maps, linear
 from support.localize_boards import bells
-from support.refusals import refused
 
 from coilarray import load_design, mutual_inductance, parse_design, self_inductance
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.impedance import scan_design
-from coilarray.design.bundled import read
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.geometry import MATERIALS, Ball, Target, check_rules
@@ -84,15 +80,6 @@ def test_canonical_text_and_back(asked, key):
 EDGES = st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4, unique=True)
 
 
-@settings(max_examples=50)
-@given(depth=st.floats(1e-6, 1e6), noise=st.floats(min_value=5e-324, allow_infinity=False), edges=EDGES)
-def test_numbers_keep_every_digit_in_a_text(depth, noise, edges):
-    region = [*sorted(edges[:2]), *sorted(edges[2:])]
-    asked = request({"quantity": "position_error_mm", "region_mm": region, "depth_mm": depth, "noise": noise})
-    back = request(asked.key)
-    assert back.options == {"region_mm": tuple(region), "depth_mm": depth, "noise": noise}
-
-
 BAD_REQUESTS = {
     "unknown": ("rms_q", "there is no quantity 'rms_q'; did you mean rms_k? coilarray optimize --list-quantities shows all"),
     "a letter": ("L", "there is no quantity 'L'; did you mean inductance_uH? coilarray"),
@@ -137,11 +124,6 @@ BAD_REQUESTS = {
     "a rule without mm": ("fab_margin_mm[aspect ratio]", "fab_margin_mm: rule must be one of trace width"),
     "a list for a rule": ({"quantity": "fab_margin_mm", "rule": ["drill"]}, "fab_margin_mm: rule must be one of"),
 }  # fmt: skip
-
-
-def test_an_unknown_quantity_is_told_where_all_are_listed():
-    said = rf"'zzzz'\. coilarray optimize --list-quantities shows all {len(QUANTITIES)}\.$"
-    refused(GoalError, said, request, "zzzz")
 
 
 @pytest.mark.parametrize("case", BAD_REQUESTS)
@@ -263,19 +245,6 @@ def test_what_a_design_does_not_have_is_one_line(changes, asked, message):
         value(vary(STARTER, changes), asked)
 
 
-def test_one_coil_has_an_inductance():
-    assert value(vary(STARTER, ALONE), "inductance_uH[coil1]") > 0
-
-
-@pytest.mark.parametrize(
-    "name", ["k[coil1,", "inductance_uH[", "peak_delta[", "response_width_mm[", "x0_distortion_mm["]
-)
-def test_unknown_coils(name, monkeypatch):
-    monkeypatch.setattr(evaluation, "response_map", lambda *_, **__: pytest.fail("computed"))
-    with pytest.raises(GoalError, match=r"the design starter has no coil 'coil9'; there are coil1, coil2, coil3\."):
-        value(STARTER, f"{name}coil9]")
-
-
 @pytest.fixture(scope="module")
 def true():
     """What the tests of the starter's true circuit and response share."""
@@ -308,14 +277,6 @@ def test_drive_margin_is_positive_where_the_converter_may_drive(R_p):
     margin = request("drive_margin").value(of)
     # the state of 20 kΩ is 1 − 20/100 from the upper end
     assert margin == pytest.approx(min(R_p / 1e3 - 1, 1 - R_p / 100e3, 1 - 20 / 100), rel=1e-12)
-
-
-def test_a_scan_that_measures_no_coil_alone():
-    pair = '[[scan]]\nname = "pair"\nmeasure = ["coil1", "-coil2"]\n[[scan]]\nname = "third"\nmeasure = ["-coil3"]\n[field]'
-    of = Evaluation(parse_design(read("starter").replace("[field]", pair, 1), "starter"))
-    assert of.own_states == {"coil3": 1}  # a coil turned round is still measured alone
-    with pytest.raises(GoalError, match="the scan of starter has no state that measures coil1 alone"):
-        of.state_of("coil1")
 
 
 @pytest.fixture
@@ -445,13 +406,6 @@ def test_position_error_by_default_is_over_all_coils_at_the_first_depth(syntheti
     assert value(STARTER, "position_error_mm") == pytest.approx(explicit, rel=1e-6)
 
 
-def test_a_design_that_says_nothing_of_an_indentation():
-    loops = parse_design(LOOPS)
-    for name in ("peak_delta", "response_width_mm[a]", "x0_distortion_mm", "position_error_mm", "depth_error_mm"):
-        with pytest.raises(GoalError, match=r"the design loops has no \[indenter\] and \[indentation\]"):
-            value(loops, name)
-
-
 def test_the_window_stays_inside_the_sample():
     """A hemisphere of 2 mm touches within its radius; the sample ends short of the outer coils."""
     x_min, x_max, y_min, y_max = np.multiply(Evaluation(vary(STARTER, SAMPLE)).window(0.3e-3, beyond=4e-3), 1e3)
@@ -500,23 +454,6 @@ def test_common_results_are_computed_once(monkeypatch):
     assert len(calls) == len(margins) == 1
     assert evaluate(STARTER, ["span_mm"]) == {"span_mm": found["span_mm"]}
     assert len(calls) == len(margins) == 1  # nothing that was not asked for
-
-
-def test_values_are_plain_numbers_and_the_same_again():
-    plain = [q for q in QUANTITIES.values() if not any(option.required for option in q.options)]
-    asked = [quantity.name for quantity in plain if quantity.cost in ("geometry", "coupling")]
-    first, second = (evaluate(STARTER, asked, accuracy="screen") for _ in range(2))
-    assert first == second
-    assert {type(number) for number in first.values()} == {float}
-    assert pickle.loads(pickle.dumps(first)) == first
-
-
-def test_what_is_not_finite_is_refused():
-    of = Evaluation(STARTER)
-    vars(of)["scan"] = xr.Dataset({"quality_factor": ("state", [1.0, np.inf, 2.0])})
-    assert request("q[coil1]").value(of) == 1
-    with pytest.raises(GoalError, match=r"q\[coil2\] of starter is not finite: inf"):
-        request("q[coil2]").value(of)
 
 
 @pytest.mark.slow

@@ -2,19 +2,16 @@
 
 import json
 import math
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray import load_design
-from coilarray.compute.netcdf import save_dataset
 from coilarray.compute.workers import open_executor
 from coilarray.design.vary import vary
-from coilarray.errors import DesignError, GoalError
+from coilarray.errors import GoalError
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import MOST_POINTS, Axis, parse_axis, plan_sweep, run_sweep
 
@@ -94,17 +91,6 @@ def test_a_grid_has_every_number_at_its_place(starter):
     assert set(result.reason.values.ravel().tolist()) == {""}
 
 
-def test_the_dataset_says_what_it_is(starter):
-    result = swept(starter, [Axis(PITCH, (12, 13.5)), Axis("circuit.tank", ("coil", "converter"))])
-    assert result.span_mm.attrs == {"units": "mm", "long_name": "extent of the windings' outlines along x"}
-    assert result[PITCH].attrs == {"long_name": PITCH, "units": "mm", "design_value": PITCH_MM}
-    assert result["circuit.tank"].attrs == {"long_name": "circuit.tank", "design_value": "converter"}
-    assert result["circuit.tank"].values.tolist() == ["coil", "converter"]
-    assert result.attrs["design_hash"] == starter.digest
-    assert result.attrs["coilarray_version"]
-    assert (result.attrs["sampling"], result.attrs["accuracy"]) == ("grid", "full")
-
-
 @pytest.mark.parametrize(("key", "values", "unit"), [
     ("stackup.copper_thickness_um", ([35, 35, 35, 35],), None),  # no numbers
     ("circuit.capacitance_pF", (100, 200), "pF"), ("circuit.resistivity_ohm_m", (1.7e-8, 1.8e-8), "ohm m"),
@@ -135,14 +121,6 @@ def test_a_point_that_cannot_be_is_empty_with_its_reason(starter):
     assert np.isfinite(result.span_mm.sel({PITCH: 12.0})).all()
     problem = "starter: array.pitch_mm must be greater than 0; got -1."
     assert result.reason.sel({PITCH: [12.0, -1.0]}).values.tolist() == [["", ""], [problem, problem]]
-
-
-def test_a_sweep_comes_back_from_its_file(starter, tmp_path):
-    axes = [Axis(PITCH, (12.0, -1.0)), Axis("circuit.tank", ("coil",))]
-    result = swept(starter, axes, ["k[coil1,coil2]"], accuracy="screen")
-    save_dataset(result, tmp_path / "s.nc")
-    with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as again:
-        xr.testing.assert_identical(again.load(), result)
 
 
 def test_samples_lie_in_their_axes_and_cover_them(starter):
@@ -214,31 +192,9 @@ def test_a_wrong_sweep_is_refused_before_the_work(starter, axes, quantity, optio
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_an_interval_is_a_grid_of_its_own(starter):
-    axes = [Axis(PITCH, (10.0, 14.0), interval=True), Axis(COLUMNS, (1.5, 4.0), interval=True)]
-    plan = plan_sweep(starter, axes, ["span_mm"])
-    assert plan.axes[0].values == (10.0, 10.5, 11.0, 11.5, 12.0, 12.5, 13.0, 13.5, 14.0)
-    assert plan.axes[1].values == (2, 3, 4)
-    assert len(plan.points) == 27
-
-
 def test_a_coil_that_only_some_designs_have_is_allowed(starter):
     result = swept(starter, [Axis(COLUMNS, (2, 3))], ["inductance_uH[coil3]"], accuracy="screen")
     few, enough = result["inductance_uH[coil3]"].values.tolist()
     assert math.isnan(few)
     assert enough > 0
     assert result.reason.values[0] == "the design starter has no coil 'coil3'; there are coil1, coil2."
-
-
-@pytest.mark.parametrize("count", [200, 201, 399, 401])
-def test_at_most_two_hundred_points_are_looked_at(starter, monkeypatch, count):
-    refuse = Mock(side_effect=DesignError("no."))
-    monkeypatch.setattr("coilarray.studies.sweep.vary", refuse)
-    with pytest.raises(GoalError, match="no point of the sweep gives a design"):
-        plan_sweep(starter, [Axis(PITCH, tuple(range(1, count + 1)))], ["span_mm"])
-    assert 100 <= refuse.call_count <= 200
-
-
-def test_quantities_that_are_the_same_are_computed_once(starter):
-    plan = plan_sweep(starter, [GOOD], ["k[coil1, coil2]", {"quantity": "k", "coils": ["coil1", "coil2"]}])
-    assert [one.key for one in plan.requests] == ["k[coil1,coil2]", "fab_broken"]  # which every sweep has

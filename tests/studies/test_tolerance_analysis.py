@@ -16,7 +16,7 @@ from support.tolerance_boards import (
     loops,
 )
 
-from coilarray import load_design, new_design
+from coilarray import load_design
 from coilarray.compute.store import open_store
 from coilarray.compute.workers import open_executor
 from coilarray.constants import MU_0
@@ -31,7 +31,6 @@ from coilarray.studies.tolerance import (
     analyse,
     check_analysis,
     contributors,
-    default_quantities,
     draw,
     errors_of,
     load_tolerances,
@@ -169,14 +168,6 @@ def test_the_yield_of_a_normal_output_is_known():
     assert result.limit.values[-1] == "all limits"
 
 
-def test_limits_add_their_quantity_to_the_outputs():
-    limits = (Limit("inductance_uH[ upper ]", at_most=1.0),)
-    assert limits[0].text == "inductance_uH[ upper ] ≤ 1"
-    result = analyse(loops(), Tolerances(SMALL.spreads, limits=limits), samples=0, quantities=[K])
-    assert result.output.values.tolist() == [K, "inductance_uH[upper]"]
-    assert result.linear_yield.values.tolist() == [1.0, 1.0]
-
-
 def test_boards_that_fail_are_counted_with_the_reason():
     """Traces of 20 µm with an etch of 12 µm: P(z < −20/12) = 4.8 % have no trace left."""
     hard = Tolerances({"etch": Spread(board=12e-6)}, limits=(Limit(K, at_most=1.0),))
@@ -211,34 +202,6 @@ def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
     assert kept
     xr.testing.assert_identical(run(1, cache=cache), one)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")} == kept
-
-
-def test_of_many_coils_the_neighbours_couplings_are_asked_for():
-    """All 120 pairs of a pad of 16 make a table, and a picture, that nobody reads."""
-    design = new_design("pad", "4x2", shape="square", size=8e-3, elastomer=False).design
-    pairs = [name for name in default_quantities(design) if name.startswith("k[")]
-    assert len(pairs) == 3 * 2 + 4
-    assert "k[coil1,coil5]" in pairs
-    assert "k[coil1,coil3]" not in pairs
-
-
-def test_progress_counts_the_boards():
-    told = []
-    result = analyse(loops(), SMALL, samples=8, quantities=[K], progress=lambda done, total: told.append((done, total)))
-    total = result.attrs["boards"]
-    assert told[-1] == (total, total)
-    # the nominal one, four for each error, and the drawn ones
-    assert total == 1 + 4 * (2 + 4 + 1 + 2) + 8
-
-
-def test_the_result_says_what_it_is_of(small, tmp_path):
-    assert small.attrs["design_hash"] == loops(4.0).digest
-    assert (small.attrs["seed"], small.attrs["sampling"], small.attrs["accuracy"]) == (1, "sobol", "full")
-    typical = analyse(loops(), load_tolerances(), samples=0, quantities=[K])
-    assert all(typical.assumed.values)
-    small.to_netcdf(tmp_path / "small.nc", engine="h5netcdf")
-    with xr.open_dataset(tmp_path / "small.nc", engine="h5netcdf") as read:
-        np.testing.assert_array_equal(read.value, small.value)
 
 
 def test_the_spread_of_screened_inductances_is_right_to_a_hundredth():

@@ -30,25 +30,11 @@ def heights(design):
     return np.array([design.array.stackup.centre(name) for name in design.array.stackup.names])
 
 
-def test_no_error_changes_nothing():
-    assert perturb(GAST, {}) is GAST
-    assert perturb(GAST, dict.fromkeys(error_names(GAST), 0.0)) is GAST
-
-
 def test_every_error_makes_another_board_which_travels_to_another_process():
     boards = {perturb(GAST, {name: 1e-6}).digest for name in error_names(GAST)}
     assert len(boards | {GAST.digest}) == len(error_names(GAST)) + 1
     board, errors = perturb(GAST, {"etch.L1": 1e-6, "copper.L2": 0.1}), {"copper.L2": 0.1, "etch.L1": 1e-6}
     assert board.digest == perturb(GAST, errors).digest == pickle.loads(pickle.dumps(board)).digest
-
-
-def test_names_are_those_of_the_design():
-    kinds = ("etch", "registration_x", "registration_y", "rotation", "copper")
-    of_layers = {f"{kind}.{layer}" for kind in kinds for layer in ("L1", "L2")}
-    assert set(error_names(loops())) == {*of_layers, "dielectric.L1-L2", "capacitance"}
-    for name in ("placement_x", "permeability", "elastomer.base"):
-        with pytest.raises(GoalError, match="has no error"):
-            perturb(loops(), {name: 1e-6})
 
 
 @settings(max_examples=20)
@@ -160,11 +146,6 @@ relative_permeability = 3.0
     expected = 2 * 3 * error / 4**2 / (2 / 4)
     # second order in the error, which is 1e-4
     np.testing.assert_allclose(after / before - 1, expected, rtol=1e-3)
-
-
-def test_placement_moves_the_origin_of_the_map():
-    moved = perturb(GAST, {"placement_x": 0.1e-3, "placement_y": -0.2e-3}).indentation
-    np.testing.assert_allclose(np.subtract(moved.origin_point, GAST.indentation.origin_point), [1e-4, -2e-4], rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -28,8 +28,8 @@ from coilarray.studies.calibrate.data import Measurement, evaluate_model, imperf
 from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
 from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, DataTable, Plan, Unknown, separated, simple_plan
 from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
-from coilarray.studies.evaluate import run_cached
 from coilarray.studies.optimize.space import value_of
+from coilarray.studies.points import run_cached
 
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no response
 _GUESSED_STEPS = 6  # of a fit, for a progress bar

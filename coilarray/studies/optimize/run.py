@@ -16,7 +16,6 @@ from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
-from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.optimize.derive import keeping_rules
 from coilarray.studies.optimize.goal import Goal, Trial, best_of, better_than, trial_of
 from coilarray.studies.optimize.search import (
@@ -30,6 +29,7 @@ from coilarray.studies.optimize.search import (
     stored_trial,
 )
 from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
+from coilarray.studies.points import evaluate_points
 
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
 """Function of the number of known points, their largest number, and the best point of a single objective."""

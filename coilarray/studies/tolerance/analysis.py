@@ -23,7 +23,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.forward import forward_model, table_for, table_grid
 from coilarray.response.interpolation import PARAMETERS
-from coilarray.studies.evaluate import Outcome, run_cached
+from coilarray.studies.points import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, request
 from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.position import Shifts, require_states, shifts_at
