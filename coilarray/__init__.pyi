@@ -45,7 +45,7 @@ from .errors import NetworkError as NetworkError
 from .errors import OutputError as OutputError
 from .errors import RuleViolationError as RuleViolationError
 from .errors import UnusualValueWarning as UnusualValueWarning
-from .geometry.array import CoilArray as CoilArray
+from .geometry.array import Array as Array
 from .geometry.array import Connector as Connector
 from .geometry.array import Lattice as Lattice
 from .geometry.array import Placement as Placement
@@ -55,7 +55,6 @@ from .geometry.coil import Coil as Coil
 from .geometry.coil import Leads as Leads
 from .geometry.coil import PlatedHole as PlatedHole
 from .geometry.coil import path_coil as path_coil
-from .geometry.coil import spiral_coil as spiral_coil
 from .geometry.conductor import Conductor as Conductor
 from .geometry.connector import route_leads as route_leads
 from .geometry.indenter import Cone as Cone
@@ -71,13 +70,13 @@ from .geometry.plate import Plate as Plate
 from .geometry.plate import Polygon as Polygon
 from .geometry.plate import Rectangle as Rectangle
 from .geometry.plate import Ring as Ring
-from .geometry.rounded_spiral import RoundedSpiral as RoundedSpiral
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules
 from .geometry.sheet import Seat as Seat
 from .geometry.sheet import Sheet as Sheet
+from .geometry.spiral import RoundedSpiral as RoundedSpiral
 from .geometry.spiral import Spiral as Spiral
-from .geometry.spiral import apothem_from_size as apothem_from_size
+from .geometry.spiral import across_flats as across_flats
 from .geometry.stackup import Stackup as Stackup
 from .geometry.target import Target as Target
 from .localize.forward import forward_model as forward_model

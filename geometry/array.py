@@ -11,11 +11,13 @@ from typing import Literal
 
 import numpy as np
 import shapely
+import shapely.affinity
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.html import html_card, html_table
 from coilarray.errors import GeometryError, require_finite, require_positive
-from coilarray.geometry.coil import CHORD, Coil
+from coilarray.geometry.answers import CHORD, SeveralCoils, SingleCoil
+from coilarray.geometry.coil import Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, Side, place_in_mm
@@ -54,13 +56,14 @@ class Placement:
     rotation: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "coil", self.coil.coil())  # a spiral stands for its coil
         if not all(math.isfinite(value) for value in (self.x, self.y, self.rotation)):
             raise GeometryError(
                 f"position of {self.name} must be finite; got x {self.x} m, y {self.y} m, rotation {self.rotation} rad."
             )
         if len(self.layers) != len(self.coil.lines):
             needed, wound = len(self.coil.lines), self.coil.wound
-            why = f"{needed} lines_mm" if wound is None else f"winding_layers = {wound.winding_layers}"
+            why = f"{needed} lines_mm" if wound is None else f"winding_layers = {wound.layers}"
             why += " and return_lead = true" if wound is not None and wound.return_lead else ""
             raise GeometryError(
                 f"layers of {self.name} must be {needed}, as its shape has {why}; "
@@ -79,6 +82,10 @@ class Placement:
             if not shared.is_empty:
                 at = place_in_mm(*shapely.get_coordinates(shared)[0])
                 raise GeometryError(f"lines {i} and {j} of {self.name} meet on {self.layers[i]}, at {at} of the coil.")
+
+    def __repr__(self) -> str:
+        place = f"({self.x * 1e3:.4g}, {self.y * 1e3:.4g}) mm"
+        return f"<Placement {self.name}: {self.coil!r} on {', '.join(self.layers)} at {place}>"
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
         """Return the indices of the coil's lines on a layer.
@@ -178,7 +185,7 @@ class Lattice:
     names: tuple[str, ...] | None = None
     rings: int = 0
 
-    def placements(self, coil: Coil) -> tuple[Placement, ...]:
+    def placements(self, coil: SingleCoil) -> tuple[Placement, ...]:
         """Return the coil placed on every point, row by row.
 
         Raises GeometryError as `lattice` and `Placement` do, if there are no layers, or if names and points differ in
@@ -201,8 +208,9 @@ class Lattice:
         # between all neighbours, and (i + 2j) mod 4 between diagonal neighbours too.
         default = -1 if self.kind in ("hexagonal", "triangle", "rings") else 2 if len(self.layers) == 4 else 1
         shift = default if self.layer_shift is None else self.layer_shift
+        shape = coil.coil()
         return tuple(
-            Placement(name, coil, self.layers[(i + shift * j) % len(self.layers)], x, y, self.rotation)
+            Placement(name, shape, self.layers[(i + shift * j) % len(self.layers)], x, y, self.rotation)
             for name, (x, y), (i, j) in zip(names, points.tolist(), indices.tolist(), strict=True)
         )
 
@@ -254,13 +262,13 @@ class Routing:
     The function is `coilarray.geometry.connector.route_leads`.
     """
 
-    array: CoilArray
+    array: Array
     connector: Connector
     placements: tuple[Placement, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class CoilArray:
+class Array(SeveralCoils):
     """Coils on one board.
 
     Parameters
@@ -303,15 +311,84 @@ class CoilArray:
     def __repr__(self) -> str:
         from coilarray.geometry.words import array_words
 
-        return f"<CoilArray: {array_words(self)}>"
+        return f"<Array: {array_words(self)}>"
 
     def _repr_html_(self) -> str:
         from coilarray.geometry.words import array_facts, array_picture
 
-        return html_card("CoilArray", array_picture(self), html_table((), array_facts(self)))
+        return html_card("Array", array_picture(self), html_table((), array_facts(self)))
+
+    @classmethod
+    def row(
+        cls,
+        coil: SingleCoil,
+        count: int,
+        pitch: float | None = None,
+        *,
+        stackup: Stackup | None = None,
+        board_margin: float = 2e-3,
+        through_holes: bool = True,
+    ) -> Array:
+        """Place equal coils in a row along x.
+
+        Coils that overlap have copper layers of their own: every second, third, … coil uses the same layers.
+
+        Parameters
+        ----------
+        coil : Spiral, RoundedSpiral or Coil
+            Shape of the coils.
+        count : int
+            Number of coils.
+        pitch : float, optional
+            Distance of neighbours in m. One coil has none.
+        stackup : Stackup, optional
+            The board's layers. By default those of the coil, or `Stackup.usual` with as many as are needed.
+        board_margin, through_holes
+            As in `Array`.
+
+        Returns
+        -------
+        Array
+            The array, with coils named coil1, coil2, …
+
+        Raises
+        ------
+        GeometryError
+            As `lattice_array`, or if the board has too few layers for coils that overlap.
+
+        Examples
+        --------
+        >>> from coilarray.geometry import Spiral
+        >>> row = Array.row(Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3), 3, pitch=11e-3)
+        >>> [place.layers for place in row.placements]
+        [('L1', 'L2'), ('L3', 'L4'), ('L1', 'L2')]
+        """
+        shape = coil.coil()
+        layers = len(shape.lines)
+        sets = 1 if pitch is None else _sets_of_layers(shape, count, pitch)
+        board = stackup or shape.stackup or Stackup.usual(layers, sets)
+        if len(board.names) < sets * layers:
+            overlapping = f", as {sets} neighbours overlap" if sets > 1 else ""
+            raise GeometryError(
+                f"coils of {layers} layers need {sets * layers} copper layers{overlapping}; "
+                f"the stackup has {len(board.names)}: {', '.join(board.names)}."
+            )
+        own = tuple(board.names[k * layers : (k + 1) * layers] for k in range(sets))
+        points = Lattice("linear", pitch, count, layers=own)
+        return lattice_array(board, shape, points, board_margin=board_margin, through_holes=through_holes)
+
+    def as_array(self) -> Array:
+        """Return the array itself.
+
+        Returns
+        -------
+        Array
+            The same array.
+        """
+        return self
 
     @property
-    def unrouted(self) -> CoilArray:
+    def unrouted(self) -> Array:
         """The array before its leads were routed to a connector.
 
         It is the array itself if no leads were routed.
@@ -399,12 +476,12 @@ class CoilArray:
         x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
         return self.nearest_coil(x, y)
 
-    def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
+    def with_placements(self, placements: Sequence[Placement]) -> Array:
         """Return the same board with other `placements`.
 
         Returns
         -------
-        CoilArray
+        Array
             The new array, with all checks.
         """
         return replace(self, placements=tuple(placements))
@@ -443,37 +520,50 @@ class CoilArray:
         return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
 
 
+def _sets_of_layers(coil: Coil, count: int, pitch: float) -> int:
+    """Least number of layer sets that keep overlapping coils of a row apart."""
+    outline = shapely.Polygon(coil.outline)
+    near = (1 - _SAME_PLACE) * coil.gap
+
+    def overlaps(steps: int) -> bool:
+        moved = shapely.affinity.translate(outline, steps * pitch)
+        return bool(outline.distance(moved) < near)
+
+    require_positive("pitch", pitch)
+    return next((steps for steps in range(1, count) if not overlaps(steps)), count)
+
+
 def lattice_array(
-    stackup: Stackup, coil: Coil, lattice: Lattice, *, board_margin: float = 2e-3, through_holes: bool = True
-) -> CoilArray:
+    stackup: Stackup, coil: SingleCoil, lattice: Lattice, *, board_margin: float = 2e-3, through_holes: bool = True
+) -> Array:
     """Place one coil on every point of a lattice.
 
-    Raises GeometryError as `Lattice.placements` and `CoilArray`.
+    Raises GeometryError as `Lattice.placements` and `Array`.
 
     Parameters
     ----------
     stackup, board_margin, through_holes
-        As in `CoilArray`.
-    coil : Coil
+        As in `Array`.
+    coil : Spiral, RoundedSpiral or Coil
         The shape of all coils.
     lattice : Lattice
             Positions and layers of the coils.
 
     Returns
     -------
-    CoilArray
+    Array
         The array, with coils named coil1, coil2, … row by row.
 
     Examples
     --------
-    >>> from coilarray.geometry import PlatedHole, Spiral, spiral_coil
-    >>> coil = spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, PlatedHole(0.25e-3, 0.5e-3))
+    >>> from coilarray.geometry import Spiral
+    >>> coil = Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3)
     >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
     >>> row = lattice_array(board, coil, Lattice("linear", pitch=20e-3, columns=3))
     >>> row.names, row.centres[:, 0].tolist()
     (('coil1', 'coil2', 'coil3'), [-0.02, 0.0, 0.02])
     """
-    return CoilArray(stackup, lattice.placements(coil), board_margin, through_holes, lattice)
+    return Array(stackup, lattice.placements(coil), board_margin, through_holes, lattice)
 
 
 def lattice(

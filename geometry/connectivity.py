@@ -13,7 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import Drill, disc, drills, groups, segment_rectangles, trace_outline
 from coilarray.geometry.values import Point, place_in_mm
 
@@ -175,13 +175,13 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 
 
 def check_nets(
-    array: CoilArray, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
+    array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
 ) -> NetCheck:
     """Compare the copper of a file with its coils.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The design.
     layers : mapping of str to sequence of shapely geometry
         Copper of the file in m by name of the layer. A layer that is left out has no copper.
@@ -235,7 +235,7 @@ def check_nets(
     return NetCheck(len(pieces), (*bridges, *cuts, *missing, *foreign))
 
 
-def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
+def check_names(array: Array, board: BoardCopper) -> tuple[NetFault, ...]:
     """Compare the nets of a board's copper with the coils.
 
     The copper has passed `check_nets`. There is a fault for each track, hole or pad that has no net, or a net other

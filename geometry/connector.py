@@ -22,7 +22,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.arcs import Arc, rounded_line
-from coilarray.geometry.array import CoilArray, Connector, Placement, Routing
+from coilarray.geometry.array import Array, Connector, Placement, Routing
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import disc, drills, trace_outline
 from coilarray.geometry.stackup import Stackup
@@ -38,22 +38,22 @@ _NANOMETRE = 9  # digits of m: rounding errors of a design's lengths must not ch
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
 
 
-def route_leads(array: CoilArray, connector: Connector) -> CoilArray:
+def route_leads(array: Array, connector: Connector) -> Array:
     """Route both ends of every coil to a connector.
 
     The holes of the connector take the place of the coils' own terminals.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Coils with leads.
     connector : Connector
         Connector at which the leads end.
 
     Returns
     -------
-    CoilArray
-        The array, in which each coil has a path of its own. `CoilArray.routing` holds the original array.
+    Array
+        The array, in which each coil has a path of its own. `Array.routing` holds the original array.
 
     Raises
     ------
@@ -62,9 +62,9 @@ def route_leads(array: CoilArray, connector: Connector) -> CoilArray:
 
     Examples
     --------
-    >>> from coilarray.geometry import Lattice, Leads, PlatedHole, RoundedSpiral, Stackup, lattice_array, spiral_coil
+    >>> from coilarray.geometry import Lattice, Leads, PlatedHole, RoundedSpiral, Stackup, lattice_array
     >>> via, leads = PlatedHole(0.25e-3, 0.5e-3), Leads(1e-3, 1e-3, PlatedHole(0.8e-3, 1.4e-3))
-    >>> coil = spiral_coil(RoundedSpiral(12e-3, 12e-3, 8, 0.2e-3, 0.2e-3, 2e-3), 2, via, leads)
+    >>> coil = RoundedSpiral(12e-3, 12e-3, 8, 0.2e-3, 0.2e-3, 2e-3, via=via, leads=leads)
     >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
     >>> routed = route_leads(lattice_array(board, coil, Lattice("linear", 16e-3, 2)), Connector("bottom"))
     >>> ends = [place.to_board(place.coil.terminal_points) for place in routed.placements]
@@ -84,7 +84,7 @@ def _routed(
     stackup: Stackup, through_holes: bool, places: tuple[_Place, ...], connector: Connector
 ) -> tuple[Placement, ...]:
     """Route the leads of placements to a connector."""
-    array = CoilArray(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
+    array = Array(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
     for place in array.placements:
         if place.coil.terminal is None:
             raise GeometryError(f"{place.name} has no leads that could be routed to a connector.")
@@ -148,7 +148,7 @@ def _turn(quarters: int) -> FloatArray:
     return np.array([[c, s], [-s, c]], dtype=np.float64)
 
 
-def _turned(array: CoilArray, side: Side) -> CoilArray:
+def _turned(array: Array, side: Side) -> Array:
     """Turn the connector's side of an array to the bottom."""
     quarters = _to_bottom(side)
     if not quarters:
@@ -160,7 +160,7 @@ def _turned(array: CoilArray, side: Side) -> CoilArray:
     return array.with_placements(turned)
 
 
-def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
+def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
     """Order of the coils along the edge at the bottom.
 
     Of coils above one another the nearest comes first if `near_first`, otherwise last.
@@ -172,7 +172,7 @@ def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
     return [int(k) for k in np.lexsort((y if near_first else -y, column))]
 
 
-def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> FloatArray:
+def _pads(array: Array, connector: Connector, order: Sequence[int]) -> FloatArray:
     """Positions in m of the pads of all coil ends.
 
     The array has the shape (coils, 2, 2).
@@ -204,7 +204,7 @@ class _Grid:
     Each layer records its occupied edges.
     """
 
-    def __init__(self, array: CoilArray, connector: Connector, pads: FloatArray) -> None:
+    def __init__(self, array: Array, connector: Connector, pads: FloatArray) -> None:
         self.array, self.connector, self.pads = array, connector, pads
         first = array.placements[0].coil
         self.width, self.gap = connector.trace_width or first.trace_width, connector.gap or first.gap

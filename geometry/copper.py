@@ -13,7 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 
 # A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle. 4 leaves room for
 # corners down to 29°.
@@ -79,14 +79,14 @@ class Drill:
     drilled: bool = True
 
 
-def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
+def copper_features(array: Array) -> tuple[CopperFeature, ...]:
     """Return every piece of copper.
 
     There is a trace for each line of a coil, and a pad for each hole and pierced layer.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
 
     Returns
@@ -96,10 +96,10 @@ def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
 
     Examples
     --------
-    >>> from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_coil
+    >>> from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
     >>> board = Stackup(("top", "bottom"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
     >>> coil = path_coil([[(0, 0), (1e-2, 0)], [(1e-2, 0), (0, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> features = copper_features(CoilArray(board, (Placement("A", coil, ("top", "bottom"), 0.0, 0.0),)))
+    >>> features = copper_features(Array(board, (Placement("A", coil, ("top", "bottom"), 0.0, 0.0),)))
     >>> [(feature.layer, feature.kind) for feature in features]
     [('top', 'trace'), ('bottom', 'trace'), ('top', 'via'), ('bottom', 'via')]
     """
@@ -115,13 +115,13 @@ def _traces_of(placement: Placement) -> Iterator[CopperFeature]:
         yield CopperFeature(layer, placement.name, "trace", trace_outline(line, widths))
 
 
-def _pads_of(array: CoilArray, placement: Placement) -> Iterator[CopperFeature]:
+def _pads_of(array: Array, placement: Placement) -> Iterator[CopperFeature]:
     for drill in drills_of(array, placement):
         for layer in drill.layers:
             yield CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
 
 
-def drills(array: CoilArray) -> tuple[Drill, ...]:
+def drills(array: Array) -> tuple[Drill, ...]:
     """Return every hole and pad, coil by coil.
 
     The vias along the path come first, then the two terminals.
@@ -129,7 +129,7 @@ def drills(array: CoilArray) -> tuple[Drill, ...]:
     return tuple(drill for placement in array.placements for drill in drills_of(array, placement))
 
 
-def drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
+def drills_of(array: Array, placement: Placement) -> list[Drill]:
     """Return the holes and pads of one coil.
 
     They are as in `drills`. `placement` need not belong to the array.
@@ -153,7 +153,7 @@ def drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
     return holes
 
 
-def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
+def copper_by_layer(array: Array) -> dict[str, dict[str, BaseGeometry]]:
     """Unite the copper of every net on every layer.
 
     Returns
@@ -173,7 +173,7 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
     return copper
 
 
-def _united(array: CoilArray, placement: Placement) -> dict[str, BaseGeometry]:
+def _united(array: Array, placement: Placement) -> dict[str, BaseGeometry]:
     """Unite the copper of a coil on every layer.
 
     Layers without copper are left out.
@@ -184,8 +184,8 @@ def _united(array: CoilArray, placement: Placement) -> dict[str, BaseGeometry]:
     return {layer: shapely.union_all(parts) for layer, parts in shapes.items()}
 
 
-def board_outline(array: CoilArray) -> shapely.Polygon:
-    """Edge of the board in m, the rectangle of `CoilArray.bounds`."""
+def board_outline(array: Array) -> shapely.Polygon:
+    """Edge of the board in m, the rectangle of `Array.bounds`."""
     return shapely.box(*array.bounds)
 
 

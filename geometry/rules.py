@@ -17,7 +17,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN, true_minus
 from coilarray.compute.threads import Recent
 from coilarray.errors import LARGEST, GeometryError, RuleViolationError
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
 from coilarray.geometry.values import place_in_mm
 
@@ -168,14 +168,14 @@ class Margin:
         return self.rule in ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
 
 
-def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
+def check_rules(array: Array, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
     """Measure every fabrication rule on every layer.
 
     The limits of the board as a whole are measured if the rules have any.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     rules : FabRules
         The limits.
@@ -205,9 +205,9 @@ def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None 
 
     Examples
     --------
-    >>> from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_coil
+    >>> from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(
+    >>> board = Array(
     ...     Stackup(("top",), (35e-6,), (), ()),
     ...     (Placement("A", coil, ("top",), 0, 0), Placement("B", coil, ("top",), 0, 0.35e-3)),
     ... )
@@ -218,7 +218,7 @@ def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None 
     return _MEASURED.get((array, rules), lambda: _measured(array, rules, progress))
 
 
-def _measured(array: CoilArray, rules: FabRules, progress: Progress | None) -> tuple[Margin, ...]:
+def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple[Margin, ...]:
     """Margins of all rules, the smallest first."""
     holes = tuple(pad for pad in drills(array) if pad.drilled)
     done, total = itertools.count(1), len(array.stackup.names) * len(array.placements)
@@ -255,7 +255,7 @@ def _rank(margin: Margin) -> tuple[int, bool, float, str, str]:
 _MEASURED: Recent[tuple[Margin, ...]] = Recent(4)
 
 
-def require_rules(array: CoilArray, rules: FabRules) -> None:
+def require_rules(array: Array, rules: FabRules) -> None:
     """Raise RuleViolationError if a rule is broken.
 
     The message names the worst violation and the number of further violations. `array` and `rules` are as in
@@ -323,7 +323,7 @@ def _margin(rule: str, layer: str, feature: str, value: float, limit: float, pla
     return Margin(rule, layer, feature, float(value) - limit, limit, float(value), x, y)
 
 
-def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
+def _board(array: Array, rules: FabRules) -> Iterator[Margin]:
     """Margins of layer count, copper thickness and board size."""
     stackup = array.stackup
     count = len(stackup.names)
@@ -340,7 +340,7 @@ def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
             yield Margin("board size", "", "board", limit - side, limit, side, None, None)
 
 
-def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
+def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
     """Margins of the aspect ratio and of blind holes.
 
     The aspect ratio is measured at the hole that is deepest for its diameter. Blind holes are the holes that end inside
@@ -359,7 +359,7 @@ def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) ->
         yield Margin("blind holes", "", "board", -len(blind), 0, len(blind), None, None, unit="")
 
 
-def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
+def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
     """Margins of the narrowest traces.
 
     There is one for each coil and layer.
@@ -375,7 +375,7 @@ def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
             yield _margin("trace width", layer, placement.name, narrowest, rules.min_trace, place)
 
 
-def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
+def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
     """Worst margins of drill, annular ring and hole spacing.
 
     They are given for each net or pair of nets.
@@ -407,7 +407,7 @@ def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Itera
             yield _margin("hole spacing", shared[0], feature, wall[k], rules.min_hole_spacing, place)
 
 
-def _edge_clearance(array: CoilArray, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+def _edge_clearance(array: Array, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
     """Margins of the nets from the board's edge."""
     x_min, y_min, x_max, y_max = array.bounds
     for net, shape in copper.items():
@@ -457,7 +457,7 @@ Gap = tuple[float, FloatArray]
 """Edge-to-edge distance in m of two places of one net, and the place between them, shape (2,)."""
 
 
-def _gap_within(array: CoilArray, placement: Placement, layer: str, limit: float) -> Gap | None:
+def _gap_within(array: Array, placement: Placement, layer: str, limit: float) -> Gap | None:
     """Smallest gap between separate pieces of one net.
 
     The pieces lie on one layer. None if no pieces are near.

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.plate import FinitePlate, Plate
 from coilarray.geometry.sheet import Sheet
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     import trimesh
 
 
-def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trimesh]:
+def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trimesh]:
     """Build the closed solids of a board and its sheets.
 
     Raises GeometryError if two sheets have the same name.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     sheets : sequence of Sheet
         Sheets from the board upwards, each as large as the board. All names differ.
@@ -52,9 +52,9 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
 
     Examples
     --------
-    >>> from coilarray.geometry import CoilArray, Placement, PlatedHole, Sheet, Stackup, path_coil
+    >>> from coilarray.geometry import Array, Placement, PlatedHole, Sheet, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> parts = solids(board, [Sheet("base", 6e-3)])
     >>> sorted(parts), round(float(parts["copper/top/A"].volume) * 1e9, 6)
     (['copper/top/A', 'sheet/base'], 0.07)
@@ -63,7 +63,7 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
     return {key: solid.copy() for key, solid in board_solids(array).items()} | on_top
 
 
-def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
+def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
     """Build the sheets of `solids` alone, which is much faster.
 
     Raises GeometryError if two sheets have the same name.
@@ -85,7 +85,7 @@ def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, f
 
 
 @lru_cache(maxsize=1)  # a report shows one board in two scenes
-def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
+def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
     """Build the copper, barrels and laminate of `solids`.
 
     The result is cached for the next caller and must not be changed.
@@ -118,7 +118,7 @@ def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
 class _Alone:
     """Board of one coil, compared by its copper."""
 
-    def __init__(self, array: CoilArray) -> None:
+    def __init__(self, array: Array) -> None:
         self.array = array
         (place,) = array.placements
         coil = place.coil
@@ -180,7 +180,7 @@ class Prism:
     top: float
 
 
-def board_prisms(array: CoilArray) -> dict[str, Prism]:
+def board_prisms(array: Array) -> dict[str, Prism]:
     """Divide a board into prisms of copper, barrels and laminate.
 
     The keys are the keys of `coilarray.geometry.solids`.
@@ -191,7 +191,7 @@ def board_prisms(array: CoilArray) -> dict[str, Prism]:
     return {**copper, **barrels, **({} if laminate is None else {"board": laminate})}
 
 
-def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
+def _copper(array: Array) -> Iterator[tuple[str, str, Prism]]:
     """Yield layer, net and prism of all copper.
 
     The holes are not cut out.
@@ -203,7 +203,7 @@ def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
             yield layer, net, _drilled(Prism(shape, *array.stackup.span(layer)), through)
 
 
-def _barrels(array: CoilArray) -> Iterator[tuple[str, int, Prism]]:
+def _barrels(array: Array) -> Iterator[tuple[str, int, Prism]]:
     """Yield net, number and prism of all barrels."""
     stackup, holes = array.stackup, _holes(array)
     for net in array.names:
@@ -212,7 +212,7 @@ def _barrels(array: CoilArray) -> Iterator[tuple[str, int, Prism]]:
             yield net, n, Prism(wall, stackup.span(hole.layers[-1])[0], stackup.span(hole.layers[0])[1])
 
 
-def _laminate(array: CoilArray) -> Prism | None:
+def _laminate(array: Array) -> Prism | None:
     """Return the laminate, or None for a single copper layer."""
     stackup = array.stackup
     if len(stackup.names) == 1:
@@ -221,7 +221,7 @@ def _laminate(array: CoilArray) -> Prism | None:
     return _drilled(whole, [hole for hole in _holes(array) if hole.layers == stackup.names])
 
 
-def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
+def sheet_prisms(array: Array, sheets: Sequence[Sheet]) -> dict[str, Prism]:
     """Stack sheets upwards from z = 0.
 
     They are as large as the board. The keys are ``sheet/<name>``. Raises GeometryError if two sheets have the same
@@ -239,7 +239,7 @@ def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
     return pieces
 
 
-def _holes(array: CoilArray) -> list[Drill]:
+def _holes(array: Array) -> list[Drill]:
     return [hole for hole in drills(array) if hole.drilled]
 
 

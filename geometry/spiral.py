@@ -1,20 +1,27 @@
-"""Centre lines of polygonal spirals that start at a corner, one layer at a time.
+"""Spirals, layer by layer: straight or round corners, and the coil that winds them in series.
 
-There are two winding rules. With "parallel", the sides of a turn are parallel to the sides of the enclosing polygon.
-All N sides of the outermost turn lie at the stated size, and the sides of each following turn lie one pitch w + s
-further in. The last side of a turn ends on the line of the next turn's first side, and the next turn begins there. With
-many sides the step inwards can be longer than the last side. The next turn then begins on an earlier side, and the
-remaining sides are left out.
+There are two winding rules. With "parallel", the sides of a turn are parallel to the sides of the enclosing shape. All
+N sides of the outermost turn lie at the stated size, and the sides of each following turn lie one pitch w + s further
+in. The last side of a turn ends on the line of the next turn's first side, and the next turn begins there. With many
+sides the step inwards can be longer than the last side. The next turn then begins on an earlier side, and the remaining
+sides are left out.
 
-With "corner", vertex k lies at the angle 2πk/N from the first corner, on the polygon with the apothem (outer edge
-apothem − w/2) − (w + s)·k/N. Only the first corner of the outer edge touches the enclosing polygon.
+With "corner", vertex k of a spiral with sharp corners lies at the angle 2πk/N from the first corner, on the polygon
+with the apothem (outer edge apothem − w/2) − (w + s)·k/N. Only the first corner of the outer edge touches the enclosing
+polygon. With round corners, side k of a layer, counted from 0, lies w/2 + (w + s)·k/N further in.
+
+Round corners: along the sides the turns keep the gap s everywhere. The corner after side k is an arc with the same
+centre in every turn, so the gap is kept in the corners too. If the radius would fall below one trace width, the inner
+turns keep one trace width as radius. A winding with round corners starts and ends in the middle of a side, others at
+the beginning of a side. A circle is a square with the largest possible corner radius: quarter circles joined by
+straight pieces of a quarter pitch.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from abc import abstractmethod
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -22,8 +29,12 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError, require_positive
-from coilarray.geometry.arcs import Arc
+from coilarray.geometry.answers import SingleCoil
+from coilarray.geometry.arcs import Arc, rounded_line
+from coilarray.geometry.coil import LEADS, VIA, Coil, Leads, PlatedHole
+from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.usual_values import require_coil_size, warn_unusual
+from coilarray.geometry.wind import wind
 
 Sense = Literal["ccw", "cw"]
 """Sense of rotation of the current seen from above (+z)."""
@@ -31,61 +42,92 @@ WindingRule = Literal["parallel", "corner"]
 """Rule by which turns step in: on the last side only, or partly at every corner."""
 
 
-def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corners"]) -> float:
-    """Apothem in m of a regular polygon of given size.
+def across_flats(across_corners: float, sides: int) -> float:
+    """Size in m across the flats of a regular polygon, from its size in m across corners.
+
+    For an odd number of sides these are twice the apothem and twice the circumradius.
 
     Parameters
     ----------
-    size : float
-            Size in m. With `across="flats"` it is twice the apothem, for odd `sides` too. With `across="corners"` it is
-            twice the circumradius.
+    across_corners : float
+        Size in m across corners.
     sides : int
         Number of sides, at least 3.
-    across : {"flats", "corners"}
-        How `size` is measured.
 
     Returns
     -------
     float
-        Apothem in m.
-
-    Raises
-    ------
-    GeometryError
-            If the size is not positive and finite, `sides` is below 3, or `across` is another word.
+        Size in m across flats.
 
     Examples
     --------
-    >>> round(apothem_from_size(23e-3, 6, across="corners") * 1e3, 4)
-    9.9593
+    >>> round(across_flats(23e-3, 6) * 1e3, 4)
+    19.9186
     """
-    require_positive("size", size)
+    require_positive("size across corners", across_corners)
     if sides < 3:
         raise GeometryError(f"sides must be at least 3; got {sides}.")
-    if across == "flats":
-        return size / 2
-    if across != "corners":
-        raise GeometryError(f"size must be measured across flats or corners; got {across!r}.")
-    return size / 2 * math.cos(math.pi / sides)
+    return across_corners * math.cos(math.pi / sides)
 
 
-class Winding(ABC):
-    """Common base of spirals with N sides per turn.
+@dataclass(frozen=True, kw_only=True)
+class Construction:
+    """How a winding becomes a coil: layers in series, vias, leads, and the board."""
 
-    Each turn lies one pitch further in than the turn before.
-    """
+    layers: int = 2
+    via: PlatedHole = VIA
+    leads: Leads | None = LEADS
+    return_lead: bool = False
+    stackup: Stackup | None = None
+    name: str = ""
+    winding: Sense = "ccw"
+    winding_rule: WindingRule = "parallel"
+
+
+class Winding(Construction, SingleCoil):
+    """Common base of spirals with N sides per turn, each turn one pitch further in."""
 
     sides: int
     turns: float
-    trace_width: float
+    width: float
     gap: float
-    winding: Sense
-    winding_rule: WindingRule
+
+    def __repr__(self) -> str:
+        sizes = [field for field in fields(self) if not field.kw_only]
+        others = [field for field in fields(self) if field.kw_only and getattr(self, field.name) != field.default]
+        values = ", ".join(f"{field.name}={getattr(self, field.name)!r}" for field in sizes + others)
+        return f"{type(self).__name__}({values})"
+
+    def coil(self) -> Coil:
+        """Wind the spiral on its layers in series, with vias and leads.
+
+        Vias are moved off the winding's end, inwards or outwards along the corner's ray, just far enough for their pads
+        to keep the gap to the windings and leads of every layer. They can then be drilled through the whole board.
+        Several vias at one corner spread to both sides of the ray.
+
+        Returns
+        -------
+        Coil
+            The coil about the origin, its path in m.
+
+        Raises
+        ------
+        GeometryError
+            If there is no layer, no room for a via inside the winding, or a return lead without leads or with an even
+            number of layers.
+
+        Examples
+        --------
+        >>> coil = Spiral(6, 20e-3, 10, 0.15e-3, 0.15e-3).coil()
+        >>> len(coil.lines), coil.via_points.shape
+        (2, (1, 2))
+        """
+        return wind(self)
 
     @property
     def pitch(self) -> float:
         """Distance in m between neighbouring turns, centre to centre."""
-        return self.trace_width + self.gap
+        return self.width + self.gap
 
     @property
     def steps(self) -> int:
@@ -178,7 +220,7 @@ class Winding(ABC):
         The sides are given by their numbers from the outer end.
         """
         turns = inwards // self.sides if self.is_parallel else inwards / self.sides
-        return np.asarray(self.trace_width / 2 + self.pitch * turns)
+        return np.asarray(self.width / 2 + self.pitch * turns)
 
     def _radii(self, inset: FloatArray) -> FloatArray:
         """Radii in m of the corners between successive sides.
@@ -215,7 +257,7 @@ class Winding(ABC):
         On the outside it is a corner of the outermost polygon. The array has the shape (2,).
         """
         step = (layer + 1) * self.steps
-        inset = self.trace_width / 2 + (self.pitch * (self.steps // self.sides) if layer % 2 == 0 else 0.0)
+        inset = self.width / 2 + (self.pitch * (self.steps // self.sides) if layer % 2 == 0 else 0.0)
         return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
 
     def _parallel_corners(self, sides: IntArray, inset: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -269,69 +311,88 @@ class Winding(ABC):
                 f"turns must be a multiple of 1/{self.sides}, for example {near / self.sides:.12g}; got {self.turns:g}."
             )
         deepest = self.steps // self.sides if self.is_parallel else self.turns
-        if outer - self.trace_width / 2 - self.pitch * deepest <= least:
-            pitches = max((outer - self.trace_width / 2 - least) / self.pitch, 0.0)
+        if outer - self.width / 2 - self.pitch * deepest <= least:
+            pitches = max((outer - self.width / 2 - least) / self.pitch, 0.0)
             fit = math.floor(pitches * self.sides) / self.sides
             if self.is_parallel and pitches:  # the last turn steps in at its end only
                 fit = math.floor(pitches) + 1 - 1 / self.sides
             raise GeometryError(
-                f"{self.turns:g} turns of {self.trace_width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap do not "
+                f"{self.turns:g} turns of {self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap do not "
                 f"fit into {outer * 1e3:g} mm from edge to centre; at most {fit:.4g} turns fit."
             )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Spiral(Winding):
-    """Planar polygonal spiral, wound inwards on even layers.
+    """Polygonal spiral coil: a hexagon, a square, an octagon and so on.
 
-    Odd layers run outwards. A layer begins at a corner of the outermost turn. A turn ends on the line of the next
-    turn's first side, one pitch further in, and the next turn begins there. With the rule "corner" it ends at the same
-    corner, one pitch further in. Every layer starts at the corner where the layer before ended, so the current keeps
-    its sense of rotation. The outer ends of two layers lie above each other. The inner ends lie symmetrically about the
-    corner, where a via joins them.
+    Even layers are wound inwards, odd layers outwards. A layer begins at a corner of the outermost turn. A turn ends on
+    the line of the next turn's first side, one pitch further in, and the next turn begins there. With the rule "corner"
+    it ends at the same corner, one pitch further in. Every layer starts at the corner where the layer before ended, so
+    the current keeps its sense of rotation. The outer ends of two layers lie above each other. The inner ends lie
+    symmetrically about the corner, where a via joins them.
 
-    Raises GeometryError if the size is not positive and finite, if there are fewer than 3 sides, or if the turns do not
+    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, or if the turns do not
     fit.
 
     Parameters
     ----------
     sides : int
-            Number of sides of the polygon, at least 3.
-    outer_apothem : float
-            Apothem in m of the enclosing polygon, to the outer copper edge.
+        Number of sides of the polygon, at least 3.
+    diameter : float
+        Size in m across flats, from outer copper edge to outer copper edge. For odd `sides` it is twice the apothem.
     turns : float
-            Turns per layer, a positive multiple of 1/sides.
-    trace_width, gap : float
-            Width of the trace and of the gap between turns in m.
-    first_corner : float
-        Angle in rad of the corner where the outermost turn starts. 0 is the +x axis.
+        Turns per layer, a positive multiple of 1/sides.
+    width, gap : float
+        Width of the trace and of the gap between turns in m.
+    first_corner : float, optional
+        Angle in rad of the corner where the outermost turn starts and the leads leave. 0 is the +x axis. By default a
+        side faces +x, and it is the corner nearest to +y.
+    layers : int
+        Number of copper layers that are wound in series, at least 1. With an odd number the path ends inside.
+    via : PlatedHole
+        Hole that joins consecutive layers.
+    leads : Leads or None
+        Leads to the terminals. None for bare ends.
+    return_lead : bool
+        For an odd number of layers, add a layer with a straight trace from the inner end out to the second terminal.
+    stackup : Stackup, optional
+        Board of the coil, `Stackup.usual` by default. The coil lies on its uppermost layers.
+    name : str
+        Name of the shape in a design file.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}
-            "parallel": all sides of the outermost turn lie at `outer_apothem`, and each turn steps in on its last side.
-            If sides are shorter than a step, the turn ends a few sides earlier. For a coil of 100 sides, 40 mm wide
-            with a pitch of 0.5 mm, it ends three sides earlier. "corner": each corner lies 1/sides of a pitch further
-            in than the corner before. No side is then parallel to the enclosing polygon, and only the first corner
-            reaches it.
+        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in on its last side. If
+        sides are shorter than a step, the turn ends a few sides earlier: for a coil of 100 sides, 40 mm wide with a
+        pitch of 0.5 mm, three sides earlier. "corner": each corner lies 1/sides of a pitch further in than the corner
+        before. No side is then parallel to the enclosing polygon, and only the first corner reaches it.
+
+    Examples
+    --------
+    >>> coil = Spiral(sides=6, diameter=16e-3, turns=12, width=0.15e-3, gap=0.15e-3, layers=2)
+    >>> f"{coil.inductance * 1e6:.1f} µH, {coil.resistance:.1f} Ω"
+    '10.1 µH, 3.4 Ω'
     """
 
     sides: int
-    outer_apothem: float
+    diameter: float
     turns: float
-    trace_width: float
+    width: float
     gap: float
-    first_corner: float = 0.0
-    winding: Sense = "ccw"
-    winding_rule: WindingRule = "parallel"
+    first_corner: float = None  # type: ignore[assignment]  # set in __post_init__
 
     def __post_init__(self) -> None:
-        for name in ("outer_apothem", "turns", "trace_width", "gap"):
+        for name in ("diameter", "turns", "width", "gap"):
             require_positive(name, getattr(self, name), "")
-        size = 2 * self.outer_apothem
-        require_coil_size(size)
-        sizes = (("outer_across_flats_mm", size), ("trace_width_mm", self.trace_width), ("gap_mm", self.gap))
+        require_coil_size(self.diameter)
+        sizes = (("outer_across_flats_mm", self.diameter), ("trace_width_mm", self.width), ("gap_mm", self.gap))
         warn_unusual(sizes)
-        self._require_turns(self.outer_apothem, self.trace_width / 2, "first_corner")
+        if vars(self)["first_corner"] is None and self.sides >= 3:
+            side = 2 * math.pi / self.sides
+            upwards = side * (0.5 + round((math.pi / 2 - side / 2) / side))
+            object.__setattr__(self, "first_corner", upwards)
+        self._require_turns(self.diameter / 2, self.width / 2, "first_corner")
 
     @property
     def inner_apothem(self) -> float:
@@ -339,7 +400,7 @@ class Spiral(Winding):
 
         The line is the centre line.
         """
-        return self.outer_apothem - self.trace_width / 2 - self.pitch * self._turns_in
+        return self.diameter / 2 - self.width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
         """Vertices of one layer, as in `Winding.centre_line`.
@@ -354,7 +415,7 @@ class Spiral(Winding):
             return self._sharp_line(layer)
         k = np.arange(self.steps + 1)
         inwards = k if layer % 2 == 0 else self.steps - k
-        apothem = (self.outer_apothem - self.trace_width / 2) - self.pitch * inwards / self.sides
+        apothem = (self.diameter / 2 - self.width / 2) - self.pitch * inwards / self.sides
         return self._on_rays(layer * self.steps + k, apothem)
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
@@ -379,7 +440,7 @@ class Spiral(Winding):
         ndarray, shape (sides, 2)
             Corners in m.
         """
-        return self._on_rays(np.arange(self.sides), np.full(self.sides, self.outer_apothem))
+        return self._on_rays(np.arange(self.sides), np.full(self.sides, self.diameter / 2))
 
     def rim(self, step: int) -> FloatArray:
         """Corner number `step` of the outermost turn, in m.
@@ -389,7 +450,7 @@ class Spiral(Winding):
         ndarray, shape (2,)
             x and y in m.
         """
-        apothem = self.outer_apothem - self.trace_width / 2
+        apothem = self.diameter / 2 - self.width / 2
         return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
 
     def junction(self, layer: int) -> FloatArray:
@@ -407,7 +468,7 @@ class Spiral(Winding):
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
         half = math.pi / self.sides if self.winding == "ccw" else -math.pi / self.sides
         angle = self.first_corner + half + self._turned(sides)
-        return np.column_stack((np.cos(angle), np.sin(angle))), np.full(len(sides), self.outer_apothem)
+        return np.column_stack((np.cos(angle), np.sin(angle))), np.full(len(sides), self.diameter / 2)
 
     def _on_rays(self, steps: IntArray, apothem: FloatArray) -> FloatArray:
         """Points on polygons of given apothems.
@@ -417,3 +478,218 @@ class Spiral(Winding):
         radius = apothem / math.cos(math.pi / self.sides)
         angle = self.first_corner + self._turned(steps)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
+
+
+@dataclass(frozen=True, repr=False)
+class RoundedSpiral(Winding):
+    """Planar spiral coil with round or sharp corners: rectangles, racetracks, circles, rounded polygons.
+
+    Even layers are wound inwards, odd layers outwards.
+
+    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, if the two sizes differ
+    without four sides, if the radius does not fit, or if the turns do not fit.
+
+    Parameters
+    ----------
+    extent, breadth : float
+        Sizes in m between the outer copper edges, along the direction in which the winding starts and across it. For a
+        number of sides other than four, both are equal to twice the apothem.
+    turns : float
+        Turns per layer, a positive multiple of 1/sides.
+    width, gap : float
+        Width of the trace and of the gap between turns in m.
+    corner_radius : float
+        Radius in m of the outer copper edge at the corners, up to half of the smaller size. 0 for sharp corners.
+    sides : int
+        Sides of the enclosing polygon, at least 3.
+    direction : float
+        Angle in rad of the middle of the outermost turn's first side, seen from the centre. The turn starts there. With
+        parallel sides and sharp corners it starts at the beginning of the side.
+    layers, via, leads, return_lead, stackup, name, winding
+        As in `Spiral`.
+    winding_rule : {"parallel", "corner"}
+        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in at the end of its
+        last side. "corner": each side lies 1/sides of a pitch further in than the side before. A circle always follows
+        "corner": its outer edge starts on the circle of the stated size and approaches the centre steadily.
+
+    Examples
+    --------
+    >>> circle = RoundedSpiral(20e-3, 20e-3, 8, 0.2e-3, 0.2e-3, corner_radius=10e-3)
+    >>> [round(float(x) * 1e3, 6) + 0.0 for x in circle.centre_line()[0]], len(circle.arcs())
+    ([9.9, 0.0], 32)
+    """
+
+    extent: float
+    breadth: float
+    turns: float
+    width: float
+    gap: float
+    corner_radius: float = 0.0
+    sides: int = 4
+    direction: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("extent", "breadth", "turns", "width", "gap"):
+            require_positive(name, getattr(self, name), "")
+        require_coil_size(max(self.extent, self.breadth))
+        sizes = (("outer_width_mm", self.extent), ("outer_height_mm", self.breadth))
+        warn_unusual((*sizes, ("trace_width_mm", self.width), ("gap_mm", self.gap)))
+        if self.sides != 4 and self.breadth != self.extent:
+            raise GeometryError(
+                f"extent and breadth must be equal for {self.sides} sides; got {self.extent} m and {self.breadth} m."
+            )
+        smaller = min(self.extent, self.breadth) / 2
+        if not 0 <= self.corner_radius <= smaller * (1 + 1e-12):
+            raise GeometryError(
+                f"corner_radius must be 0 to {smaller * 1e3:g} mm, half of the smaller size; "
+                f"got {self.corner_radius * 1e3:g} mm."
+            )
+        self._require_turns(smaller, max(self.width / 2, self._least_radius), "direction")
+
+    @property
+    def is_circle(self) -> bool:
+        """Whether the enclosing shape is a circle."""
+        return self.sides == 4 and self.extent == self.breadth == 2 * self.corner_radius
+
+    @property
+    def is_parallel(self) -> bool:
+        """Whether each turn is parallel to the enclosing shape.
+
+        This is never so for a circle.
+        """
+        return super().is_parallel and not self.is_circle
+
+    @property
+    def is_racetrack(self) -> bool:
+        """Whether the enclosing shape ends in half circles."""
+        return self.sides == 4 and self.corner_radius == min(self.extent, self.breadth) / 2
+
+    @property
+    def inner_apothem(self) -> float:
+        """Apothem in m of the centre line's inner end.
+
+        It is the distance from the centre to the nearest side there.
+        """
+        return min(self.extent, self.breadth) / 2 - self.width / 2 - self.pitch * self._turns_in
+
+    def centre_line(self, layer: int = 0) -> FloatArray:
+        """Vertices of one layer, with arcs as short straight pieces.
+
+        See `Winding.centre_line`.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Vertices in m, from the outer end to the inner end.
+        """
+        return self._sharp_line(layer) if self._starts_at_corner else self._rounded(layer)[0]
+
+    def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
+        """Return the arcs of the centre line of one layer.
+
+        Returns
+        -------
+        tuple of Arc
+            Arcs, in the order of the path.
+        """
+        return () if self._starts_at_corner else self._rounded(layer)[1]
+
+    def outline(self) -> FloatArray:
+        """Points of the enclosing shape, x and y in m.
+
+        The shape is the nominal outer copper edge.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Points in m.
+        """
+        sides = np.arange(self.sides + 1)
+        middle = self._corners(sides, np.zeros(self.sides + 1))
+        line = np.vstack((self._foot(sides[:1], np.zeros(1)), middle, self._foot(sides[:1], np.zeros(1))))
+        return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
+
+    def rim(self, step: int) -> FloatArray:
+        """Middle of side number `step` of the outermost turn.
+
+        If turns start at the beginning of a side, it is the beginning of the side.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            x and y in m.
+        """
+        if self._starts_at_corner:
+            return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, self.width / 2))[0])
+        return np.asarray(self._foot(np.array([step]), np.array([self.width / 2]))[0])
+
+    def junction(self, layer: int) -> FloatArray:
+        """Point shared by the ends of `layer` and the next.
+
+        See `Winding.junction`.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            x and y in m.
+        """
+        return self._sharp_junction(layer) if self._starts_at_corner else super().junction(layer)
+
+    def outwards(self, step: int) -> FloatArray:
+        """Outward direction at the start of side `step`.
+
+        It is the normal of the side if turns start in its middle. Otherwise it lies between the normals of both sides
+        at its beginning.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            Dimensionless unit vector.
+        """
+        sides = np.array([step - 1, step] if self._starts_at_corner else [step])
+        between = self._normals(sides)[0].sum(axis=0)
+        return np.asarray(between / float(np.hypot(*between)))
+
+    @property
+    def _starts_at_corner(self) -> bool:
+        return self.is_parallel and not self.corner_radius
+
+    @property
+    def _least_radius(self) -> float:
+        return min(self.corner_radius, self.width)
+
+    def _radii(self, inset: FloatArray) -> FloatArray:
+        return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
+
+    def _rounded(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
+        """Centre line of one layer, and its arcs.
+
+        The line has the shape (n, 2), in m.
+        """
+        k = np.arange(self.steps + 1)
+        inset = self._insets(k if layer % 2 == 0 else self.steps - k)
+        sides = layer * self.steps + k
+        ends = self._foot(sides[[0, -1]], inset[[0, -1]])
+        if self.is_parallel:
+            inner, radii = self._parallel_corners(sides, inset)
+        else:
+            inner, radii = self._corners(sides, inset), self._radii(inset)
+        if self.corner_radius:
+            # the first and the last half side may be slightly too short for the arc
+            half = math.tan(math.pi / self.sides)
+            for end in (0, -1):
+                radii[end] = min(radii[end], float(np.hypot(*(ends[end] - inner[end]))) / half)
+        return rounded_line(np.vstack((ends[:1], inner, ends[1:])), radii.tolist())
+
+    def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
+        angle = self.direction + self._turned(sides)
+        distance = np.where((self.sides == 4) & (sides % 2 == 1), self.breadth, self.extent) / 2
+        return np.column_stack((np.cos(angle), np.sin(angle))), distance
+
+    def _foot(self, sides: IntArray, inset: FloatArray) -> FloatArray:
+        """Points in m of sides nearest to the centre.
+
+        The sides are moved in by `inset`.
+        """
+        normal, distance = self._normals(sides)
+        return np.asarray((distance - inset)[:, None] * normal)

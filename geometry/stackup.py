@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.usual_values import THICKEST_DIELECTRIC, THINNEST_COPPER, warn_unusual
@@ -13,6 +13,8 @@ COPPER_THICKNESS = 35e-6
 """Usual thickness in m of a copper layer, 1 oz."""
 EPSILON_R = 4.5
 """Usual relative permittivity of FR-4."""
+PREPREG = 0.2e-3
+"""Usual thickness in m of the dielectric between two neighbouring layers."""
 BOARD_THICKNESS = 1.6e-3
 """Usual thickness in m of a board."""
 
@@ -51,6 +53,8 @@ class Stackup:
     epsilon_r: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, tuple(getattr(self, field.name)))
         n = len(self.names)
         if n == 0:
             raise GeometryError("a stack-up must have at least one copper layer; got none.")
@@ -121,6 +125,37 @@ class Stackup:
         gaps = len(names) - 1
         dielectric = (thickness - len(names) * copper) / gaps if gaps else 0.0
         return cls(tuple(names), (copper,) * len(names), (dielectric,) * gaps, (epsilon_r,) * gaps)
+
+    @classmethod
+    def usual(cls, layers: int, sets: int = 1) -> Stackup:
+        """Make the usual stack-up for sets of coils that overlap.
+
+        Layers of one set are 0.2 mm apart, so coils of all sets are alike. The dielectrics between the sets share what
+        remains of a board of 1.6 mm, and are at least 0.2 mm thick. Copper has 35 µm, the dielectric is FR-4.
+
+        Parameters
+        ----------
+        layers : int
+            Copper layers of one coil.
+        sets : int
+            Sets of layers, one below the other.
+
+        Returns
+        -------
+        Stackup
+            The stack-up, with layers L1, L2, … from the top.
+
+        Examples
+        --------
+        >>> [round(thickness * 1e3, 6) for thickness in Stackup.usual(2, sets=2).dielectric_thickness]
+        [0.2, 1.06, 0.2]
+        """
+        count = layers * sets
+        rest = BOARD_THICKNESS - count * COPPER_THICKNESS - sets * (layers - 1) * PREPREG
+        between = max(rest / (sets - 1), PREPREG) if sets > 1 else PREPREG
+        gaps = [PREPREG if (k + 1) % layers else between for k in range(count - 1)]
+        names = tuple(f"L{k + 1}" for k in range(count))
+        return cls(names, (COPPER_THICKNESS,) * count, tuple(gaps), (EPSILON_R,) * len(gaps))
 
     @property
     def thickness(self) -> float:

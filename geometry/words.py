@@ -8,16 +8,16 @@ import numpy as np
 import shapely
 
 from coilarray.compute.display_units import MM
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.coil import Coil
-from coilarray.geometry.rounded_spiral import RoundedSpiral
+from coilarray.geometry.spiral import RoundedSpiral
 
 _SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
 _MOST_NAMES = 12  # of coils, in a row of a table
 _MOST_POINTS = 10_000  # of traces, which are drawn in about a second
 
 
-def array_words(array: CoilArray) -> str:
+def array_words(array: Array) -> str:
     """Describe number, shape, size and spacing of the coils.
 
     Ways to a connector are left out. The spacing is the distance of the nearest coils. Circles, and windings that step
@@ -49,16 +49,16 @@ def copper_words(coil: Coil) -> str:
 
     It is width by height. The text is empty if they are not below the stated size.
     """
-    if coil.wound is None or coil.wound.spiral.is_parallel:
+    if coil.wound is None or coil.wound.is_parallel:
         return ""
-    spiral, layers = coil.wound.spiral, range(coil.wound.winding_layers)
-    lines = shapely.MultiLineString([spiral.centre_line(layer) for layer in layers])
-    copper = lines.buffer(spiral.trace_width / 2, cap_style="flat", join_style="mitre")
+    spiral = coil.wound
+    lines = shapely.MultiLineString([spiral.centre_line(layer) for layer in range(spiral.layers)])
+    copper = lines.buffer(spiral.width / 2, cap_style="flat", join_style="mitre")
     width, height = np.ptp(np.reshape(copper.bounds, (2, 2)), axis=0)
     return f" (copper {MM.of(width):.5g} × {MM.of(height):.5g} mm)"
 
 
-def array_facts(array: CoilArray) -> list[tuple[str, str]]:
+def array_facts(array: Array) -> list[tuple[str, str]]:
     """Return facts about a board as rows.
 
     A row has a name and a value.
@@ -73,7 +73,7 @@ def array_facts(array: CoilArray) -> list[tuple[str, str]]:
     ]
 
 
-def array_picture(array: CoilArray, title: str = "") -> str:
+def array_picture(array: Array, title: str = "") -> str:
     """Return a drawing as an HTML image.
 
     The board is drawn to scale. For a board that takes too long to draw it is a sentence.
@@ -94,7 +94,7 @@ def _shape(coil: Coil) -> str:
     """
     if coil.wound is None:
         return ""
-    spiral = coil.wound.spiral
+    spiral = coil.wound
     if not isinstance(spiral, RoundedSpiral):
         return f"{_SHAPES.get(spiral.sides, f'{spiral.sides}-sided')} "
     if spiral.is_circle:

@@ -77,7 +77,7 @@ def test_an_array_shows_coils_and_board(file):
     array = file.design.array
     assert (
         repr(array)
-        == "<CoilArray: 6 hexagonal coils of 23 × 26.56 mm (copper 22.944 × 26.447 mm), neighbours 13.28 mm apart>"
+        == "<Array: 6 hexagonal coils of 23 × 26.56 mm (copper 22.944 × 26.447 mm), neighbours 13.28 mm apart>"
     )
     shown = facts(array)
     assert shown["names"] == "coil1, coil2, coil3, coil4, coil5, coil6"

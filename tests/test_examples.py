@@ -48,10 +48,13 @@ def _run(code):
     return printed.getvalue()
 
 
-def test_readme_example():
+def test_readme_example(monkeypatch):
+    shown = []
+    monkeypatch.setattr("coilarray.viz.scenes.pictures.show_board", shown.append)
     (code,) = _blocks("python")
-    assert len([line for line in code.splitlines() if line]) <= 11  # ten lines and an import
+    assert len(code.splitlines()) == 6
     assert _run(code) == _blocks("text")[1]
+    assert [array.names for array in shown] == [("coil1", "coil2", "coil3")]
 
 
 def test_programs(tmp_path, monkeypatch):

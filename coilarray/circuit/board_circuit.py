@@ -28,7 +28,7 @@ from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix, shape_key
 from coilarray.errors import GeometryError, NetworkError
-from coilarray.geometry import CoilArray, FinitePlate, Plate, Sheet
+from coilarray.geometry import Array, FinitePlate, Plate, Sheet
 from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance, worst_attributes
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.frequencies import FrequencyBand
@@ -124,7 +124,7 @@ class Windings(_Locked):
     relative permittivity above the board. `keep_few` keeps results of few coils at full accuracy.
     """
 
-    array: CoilArray
+    array: Array
     sheets: tuple[Sheet, ...]
     above: float
     accuracy: Accuracy
@@ -434,7 +434,7 @@ def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
     return SampledMatrix(frequencies[order], np.concatenate((one.matrices, other.matrices))[order])
 
 
-def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
+def _own_resistance(array: Array, grid: FloatArray, resistivity: float) -> xr.Dataset:
     """Resistance matrix without losses in the copper of others. Equal coils are computed once."""
     known: dict[bytes, xr.Dataset] = {}
     own = []

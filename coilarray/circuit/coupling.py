@@ -20,6 +20,7 @@ from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import NetworkError
+from coilarray.geometry.answers import CurrentPaths
 
 Termination = Literal["short", "open"]
 """Termination of a passive coil: ``"short"`` to ground, or ``"open"``."""
@@ -85,13 +86,15 @@ def design_inductance(
     return circuit.inductance.copy(), circuit.sheet_inductance.copy()
 
 
-def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress: Progress | None = None) -> xr.Dataset:
+def couple_design(
+    design: Design | DesignFile | CurrentPaths, *, ideal: bool = False, progress: Progress | None = None
+) -> xr.Dataset:
     """Compute the coupling of a design.
 
     Parameters
     ----------
-    design : Design or DesignFile
-        Design of the board, for example from `coilarray.load_design`.
+    design : Design, DesignFile, Array, Coil or Spiral
+        Design of the board, for example from `coilarray.load_design`. Coils alone have the usual circuit.
     ideal : bool
         Leave out alternating-current resistance of the copper and all strays, see `design_circuit`.
     progress : callable, optional

@@ -31,8 +31,8 @@ from coilarray.design.keys import (
 )
 from coilarray.errors import DesignError, GeometryError, listed, shown
 from coilarray.geometry import (
+    Array,
     Coil,
-    CoilArray,
     Lattice,
     Leads,
     Placement,
@@ -40,12 +40,10 @@ from coilarray.geometry import (
     RoundedSpiral,
     Spiral,
     Stackup,
-    Wound,
-    apothem_from_size,
+    across_flats,
     hull_outline,
     lattice_array,
     path_coil,
-    spiral_coil,
 )
 from coilarray.geometry.array import Connector, LatticeKind
 from coilarray.geometry.spiral import Sense, Winding, WindingRule
@@ -139,6 +137,9 @@ class LeadsTable(Table):
 class WoundTable(Table):
     """What coils of all wound shapes share."""
 
+    ATTRIBUTES: ClassVar = {"turns_per_layer": "turns", "winding_layers": "layers", "trace_width_mm": "width"}
+    SHARED: ClassVar = ("turns_per_layer", "winding_layers", "trace_width_mm", "gap_mm", "winding", "return_lead")
+
     turns_per_layer: Turns
     """Number of turns on each layer; parts of a turn are allowed."""
     winding_layers: Annotated[int, Field(ge=1, le=64)] = 2
@@ -156,35 +157,23 @@ class WoundTable(Table):
     leads: LeadsTable | None = None
     """Leads and terminals; bare ends without this table."""
 
-    def wind(self, name: str, spiral: Winding) -> Coil:
-        """Return the coil in SI from its layers' winding."""
-        segments = spiral.steps * self.winding_layers
-        if segments > _MOST_SEGMENTS:
-            raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
+    def shared(self, name: str) -> dict[str, Any]:
+        """Return the arguments in SI that all spirals share."""
         via = self.via.build()
         leads = None if self.leads is None else self.leads.build(via)
-        return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead, name=name)
-
-    @property
-    def turns(self) -> tuple[float, float, float]:
-        """Turns, and width of the trace and gap in m."""
-        return self.turns_per_layer, self.trace_width_mm * MM, self.gap_mm * MM
+        return self.in_si(*self.SHARED) | {"via": via, "leads": leads, "name": name}
 
     @classmethod
-    def of(cls, wound: Wound) -> dict[str, Any]:
+    def of(cls, spiral: Winding) -> dict[str, Any]:
         """Return the entries of a wound coil but its shape and sizes."""
-        table = {
-            "turns_per_layer": float(wound.spiral.turns),
-            "winding_layers": wound.winding_layers,
-            **cls.entries_of(wound.spiral, "trace_width_mm", "gap_mm", "winding"),
-            "return_lead": wound.return_lead,
-            "via": ViaTable.entries_of(wound.via),
-        }
-        return table if wound.leads is None else table | {"leads": LeadsTable.of(wound.leads, wound.via)}
+        table = cls.entries_of(spiral, *WoundTable.SHARED) | {"via": ViaTable.entries_of(spiral.via)}
+        return table if spiral.leads is None else table | {"leads": LeadsTable.of(spiral.leads, spiral.via)}
 
 
 class SidedTable(WoundTable):
     """What coils of all wound shapes with sides share."""
+
+    SHARED: ClassVar = (*WoundTable.SHARED, "winding_rule")
 
     winding_rule: WindingRule = "parallel"
     """How turns become smaller: "parallel" sides, all of the outermost turn at the stated size, with a step inwards on
@@ -216,30 +205,27 @@ class PolygonCoil(SidedTable):
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
         if self.outer_across_flats_mm is not None:
-            apothem = apothem_from_size(self.outer_across_flats_mm * MM, self.sides, across="flats")
+            size = self.outer_across_flats_mm * MM
         else:
             assert self.outer_across_corners_mm is not None  # the validator has checked it
-            apothem = apothem_from_size(self.outer_across_corners_mm * MM, self.sides, across="corners")
-        corner, how = self.first_corner_deg * DEG, (self.winding, self.winding_rule)
+            size = across_flats(self.outer_across_corners_mm * MM, self.sides)
+        corner, shared = self.first_corner_deg * DEG, self.shared(name)
         if not self.corner_radius_mm:
-            return self.wind(name, Spiral(self.sides, apothem, *self.turns, corner, *how))
+            return _wound(Spiral(self.sides, size, first_corner=corner, **shared))
         first_side, radius = corner + _half_side(self.sides, self.winding), self.corner_radius_mm * MM
-        return self.wind(
-            name, RoundedSpiral(2 * apothem, 2 * apothem, *self.turns, radius, self.sides, first_side, *how)
-        )
+        rounded = RoundedSpiral(size, size, corner_radius=radius, sides=self.sides, direction=first_side, **shared)
+        return _wound(rounded)
 
     @classmethod
     def of_polygon(cls, spiral: Spiral | RoundedSpiral) -> dict[str, Any]:
         """Return the entries of a polygon's shape; the size is the one of flats and corners that has fewer digits."""
         sides = spiral.sides
-        apothem = spiral.extent / 2 if isinstance(spiral, RoundedSpiral) else spiral.outer_apothem
-        sizes = {}
-        for across, size in (("flats", 2 * apothem), ("corners", 2 * apothem / math.cos(math.pi / sides))):
-            sizes[f"outer_across_{across}_mm"] = nearest_entry(
-                size * 1e3,
-                apothem,
-                lambda entry, across=across: apothem_from_size(entry * MM, sides, across=across),  # type: ignore[misc]
-            )
+        flats = spiral.extent if isinstance(spiral, RoundedSpiral) else spiral.diameter
+        corners = flats / math.cos(math.pi / sides) / MM
+        sizes = {
+            "outer_across_flats_mm": entry_of(flats, MM),
+            "outer_across_corners_mm": nearest_entry(corners, flats, lambda entry: across_flats(entry * MM, sides)),
+        }
         key = min(sizes, key=lambda key: len(repr(sizes[key])))
         table = {"shape": "polygon", "sides": sides, key: sizes[key]}
         if isinstance(spiral, RoundedSpiral):
@@ -267,7 +253,7 @@ class CircleCoil(WoundTable):
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
         size, start = self.outer_diameter_mm * MM, self.first_corner_deg * DEG
-        return self.wind(name, RoundedSpiral(size, size, *self.turns, size / 2, direction=start, winding=self.winding))
+        return _wound(RoundedSpiral(size, size, corner_radius=size / 2, direction=start, **self.shared(name)))
 
     @classmethod
     def of_circle(cls, spiral: RoundedSpiral) -> dict[str, Any]:
@@ -293,10 +279,7 @@ class OblongTable(SidedTable):
         sizes = (self.outer_width_mm * MM, self.outer_height_mm * MM)
         extent, breadth = sizes if quarter % 2 == 0 else sizes[::-1]
         radius, start = radius_mm * MM, quarter * math.pi / 2
-        return self.wind(
-            name,
-            RoundedSpiral(extent, breadth, *self.turns, radius, 4, start, self.winding, self.winding_rule),
-        )
+        return _wound(RoundedSpiral(extent, breadth, corner_radius=radius, direction=start, **self.shared(name)))
 
     @classmethod
     def of_oblong(cls, spiral: RoundedSpiral) -> dict[str, Any]:
@@ -335,6 +318,14 @@ class RacetrackCoil(OblongTable):
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
         return self.oblong(name, min(self.outer_width_mm, self.outer_height_mm) / 2)
+
+
+def _wound(spiral: Winding) -> Coil:
+    """Return the coil of a spiral, if it has not too many segments."""
+    segments = spiral.steps * spiral.layers
+    if segments > _MOST_SEGMENTS:
+        raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
+    return spiral.coil()
 
 
 def _half_side(sides: int, winding: Sense) -> float:
@@ -424,7 +415,7 @@ AnyCoil = PolygonCoil | CircleCoil | RectangleCoil | RacetrackCoil | PathCoil
 
 def coil_entries(coil: Coil) -> dict[str, Any]:
     """Return the table of a coil: its winding, or paths where a file has no such winding."""
-    if coil.wound is None or (shape := _shape_entries(coil.wound.spiral)) is None:
+    if coil.wound is None or (shape := _shape_entries(coil.wound)) is None:
         return PathCoil.of(coil)
     return shape | WoundTable.of(coil.wound)
 
@@ -466,7 +457,7 @@ class FreeArray(Table):
     placements: list[PlacementTable] = Field(min_length=1)
     """The coils, one table each."""
 
-    def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
+    def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> Array:
         """Return the array in SI; DesignError for a coil or layer that does not exist."""
         for index, place in enumerate(self.placements):
             _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
@@ -474,7 +465,7 @@ class FreeArray(Table):
             Placement(coil=_coil(coils, place.coil, f"array.placements.{index}.coil"), **place.in_si(without=("coil",)))
             for index, place in enumerate(self.placements)
         )
-        return CoilArray(stackup, placements, **board.in_si())
+        return Array(stackup, placements, **board.in_si())
 
 
 class LatticeArray(Table):
@@ -522,7 +513,7 @@ class LatticeArray(Table):
             raise ValueError("needs pitch_mm for more than one coil")
         return self
 
-    def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
+    def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> Array:
         """Return the array in SI; DesignError for a coil or layer that does not exist."""
         coil = _coil(coils, self.coil, "array.coil")
         _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
@@ -542,7 +533,7 @@ class LatticeArray(Table):
 
 
 def array_entries(
-    array: CoilArray, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
+    array: Array, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return the table of an array, a lattice or free placements.
 
@@ -562,7 +553,7 @@ def array_entries(
     return {"lattice": "free", "placements": placements}
 
 
-def _is_on(lattice: Lattice, array: CoilArray) -> bool:
+def _is_on(lattice: Lattice, array: Array) -> bool:
     """Check whether a lattice gives the placements of an array."""
     coil = array.placements[0].coil
     points = lattice.placements(coil)

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, RoundedSpiral
+from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, RoundedSpiral
 from coilarray.geometry.arcs import Arc
+from coilarray.geometry.spiral import Winding
 
 # Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise must not make
 # another design. Therefore numbers count to 14 digits. Places and angles, for which zero is not a special value, count
@@ -44,17 +45,18 @@ def _plain(value: Any) -> Any:
             return [_plain(item) for item in value]
         case np.ndarray():
             return (np.round(value, _PLACES) + 0.0).tolist()
-        case CoilArray():
+        case Array():
             return _array(value)
         case Material():
             return [_plain(value.conductivity), _plain(value.relative_permeability)]  # its name does not count
         case Plate():
             return [value.name, _plain(value.material), _plain(value.thickness), _plain(np.array(value.z))]
-        case RoundedSpiral():  # a file has the direction of a corner, degrees away from the direction of a flat
+        case Winding():  # its name and the board of the coil alone do not count
             values = {field.name: getattr(value, field.name) for field in fields(value)}
-            values["direction"] = np.array(value.direction)
+            if isinstance(value, RoundedSpiral):  # a file has the direction of a corner, degrees away from a flat's
+                values["direction"] = np.array(value.direction)
             values["winding_rule"] = "parallel" if value.is_parallel else "corner"  # a circle always has a rule
-            return [type(value).__name__, *map(_plain, values.values())]
+            return [type(value).__name__, *(_plain(values[key]) for key in values if key not in ("name", "stackup"))]
         case Arc():  # its bulge is computed, and the bulge of a short arc has few digits
             return [value.first, value.last, _plain(np.array(value.bulge))]
         case FinitePlate():
@@ -65,7 +67,7 @@ def _plain(value: Any) -> Any:
     return [type(value).__name__, *(_plain(getattr(value, field.name)) for field in fields(value))]
 
 
-def _array(array: CoilArray) -> Any:
+def _array(array: Array) -> Any:
     """Return every coil shape of an array once.
 
     It counts once, however many placements share it. The lattice is a hint and does not count.

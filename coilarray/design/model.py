@@ -28,9 +28,10 @@ from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
 from coilarray.geometry import (
     EVEN,
+    Array,
     Ball,
     Coil,
-    CoilArray,
+    Conductor,
     FabRules,
     FinitePlate,
     Hemisphere,
@@ -41,6 +42,7 @@ from coilarray.geometry import (
     Target,
     Unevenness,
 )
+from coilarray.geometry.answers import CurrentPaths
 from coilarray.geometry.connector import route_leads
 from coilarray.geometry.sheet import Base, Strain
 from coilarray.geometry.usual_values import reading, unusual_values
@@ -236,7 +238,7 @@ class Design:
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The coils on their board.
     sheets : tuple of Sheet
         Elastomer on top of the board, upwards.
@@ -265,15 +267,13 @@ class Design:
 
     Examples
     --------
-    >>> from coilarray.geometry import Lattice, PlatedHole, Spiral, Stackup, lattice_array, spiral_coil
-    >>> coil = spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, PlatedHole(0.25e-3, 0.5e-3))
-    >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
-    >>> design = Design(lattice_array(board, coil, Lattice("linear", pitch=20e-3, columns=3)))
+    >>> from coilarray.geometry import Spiral
+    >>> design = Design(Array.row(Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3), 3, pitch=20e-3))
     >>> [state.name for state in design.plan]
     ['coil1', 'coil2', 'coil3']
     """
 
-    array: CoilArray
+    array: Array
     sheets: tuple[Sheet, ...] = ()
     indentation: Indentation | None = None
     circuit: Circuit = field(default_factory=Circuit)
@@ -339,6 +339,16 @@ class Design:
                 f"got {setup.depths[-1] * 1e3:g}."
             )
         object.__setattr__(self, "indentation", _over_array(setup, self.array, "indentation", _touchable(setup)))
+
+    def conductors(self) -> tuple[Conductor, ...]:
+        """Return the current path of every coil.
+
+        Returns
+        -------
+        tuple of Conductor
+            One path per coil, in m.
+        """
+        return self.array.conductors()
 
     def __repr__(self) -> str:
         from coilarray.design.words import design_facts
@@ -415,7 +425,7 @@ _Placed = TypeVar("_Placed", Indentation, Target)
 
 
 def _over_array(
-    setup: _Placed, array: CoilArray, table: str, within: tuple[float, float, float, float] | None = None
+    setup: _Placed, array: Array, table: str, within: tuple[float, float, float, float] | None = None
 ) -> _Placed:
     """Find the origin of a map and its positions.
 
@@ -483,6 +493,16 @@ class DesignFile:
         """
         return tuple(unusual_values(self.values))
 
+    def conductors(self) -> tuple[Conductor, ...]:
+        """Return the current path of every coil of the design.
+
+        Returns
+        -------
+        tuple of Conductor
+            One path per coil, in m.
+        """
+        return self.design.conductors()
+
     def __repr__(self) -> str:
         from coilarray.design.words import file_facts
 
@@ -494,17 +514,19 @@ class DesignFile:
         return design_html(self.design, file_facts(self))
 
 
-def design_of(given: Design | DesignFile) -> Design:
-    """Return the design of an argument.
+def design_of(given: Design | DesignFile | CurrentPaths) -> Design:
+    """Return the design of an argument: a design, its file, or coils that become a design without more.
 
-    The argument is a design or its file. Anything else raises a DesignError.
+    Anything else raises a DesignError.
     """
     if isinstance(given, DesignFile):
         return given.design
+    if isinstance(given, CurrentPaths):
+        return Design(given.as_array())
     if not isinstance(given, Design):
         raise DesignError(
-            f"design must be a Design, or the DesignFile that holds it as .design; got {given!r:.60}. A name or file "
-            "is read with load_design."
+            f"design must be a Design, an Array, or the DesignFile that holds it as .design; got {given!r:.60}. A name "
+            "or file is read with load_design."
         )
     return given
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import DesignError
-from coilarray.geometry import CoilArray
+from coilarray.geometry import Array
 
 MOST_POSITIONS = 100_000
 """Most positions of a map."""
@@ -26,7 +26,7 @@ Positions = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 def array_window(
-    array: CoilArray,
+    array: Array,
     origin: tuple[float, float],
     step: float | None = None,
     within: tuple[float, float, float, float] | None = None,
@@ -38,7 +38,7 @@ def array_window(
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The coils that are to be covered.
     origin : tuple of float
         x and y in m on the board from which positions count.
@@ -81,7 +81,7 @@ def array_window(
     return x, y
 
 
-def _default_step(array: CoilArray, size: FloatArray, table: str) -> float:
+def _default_step(array: Array, size: FloatArray, table: str) -> float:
     """Return the default step of a map in m.
 
     It resolves the response of the narrowest coil on a map of a size in m.

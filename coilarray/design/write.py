@@ -21,7 +21,7 @@ from coilarray.design.fab_limits import FabTable
 from coilarray.design.keys import MM, entry_of, sections_of
 from coilarray.design.model import Design, DesignFile, build_design_file, design_of
 from coilarray.design.tables import SCHEMA, CircuitTable, Document, ReadoutTable, StateTable
-from coilarray.geometry import CoilArray, FinitePlate, Plate, Sheet
+from coilarray.geometry import Array, FinitePlate, Plate, Sheet
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # A list of plain values as tomli-w writes it, one value per line.
@@ -47,7 +47,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     -------
     dict
         Plain tables, lists and values with all their digits. Entries of the circuit and of the board house are written
-        only if they differ from the default. Placements are a lattice if `CoilArray.lattice` gives them, else free.
+        only if they differ from the default. Placements are a lattice if `Array.lattice` gives them, else free.
         Coils are wound shapes if `Coil.wound` defines them, else paths. Names that a file cannot have are changed by
         `design_names`.
 
@@ -105,7 +105,7 @@ def _named_tables(bodies: Sequence[_Body], entries: Callable[[_Body], dict[str, 
     return [{"name": body.name} | entries(body) | {"name": names[body.name]} for body in bodies]
 
 
-def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
+def _before_connector(array: Array) -> tuple[Array, dict[str, Any] | None]:
     """Return an array before its leads were routed, and the table of its connector, None without one."""
     led = array.routing
     if led is None or led.placements != array.placements:
@@ -152,7 +152,7 @@ def document_text(document: Mapping[str, Any]) -> str:
     return _LISTS_OF_NAMES.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
 
 
-def shape_names(array: CoilArray) -> list[str]:
+def shape_names(array: Array) -> list[str]:
     """Return the name of each placement's coil table: the coil's own, else shape1, shape2 and so on."""
     found: dict[int, str] = {}
     for place in array.placements:

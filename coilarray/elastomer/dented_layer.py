@@ -269,7 +269,7 @@ def dent_inductance(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
     dents : sequence of Dent
         Deformed surfaces of the same sheets, for example one for each depth.

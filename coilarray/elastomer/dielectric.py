@@ -23,12 +23,12 @@ from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.electromagnetics.capacitance import closed_band
 from coilarray.electromagnetics.coil_spectrum import Segments
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Coil, CoilArray, Placement, Stackup
+from coilarray.geometry import Array, Coil, Placement, Stackup
 from coilarray.geometry.copper import segment_rectangles
 
 
 def dent_capacitance(
-    array: CoilArray,
+    array: Array,
     dents: Sequence[Dent],
     positions: npt.ArrayLike,
     permittivity: float,

@@ -20,7 +20,7 @@ from coilarray.compute.threads import Recent
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.electromagnetics.lead_capacitance import lead_capacitance
 from coilarray.errors import GeometryError
-from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
+from coilarray.geometry import Array, Coil, Placement, Sheet, Stackup
 from coilarray.geometry.copper import uniform_runs
 from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 
@@ -65,9 +65,7 @@ _WINDINGS: Recent[WindingCapacitance] = Recent(32)
 _PER_AREA: Recent[FloatArray] = Recent(256)
 
 
-def coil_capacitance(
-    array: CoilArray, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0
-) -> xr.Dataset:
+def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0) -> xr.Dataset:
     """Compute the lumped and mutual capacitances of coils in F.
 
     `sheets` are the elastomer on the board, upwards, with air above it. `relative_permittivity` belongs to the sheets,
@@ -138,7 +136,7 @@ def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> Flo
 
 
 def elastomer_effect(
-    array: CoilArray,
+    array: Array,
     relative_permittivity: float,
     tank_capacitance: float,
     sheets: Sequence[Sheet] = (),
@@ -239,7 +237,7 @@ def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[La
     return LayeredMedium(tuple(thicknesses), (*epsilons, 1.0)), len(above)
 
 
-def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[WindingCapacitance]:
+def _windings(array: Array, above: Slabs, half_space: float) -> list[WindingCapacitance]:
     """Compute every winding, equal placements only once."""
     stackup = array.stackup
     windings = []
@@ -356,7 +354,7 @@ def _shares(line: IntArray, along: FloatArray, turns: Turns) -> FloatArray:
     return shares
 
 
-def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatArray:
+def _between_coils(array: Array, above: Slabs, half_space: float) -> FloatArray:
     """Maxwell matrix between coils by overlapping winding areas."""
     medium, first = _board_medium(array.stackup, above, half_space)
     bands = _bands(array)
@@ -403,7 +401,7 @@ class _Band:
     area: shapely.Geometry
 
 
-def _bands(array: CoilArray) -> list[_Band]:
+def _bands(array: Array) -> list[_Band]:
     """Find the winding area of every coil on every layer."""
     own: dict[int, list[shapely.Geometry]] = {}
     bands = []
@@ -446,7 +444,7 @@ def closed_band(
     return band
 
 
-def _refuse_touching_coils(array: CoilArray) -> None:
+def _refuse_touching_coils(array: Array) -> None:
     """Raise GeometryError if copper of different coils overlaps."""
     for layer in array.stackup.names:
         here = [

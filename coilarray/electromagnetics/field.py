@@ -42,7 +42,7 @@ def magnetic_field(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
     points : array_like, shape (..., 3)
         Positions in m where the field is evaluated.

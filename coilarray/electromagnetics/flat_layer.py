@@ -100,7 +100,7 @@ def layer_inductance(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. The paths lie below the magnetic sheet. Thin filaments
         are allowed.
     sheets : sequence of Sheet

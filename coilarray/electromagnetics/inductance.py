@@ -17,7 +17,7 @@ from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_
 from coilarray.electromagnetics.neumann_near import Accuracy as Accuracy
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import LARGEST, GeometryError
-from coilarray.geometry import CoilArray, Conductor
+from coilarray.geometry import Array, Conductor
 from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.overlap import require_apart
 
@@ -132,7 +132,7 @@ def self_inductance(source: Source) -> FloatArray:
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
 
     Returns
@@ -157,7 +157,7 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
 
     Parameters
     ----------
-    first, second : CoilArray, Conductor, polyline or sequence of them
+    first, second : Array, Conductor, polyline or sequence of them
         Current paths, also thin filaments.
     accuracy : {"full", "screen"}
         See `Accuracy`.
@@ -209,7 +209,7 @@ def inductance_matrix(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
     accuracy : {"full", "screen"}
         See `Accuracy`.
@@ -254,7 +254,7 @@ def inductance_matrix(
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
     if not allow_overlaps:
-        require_apart(conductors, source.stackup if isinstance(source, CoilArray) else None)
+        require_apart(conductors, source.stackup if isinstance(source, Array) else None)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 

@@ -44,7 +44,7 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> Fl
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         Current paths. Every segment needs a conducting cross-section.
     resistivity : float
         Resistivity in Ω·m. By default copper at 20 °C.

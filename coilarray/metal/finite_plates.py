@@ -128,7 +128,7 @@ def moving_plate(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
     plate : FinitePlate
         Plate with its own tilt. Its own centre is not used.

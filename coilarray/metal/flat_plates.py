@@ -57,7 +57,7 @@ def plate_inductance(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and below the sheets.
     plates : sequence of Plate
         Plates in any order, each above or below all paths. None may reach into another or into the sheets.

@@ -25,7 +25,7 @@ from coilarray.studies.create.tank import broken_limits
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.geometry import CoilArray
+    from coilarray.geometry import Array
 
 _MOST_READ = 64  # coils, which take a few seconds
 _ALIKE = 1e-9  # of a number, smaller differences are rounding
@@ -162,7 +162,7 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
     return *row, "; ".join(filter(None, (str(where), left_out)))
 
 
-def position_bounds(response: xr.Dataset, array: CoilArray) -> xr.Dataset | None:
+def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
     """Return the Cramér–Rao bounds over the deepest map.
 
     None for a map that determines x nowhere. The coordinate ``over_coils`` (y, x) marks places over a coil of the

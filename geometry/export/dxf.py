@@ -14,7 +14,7 @@ from coilarray.compute.extras import import_extra
 from coilarray.compute.files import require_suffix, write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
 
 if TYPE_CHECKING:
@@ -32,12 +32,12 @@ _DRILL_COLOUR, _OUTLINE_COLOUR, _SILK_COLOUR = 8, 7, 2
 _NOT_IN_NAMES = '<>/\\":;?*|=`'
 
 
-def write_dxf(array: CoilArray, path: Path) -> None:
+def write_dxf(array: Array, path: Path) -> None:
     """Write the board as a DXF drawing in mm.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     path : Path
         File name ending in ``.dxf``. The file is written completely or not at all.
@@ -67,7 +67,7 @@ def write_dxf(array: CoilArray, path: Path) -> None:
     --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> write_dxf(board, Path("board.dwg"))
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.dwg: the suffix must be .dxf; got '.dwg'.
@@ -83,7 +83,7 @@ def write_dxf(array: CoilArray, path: Path) -> None:
     write_atomically(path, drawing.saveas)
 
 
-def _drawing(array: CoilArray) -> Drawing:
+def _drawing(array: Array) -> Drawing:
     """Make the drawing of a board."""
     ezdxf = import_extra("ezdxf", "DXF files", package="ezdxf", extra="fab")
     drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
@@ -111,7 +111,7 @@ def _drawing(array: CoilArray) -> Drawing:
     return drawing
 
 
-def _add_layers(drawing: Drawing, array: CoilArray, holes: Iterable[Drill]) -> None:
+def _add_layers(drawing: Drawing, array: Array, holes: Iterable[Drill]) -> None:
     """Add the layers of the drawing, with their colours."""
     for k, name in enumerate(array.stackup.names):
         colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
@@ -123,11 +123,11 @@ def _add_layers(drawing: Drawing, array: CoilArray, holes: Iterable[Drill]) -> N
     drawing.layers.add("silk", color=_SILK_COLOUR)
 
 
-def _drill_layer(array: CoilArray, hole: Drill) -> str:
+def _drill_layer(array: Array, hole: Drill) -> str:
     return "drill" if hole.layers == array.stackup.names else "_".join(("drill", *hole.layers))
 
 
-def _add_paths(space: Modelspace, array: CoilArray) -> None:
+def _add_paths(space: Modelspace, array: Array) -> None:
     """Add the centre lines of all traces.
 
     They have widths and arcs.

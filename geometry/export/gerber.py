@@ -20,7 +20,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import require_suffix, write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import arc_centre, arc_size, pieces_of
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.readers.gerber_files import gerbonara
@@ -34,13 +34,13 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def write_gerbers(
-    array: CoilArray, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
+    array: Array, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
 ) -> None:
     """Write the fabrication data as one zip.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     path : Path
         File name ending in ``.zip``. The file is written completely or not at all.
@@ -84,7 +84,7 @@ def write_gerbers(
     --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> write_gerbers(board, Path("board.rar"), name="board")
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.rar: the suffix must be .zip; got '.rar'.
@@ -220,7 +220,7 @@ class _File:
     polarity: str = ""
 
 
-def _copper_files(array: CoilArray, project: _Project) -> Iterator[_File]:
+def _copper_files(array: Array, project: _Project) -> Iterator[_File]:
     names = array.stackup.names
     for k, layer in enumerate(names):
         side = "Top" if k == 0 else "Bot" if k == len(names) - 1 else "Inr"
@@ -228,7 +228,7 @@ def _copper_files(array: CoilArray, project: _Project) -> Iterator[_File]:
         yield _gerber(project, file, _copper(array, layer), ("Copper", f"L{k + 1}", side), "Positive")
 
 
-def _copper(array: CoilArray, name: str) -> _Layer:
+def _copper(array: Array, name: str) -> _Layer:
     """Make a copper layer of traces and pads."""
     layer = _Layer()
     holes = drills(array)
@@ -251,7 +251,7 @@ def _copper(array: CoilArray, name: str) -> _Layer:
     return layer
 
 
-def _mask_files(array: CoilArray, project: _Project) -> Iterator[_File]:
+def _mask_files(array: Array, project: _Project) -> Iterator[_File]:
     """Yield the solder masks, open at the pads of terminals."""
     for side, file, name in (("Top", "F_Mask", array.stackup.names[0]), ("Bot", "B_Mask", array.stackup.names[-1])):
         openings = _Layer()
@@ -261,7 +261,7 @@ def _mask_files(array: CoilArray, project: _Project) -> Iterator[_File]:
         yield _gerber(project, file, openings, ("Soldermask", side), "Negative")
 
 
-def _silk_file(array: CoilArray, project: _Project) -> _File:
+def _silk_file(array: Array, project: _Project) -> _File:
     """Make the silk screen with the names of the coils."""
     font = gerbonara("newstroke").Newstroke.load()
     layer = _Layer()
@@ -279,7 +279,7 @@ def _silk_file(array: CoilArray, project: _Project) -> _File:
     return _gerber(project, "F_Silkscreen", layer, ("Legend", "Top"), "Positive")
 
 
-def _profile_file(array: CoilArray, project: _Project) -> _File:
+def _profile_file(array: Array, project: _Project) -> _File:
     """Make the file of the board's edge."""
     x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
     corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)])
@@ -294,7 +294,7 @@ def _gerber(project: _Project, name: str, layer: _Layer, function: tuple[str, ..
     return _File(f"{project.stem}-{name}.gbr", text, function, polarity)
 
 
-def _drill_files(array: CoilArray, project: _Project) -> Iterator[_File]:
+def _drill_files(array: Array, project: _Project) -> Iterator[_File]:
     """Yield a drill file for each span of layers."""
     names = array.stackup.names
     spans: dict[tuple[int, int], list[Drill]] = {}
@@ -323,7 +323,7 @@ def _excellon(project: _Project, name: str, holes: Sequence[Drill], function: tu
     return _File(name, "\n".join([*lines, "M30"]) + "\n", function)
 
 
-def _job(array: CoilArray, project: _Project, files: Sequence[_File]) -> str:
+def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
     """Make the text of the Gerber job file."""
     stackup = array.stackup
     vendor, application, version = project.software

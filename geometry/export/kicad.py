@@ -12,7 +12,7 @@ from pathlib import Path
 
 from coilarray.compute.files import announce, hidden_prefix, make_folder, remove_left
 from coilarray.errors import OutputError
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.export.kicad_text import (
     BOTTOM,
     FILE_VERSION,
@@ -48,7 +48,7 @@ _BACKING_EPSILON_R = 4.5
 
 
 def write_kicad(
-    array: CoilArray,
+    array: Array,
     path: Path,
     *,
     name: str,
@@ -62,7 +62,7 @@ def write_kicad(
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     path : Path
         The folder, made completely or not at all. In an existing folder the files of the project are replaced, all or
@@ -104,7 +104,7 @@ def write_kicad(
     --------
     >>> from coilarray.geometry import PlatedHole, Placement, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     files = write_kicad(board, Path(folder) / "out", name="board", rules=FabRules())
     >>> [file.name for file in files]
@@ -128,7 +128,7 @@ def write_kicad(
     return tuple(path / file for file in texts)
 
 
-def board_text(array: CoilArray, name: str, title: str) -> str:
+def board_text(array: Array, name: str, title: str) -> str:
     """Text of the ``.kicad_pcb`` file of `write_kicad`."""
     layers = copper_names(array.stackup)
     paper, drawing = _sheet(array, name, layers)
@@ -158,7 +158,7 @@ def board_text(array: CoilArray, name: str, title: str) -> str:
     return block("kicad_pcb", (node("version", FILE_VERSION), node("generator", GENERATOR)), children) + "\n"
 
 
-def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
+def _sheet(array: Array, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
     """Choose the smallest sheet and centre the board on it.
 
     The sheet is named as in KiCad.
@@ -221,7 +221,7 @@ def _stackup_layer(name: str, kind: str, *properties: str) -> str:
     return node("layer", quoted(name), node("type", quoted(kind)), *properties)
 
 
-def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
+def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
     """Yield the footprints, tracks and vias of all coils."""
     for number, (placement, label) in enumerate(zip(array.placements, silk_labels(array), strict=True), start=1):
         own = drawing.within(placement.name)
@@ -233,7 +233,7 @@ def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
         yield from _vias(array, placement, net, own)
 
 
-def _vias(array: CoilArray, placement: Placement, net: str, drawing: Drawing) -> Iterator[str]:
+def _vias(array: Array, placement: Placement, net: str, drawing: Drawing) -> Iterator[str]:
     """Yield the vias of one coil."""
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         through = hole.layers == array.stackup.names
@@ -243,14 +243,14 @@ def _vias(array: CoilArray, placement: Placement, net: str, drawing: Drawing) ->
         yield node("via", *(() if through else ("blind",)), *rest)
 
 
-def _edge(array: CoilArray, drawing: Drawing) -> str:
+def _edge(array: Array, drawing: Drawing) -> str:
     x_min, y_min, x_max, y_max = array.bounds
     corners = (at("start", drawing.point(x_min, y_max)), at("end", drawing.point(x_max, y_min)))
     style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
     return node("gr_rect", *corners, *style, drawing.identifier("edge"))
 
 
-def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
+def _project_text(array: Array, name: str, rules: FabRules) -> str:
     """Text of a ``.kicad_pro`` file.
 
     The first coil gives the sizes that KiCad offers for new tracks and vias.

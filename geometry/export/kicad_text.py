@@ -16,7 +16,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import IntArray
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import Label, silk_labels
 from coilarray.geometry.stackup import Stackup
@@ -199,7 +199,7 @@ def copper_names(stackup: Stackup) -> dict[str, str]:
 _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM))})
 
 
-def library_footprints(array: CoilArray) -> dict[str, str]:
+def library_footprints(array: Array) -> dict[str, str]:
     """Write footprints of all coil shapes.
 
     There is a footprint for every shape and set of layers. It is named after the first coil with this shape and these
@@ -217,7 +217,7 @@ def library_footprints(array: CoilArray) -> dict[str, str]:
     return {alike[0].name: _winding(array, alike) for alike in shapes.values()}
 
 
-def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
+def _winding(array: Array, alike: Sequence[Placement]) -> str:
     """Footprint of equal coils, in the frame of their shape.
 
     The coils differ in place and rotation only.
@@ -246,7 +246,7 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
     return block("footprint", head, children) + "\n"
 
 
-def terminal_footprint(array: CoilArray, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
+def terminal_footprint(array: Array, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
     """Write the footprint with a coil's terminals and its label.
 
     The label, if any, is the coil's name on the board. `net` is the ``(net …)`` of the pads. `drawing` is the coil's
@@ -283,7 +283,7 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
 
 
 def holes_of(
-    array: CoilArray, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
+    array: Array, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
 ) -> list[tuple[Drill, IntArray]]:
     """Holes of one coil with places in nm.
 
@@ -329,7 +329,7 @@ def _outline(placement: Placement, drawing: Drawing) -> str:
     return node("fp_poly", points, *style, drawing.identifier("outline"))
 
 
-def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Iterator[str]:
+def _via_pads(array: Array, placement: Placement, drawing: Drawing) -> Iterator[str]:
     """Yield the pads V1, V2, … for vias.
 
     They are under the solder mask.
@@ -340,7 +340,7 @@ def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Itera
         yield _pad(f"V{k + 1}", "thru_hole", point, hole.pad, drill, layers, drawing.identifier("via", k))
 
 
-def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
+def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
     """Yield pads 1 and 2 at the path's ends.
 
     A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the solder mask, that
@@ -366,7 +366,7 @@ def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], d
             yield _pad(number, "smd", end, holes[k].pad, node("layers", quoted(copper), *mask), *rest)
 
 
-def _through(array: CoilArray) -> str:
+def _through(array: Array) -> str:
     """Copper layers of a hole through the board.
 
     The back of a board of one copper layer stays empty.

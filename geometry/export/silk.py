@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import board_outline, disc, drills
 
 # Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
@@ -36,7 +36,7 @@ class Label:
     size: float
 
 
-def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
+def silk_labels(array: Array) -> tuple[Label | None, ...]:
     """Place the names of the coils.
 
     Each name is as near to the coil's centre as possible. A name keeps clear of all pads, other names and the edge. It

@@ -20,7 +20,7 @@ from shapely.geometry.polygon import orient
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import require_suffix, write_atomically
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import disc, drills
 from coilarray.geometry.export.solid_files import COLOURS
 from coilarray.geometry.sheet import Sheet
@@ -34,14 +34,14 @@ _SHORTEST = 1e-9  # m; edges below 0.1 nm do not exist for Open CASCADE
 _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
-def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
+def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
     """Write a board and its sheets as STEP.
 
     Lengths are in mm. The format is AP214.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     path : Path
         File name ending in ``.step`` or ``.stp``. The file is written completely or not at all.
@@ -69,7 +69,7 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> write_step(board, Path("board.iges"), name="board")
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.iges: the suffix must be .step or .stp; got '.iges'.
@@ -83,7 +83,7 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     write_atomically(path, lambda temporary: _write(document, temporary, name))
 
 
-def faceted_prisms(array: CoilArray) -> dict[str, Prism]:
+def faceted_prisms(array: Array) -> dict[str, Prism]:
     """Return the prisms of a board with coarser arcs.
 
     The copper has the larger pieces of `Coil.current_lines`, which give fewer faces.
@@ -104,7 +104,7 @@ def faceted_prisms(array: CoilArray) -> dict[str, Prism]:
 # ---- outlines: which of their edges are arcs
 
 
-def _circles(array: CoilArray) -> FloatArray:
+def _circles(array: Array) -> FloatArray:
     """Centres and radii in m of all circles.
 
     The circles are pads, holes and the inside of barrels. The array has the shape (n, 3).

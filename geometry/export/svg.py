@@ -11,7 +11,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.files import require_suffix, write_text
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 
 _MM = 1e3
@@ -26,14 +26,14 @@ _LAYER_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9", "#CC79A7", "#009E7
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 
 
-def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
+def write_svg(array: Array, path: Path, *, title: str = "") -> None:
     """Write the board as an SVG drawing.
 
     It has the size of the board.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         The board.
     path : Path
         File name ending in ``.svg``. The file is written completely or not at all.
@@ -56,7 +56,7 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
     --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> write_svg(board, Path("board.png"))
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.png: the suffix must be .svg; got '.png'.
@@ -65,7 +65,7 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
     write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
 
 
-def svg_text(array: CoilArray, *, title: str = "", coarse: bool = False) -> str:
+def svg_text(array: Array, *, title: str = "", coarse: bool = False) -> str:
     """Return the drawing of `write_svg` as an ``svg`` element.
 
     A `coarse` drawing, for the screen, is accurate to a three-thousandth of the board and much shorter.

@@ -10,7 +10,7 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError, GeometryError
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.coil import PlatedHole, path_coil
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
 from coilarray.geometry.readers.track_graph import TracedCoil
@@ -34,7 +34,7 @@ class TracedArray:
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Coils that are equal but for a shift share one `Coil`.
     assumed : dict of str to str
         Dotted keys of the design whose values are assumed, with the reason. ``coils.*.…`` stands for all shapes,
@@ -43,7 +43,7 @@ class TracedArray:
         Sentences about omissions and simplifications.
     """
 
-    array: CoilArray
+    array: Array
     assumed: dict[str, str]
     notes: tuple[str, ...]
 
@@ -85,7 +85,7 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
         notes.append(
             "Some holes go through the whole board and some do not; all taken as reaching only what they join."
         )
-    array = CoilArray(_stackup(board, assumed, notes), tuple(placements), 0.0, bool(through))
+    array = Array(_stackup(board, assumed, notes), tuple(placements), 0.0, bool(through))
     array = _with_margin(array, board, assumed, notes)
     notes += [f"{coil.name}: the current enters at {_begin(coil)}." for coil in coils]
     return TracedArray(array, assumed, tuple(notes))
@@ -205,7 +205,7 @@ def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
     return None if len(through) > 1 else through != {False}
 
 
-def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> CoilArray:
+def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Array:
     """Set the board's margin from the edge in its file."""
     if board.edge is None:
         assumed["board.margin_mm"] = f"the board file has no outline; {_MARGIN * 1e3:g} mm"

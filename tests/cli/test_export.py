@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import ezdxf
 import pytest
 import trimesh
-from support.boards import LEADS, VIA, many_layers
+from support.boards import many_layers
 from support.command_line import mistakes, runner, successes
 
 from coilarray import Design, export, load_design
@@ -20,7 +20,7 @@ from coilarray.cli.main import main
 from coilarray.compute import files
 from coilarray.design.bundled import read
 from coilarray.design.export_formats import SUFFIXES
-from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
+from coilarray.geometry import Array, Placement, Spiral
 from coilarray.geometry.export import kicad
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -112,9 +112,9 @@ def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, small, monke
 
 def one_layer():
     """Two coils on a board of one layer, at angles of their own."""
-    coil = spiral_coil(Spiral(32, 4e-3, 3, 0.2e-3, 0.2e-3), 1, VIA, LEADS)
+    coil = Spiral(32, 8e-3, 3, 0.2e-3, 0.2e-3, layers=1).coil()
     places = (Placement("A", coil, ("L1",), 0, 0, 0.5), Placement("B", coil, ("L1",), 20e-3, 5e-3, -1.36))
-    return Design(CoilArray(many_layers(1), places), name="one")
+    return Design(Array(many_layers(1), places), name="one")
 
 
 @pytest.mark.parametrize("make", [one_layer, functools.partial(load_design, "starter")])

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.board_text import array_text, board, pads, path, segment, square_spiral, via
-from support.boards import FOUR_LAYERS, LEADS, VIA
+from support.boards import FOUR_LAYERS
 from support.command_line import runner, successes
 
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.electromagnetics.inductance import inductance_matrix
-from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
+from coilarray.geometry import Array, Placement, Spiral
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 _, refused = runner("import")
@@ -26,10 +26,10 @@ def write(text, name="b.kicad_pcb"):
 
 
 def small_array():
-    coil = spiral_coil(Spiral(6, 4e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    coil = Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3).coil()
     pairs = (("L1", "L2"), ("L3", "L4"))
     placements = (Placement(f"c{k + 1}", coil, pairs[k], 8e-3 * k, 0.0) for k in range(2))
-    return CoilArray(FOUR_LAYERS, tuple(placements))
+    return Array(FOUR_LAYERS, tuple(placements))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
+from support.boards import FOUR_LAYERS, VIA, many_layers, reference_board
 
 from coilarray import load_design, load_design_file
 from coilarray.design.edit import edited_text
@@ -27,7 +27,7 @@ from coilarray.design.write import (
     with_comments,
 )
 from coilarray.errors import DesignError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
+from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup, path_coil
 
 GRID = 1e-9  # m: places are rounded to it
 
@@ -66,13 +66,13 @@ def mixed_array():
         0.25e-3,
         PlatedHole(0.25e-3, 0.5e-3, 20e-6),
     )
-    spiral = spiral_coil(Spiral(5, 4e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    spiral = Spiral(5, 8e-3, 5, 0.15e-3, 0.15e-3).coil()
     placements = (
         Placement("tapered", tapered, ("L1", "L2", "L1"), 1.23456e-3, -2e-3, 0.3),
         Placement("one", spiral, ("L1", "L2"), 20e-3, 0, -2.0),
         Placement("two", spiral, ("L3", "L4"), 20e-3, 10e-3),
     )
-    return CoilArray(FOUR_LAYERS, placements, board_margin=0.5e-3, through_holes=False)
+    return Array(FOUR_LAYERS, placements, board_margin=0.5e-3, through_holes=False)
 
 
 def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
@@ -96,7 +96,7 @@ def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
 def test_numbers_keep_their_digits(x, rotation, width, thickness, epsilon):
     stackup = Stackup(("a", "b"), (thickness, 35e-6), (thickness,), (epsilon,))
     coil = path_coil([[(0, 0), (3e-3, 0), (3e-3, 2e-3)]], width, 1e-4, VIA)
-    found = parse_design(text(CoilArray(stackup, (Placement("A", coil, ("a",), x, 0, rotation),)))).array
+    found = parse_design(text(Array(stackup, (Placement("A", coil, ("a",), x, 0, rotation),)))).array
     assert found.placements[0].x == pytest.approx(x, abs=0.51 * GRID)
     assert found.placements[0].rotation == pytest.approx(rotation, rel=1e-11, abs=1e-14)  # 12 digits of degrees
     assert found.placements[0].coil.trace_width == pytest.approx(width, abs=0.51 * GRID)
@@ -111,7 +111,7 @@ def test_points_stand_one_a_line_and_no_line_is_long():
     assert max(map(len, lines)) <= 120
     many = path_coil([np.column_stack((np.arange(200) * 1e-3, np.arange(200) % 2 * 1e-3))], 2e-4, 2e-4, VIA)
     varied = path_coil(many.lines, [np.linspace(2e-4, 3e-4, 199).round(9)], 2e-4, VIA)
-    array = CoilArray(many_layers(1), (Placement("A", varied, ("L1",), 0, 0),))
+    array = Array(many_layers(1), (Placement("A", varied, ("L1",), 0, 0),))
     assert max(map(len, text(array).splitlines())) <= 120
     same(parse_design(text(array)).array, array)
 
@@ -132,7 +132,7 @@ def test_names_become_ones_that_a_design_can_have(given_names, expected):
 def test_any_names_make_a_readable_design(names):
     coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
     placements = tuple(Placement(name, coil, (names[0],), 0, k * 1e-3) for k, name in enumerate(names))
-    array = CoilArray(Stackup((names[0],), (35e-6,), (), ()), placements)
+    array = Array(Stackup((names[0],), (35e-6,), (), ()), placements)
     found = parse_design(text(array, name=names[0])).array
     assert len(set(found.names)) == len(names)
 
@@ -151,7 +151,7 @@ def test_names_with_dots_find_their_shape():
     coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
     other = path_coil([[(0, 0), (2e-3, 0)]], 2e-4, 2e-4, VIA)
     placements = (Placement("a", coil, ("L1",), 0, 0), Placement("a.gap_mm", other, ("L1",), 0, 1e-3))
-    array = CoilArray(many_layers(1), placements)
+    array = Array(many_layers(1), placements)
     reasons = parse_design_file(text(array, assumed={"coils.a.gap_mm": "1", "coils.a.gap_mm.gap_mm": "2"})).assumed
     assert reasons == {"coils.shape1.gap_mm": "1", "coils.shape2.gap_mm": "2"}
 
@@ -163,7 +163,7 @@ def test_an_assumption_of_nothing_is_refused_when_read():
 
 def test_the_design_of_a_rotated_coil_turns_it():
     coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
-    array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0, math.pi / 2),))
+    array = Array(many_layers(1), (Placement("A", coil, ("L1",), 0, 0, math.pi / 2),))
     (wire,) = parse_design(text(array)).array.conductors()
     np.testing.assert_allclose(wire.vertices[1, :2], (0, 1e-3), atol=1e-15)
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from datetime import date
 
 import pytest
-from support.boards import LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import VIA, many_layers, one_coil, reference_board
 from support.refusals import refused
 
 from coilarray import parse_design, write_report
@@ -22,7 +22,7 @@ from coilarray.design.bundled import read
 from coilarray.design.fab_limits import FabTable, load_profile
 from coilarray.design.model import parse_design_file
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
-from coilarray.geometry import FabRules, Spiral, check_rules, require_rules, spiral_coil
+from coilarray.geometry import FabRules, Spiral, check_rules, require_rules
 from coilarray.report.tables import rules_table
 
 MIL = 0.0254  # mm
@@ -201,7 +201,7 @@ def test_the_old_table_is_refused_by_its_name():
 
 @pytest.mark.parametrize(("layers", "most", "kept"), [(1, 2, True), (2, 2, True), (3, 2, False), (4, 2, False)])
 def test_layer_count(layers, most, kept):
-    coil = spiral_coil(Spiral(6, 10e-3, 3, 0.2e-3, 0.2e-3), 1, VIA)
+    coil = Spiral(6, 20e-3, 3, 0.2e-3, 0.2e-3, layers=1, leads=None).coil()
     array = replace(one_coil(coil), stackup=many_layers(layers))
     (margin,) = found(array, FabRules(max_layers=most), "layer count")
     assert (margin.value, margin.limit, margin.margin, margin.unit) == (layers, most, most - layers, "")
@@ -249,7 +249,7 @@ def test_blind_holes_are_counted():
     assert (blind.value, blind.margin, blind.kept) == (6, -6, False)
     assert found(reference_board(through_holes=False), FabRules(), "blind holes") == []
     # a two-layer coil on a two-layer board joins all layers there are; its terminals are pads
-    coil = spiral_coil(Spiral(6, 10e-3, 3, 0.2e-3, 0.2e-3), 2, VIA, LEADS)
+    coil = Spiral(6, 20e-3, 3, 0.2e-3, 0.2e-3).coil()
     assert found(one_coil(coil, through_holes=False), rules, "blind holes")[0].value == 0
 
 

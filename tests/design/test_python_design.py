@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, round_spiral
+from support.boards import FOUR_LAYERS, round_spiral
 from support.boards import VIA as BOARD_VIA
 from support.refusals import refused
 
@@ -25,7 +25,7 @@ from coilarray.studies.tolerance.perturb import perturb
 
 VIA = ca.PlatedHole(0.25e-3, 0.5e-3)
 TWO_LAYERS = ca.Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
-SPIRAL = ca.spiral_coil(ca.Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, VIA)
+SPIRAL = ca.Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3, leads=None).coil()
 ROW = ca.Design(ca.lattice_array(TWO_LAYERS, SPIRAL, ca.Lattice("linear", pitch=20e-3, columns=3)))
 
 
@@ -34,7 +34,7 @@ def gast2020_in_python():
     file = ca.load_design_file("gast2020").values
     dielectrics = tuple(mm * 1e-3 for mm in file["stackup.dielectric_thickness_mm"])
     hexagon = ca.Spiral(
-        6, 11.5e-3, 30, 0.1e-3, file["coils.hexagon.gap_mm"] * 1e-3, first_corner=math.pi / 2, winding_rule="corner"
+        6, 23e-3, 30, 0.1e-3, file["coils.hexagon.gap_mm"] * 1e-3, first_corner=math.pi / 2, winding_rule="corner"
     )
     row = ca.Lattice("linear", 13.28e-3, columns=6, layers=(("L3", "L4"), ("L1", "L2")))
     magnetic = ca.Sheet(
@@ -45,7 +45,7 @@ def gast2020_in_python():
     switches = ca.Switches(on_resistance=file["circuit.short_resistance_ohm"] / 2)
     return ca.Design(
         ca.lattice_array(
-            replace(FOUR_LAYERS, dielectric_thickness=dielectrics), ca.spiral_coil(hexagon, 2, BOARD_VIA, LEADS), row
+            replace(FOUR_LAYERS, dielectric_thickness=dielectrics), replace(hexagon, via=BOARD_VIA).coil(), row
         ),
         (ca.Sheet("base", 6e-3, 1.0, 55e3), magnetic),
         ca.Indentation(
@@ -65,10 +65,9 @@ def awkward():
         ca.PlatedHole(0.25e-3, 0.5e-3, 20e-6),
         ca.PlatedHole(0.5e-3, 1e-3, 30e-6),
     )
-    circle = ca.spiral_coil(
-        round_spiral(20e-3 / 3, 5, 0.1e-3, 0.1e-3, direction=0.1, winding="cw"), 3, VIA,
-        ca.Leads(2e-3, 1.5e-3, ca.PlatedHole(0.5e-3, 1e-3, 30e-6)), return_lead=True,
-    )  # fmt: skip
+    leads = ca.Leads(2e-3, 1.5e-3, ca.PlatedHole(0.5e-3, 1e-3, 30e-6))
+    built = {"winding": "cw", "layers": 3, "leads": leads, "return_lead": True}
+    circle = round_spiral(20e-3 / 3, 5, 0.1e-3, 0.1e-3, direction=0.1, **built).coil()
     square = ca.Coil(tapered.lines, tapered.widths, tapered.gap, VIA, None, np.array([[0, 0], [5e-3, 0], [5e-3, 4e-3]]))
     placements = (
         ca.Placement("tapered", tapered, ("L1", "L2"), 1.23456789e-3, -2e-3, 0.3),
@@ -80,7 +79,7 @@ def awkward():
         ca.ScanState("one", (("square", 1),), others="ground one end"),
     )
     return ca.Design(
-        ca.CoilArray(FOUR_LAYERS, placements, 0.5e-3, through_holes=False),
+        ca.Array(FOUR_LAYERS, placements, 0.5e-3, through_holes=False),
         (ca.Sheet("soft", 1e-2 / 3, youngs_modulus=1e5 / 3),),
         ca.Indentation(
             ca.Cone(1.0, 2e-3), (0.1e-3, 0.3e-3), (-1e-3, 0.0, 5e-3), (0.7e-3,), ca.Seat(1e7 / 3, 2e5),
@@ -115,7 +114,7 @@ def test_the_document_of_a_bundled_design_has_the_keys_and_values_of_its_file(na
 @pytest.mark.parametrize("design", [
     ROW, gast2020_in_python(), awkward(), replace(ca.load_design("gast2020"), sheets=()),
     perturb(ca.load_design("starter"), {"etch.L1": 3e-6, "rotation.L3": 1e-3, "placement_x": 1e-4, "capacitance": 0.1}),
-    ca.Design(ca.CoilArray(TWO_LAYERS, (ca.Placement("a b", SPIRAL, ("L1", "L2"), 0, 0),)), name="with a space"),
+    ca.Design(ca.Array(TWO_LAYERS, (ca.Placement("a b", SPIRAL, ("L1", "L2"), 0, 0),)), name="with a space"),
 ], ids=["row", "gast2020", "awkward", "bare", "perturbed", "names"])  # fmt: skip
 def test_any_design_is_that_of_its_document(design):
     again = build_design(ca.design_document(design))
@@ -147,17 +146,17 @@ def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, shape, val
     capacitance, resistance, thickness, permeability = values
     turns = (3, width, gap)
     if shape.isdecimal():
-        spiral = ca.Spiral(int(shape), apothem, *turns, angles[0])
+        spiral = ca.Spiral(int(shape), 2 * apothem, *turns, angles[0])
     elif shape in ("circle", "rounded"):
         radius, sides = (apothem, 4) if shape == "circle" else (apothem / 3, 5)
         spiral = ca.RoundedSpiral(2 * apothem, 2 * apothem, *turns, radius, sides, angles[0])
     else:
         radius = apothem if shape == "racetrack" else apothem / 7
         spiral = ca.RoundedSpiral(3 * apothem, 2 * apothem, *turns, radius, direction=math.pi / 2)
-    coil = ca.spiral_coil(spiral, 2, VIA)
+    coil = replace(spiral, leads=None).coil()
     if kind == "free":
         places = tuple(ca.Placement(f"c{k}", coil, ("L1", "L2"), k * pitch, -pitch / 3, angles[k]) for k in range(2))
-        array = ca.CoilArray(TWO_LAYERS, places)
+        array = ca.Array(TWO_LAYERS, places)
     else:
         columns, rows = {"single": (1, 1), "rings": (1, 1), "linear": (3, 1), "triangle": (3, 1)}.get(kind, (3, 3))
         layers, rings = (("L1", "L2"), ("L2", "L1")), int(kind == "rings")

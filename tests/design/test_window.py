@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from support.boards import LEADS, VIA, many_layers, round_spiral
+from support.boards import many_layers, round_spiral
 
 from coilarray.design.window import MOST_POSITIONS, array_window
-from coilarray.geometry import Lattice, lattice_array, spiral_coil
+from coilarray.geometry import Lattice, lattice_array
 
-LARGE = spiral_coil(round_spiral(20e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+LARGE = round_spiral(20e-3, 6, 0.15e-3, 0.15e-3).coil()
 
 
 @pytest.mark.parametrize(("count", "step"), [(1, 1.0e-3), (3, 3.5e-3)])
@@ -28,7 +28,7 @@ def test_a_wide_board_has_wider_steps_rather_than_too_many_positions():
 
 
 def test_a_map_of_a_target_over_a_pad_has_some_hundred_positions():
-    coil = spiral_coil(round_spiral(5e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    coil = round_spiral(5e-3, 6, 0.15e-3, 0.15e-3).coil()
     array = lattice_array(many_layers(2), coil, Lattice("square", 13e-3, 4, 4))
     counts = {table: len(x) * len(y) for table in ("indentation", "target")
               for x, y in [array_window(array, (0.0, 0.0), table=table)]}  # fmt: skip

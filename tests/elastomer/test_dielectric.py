@@ -18,7 +18,7 @@ from scipy.integrate import quad
 from scipy.special import j0, j1, jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 from support.axial_field import symmetric
-from support.boards import LEADS, VIA, reference_board
+from support.boards import LEADS, reference_board
 from support.references import polygon
 
 from coilarray.constants import EPSILON_0
@@ -29,14 +29,14 @@ from coilarray.electromagnetics.capacitance import elastomer_effect
 from coilarray.electromagnetics.coil_spectrum import harmonics_about, segment_spectra
 from coilarray.electromagnetics.flat_stack import flat_profile
 from coilarray.errors import ElastomerError
-from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, Stackup, spiral_coil
+from coilarray.geometry import Array, Placement, Sheet, Spiral, Stackup
 
 pytestmark = pytest.mark.slow
 
 BOARD = Stackup(("L1", "L2", "L3"), (35e-6,) * 3, (0.2e-3,) * 2, (4.5,) * 2)
-SPIRAL = Spiral(6, 8e-3, 8, 0.2e-3, 0.2e-3)
-COIL = spiral_coil(SPIRAL, 2, VIA, LEADS)
-ARRAY = CoilArray(BOARD, (Placement("A", COIL, ("L1", "L2"), 0, 0), Placement("B", COIL, ("L2", "L3"), 9e-3, 0)))
+SPIRAL = Spiral(6, 16e-3, 8, 0.2e-3, 0.2e-3)
+COIL = SPIRAL.coil()
+ARRAY = Array(BOARD, (Placement("A", COIL, ("L1", "L2"), 0, 0), Placement("B", COIL, ("L2", "L3"), 9e-3, 0)))
 PLACES = np.array([[0.0, 0.0], [6e-3, 1e-3], [13e-3, -3e-3]])  # centre, flank, outside
 RADII = np.linspace(0, 30e-3, 301)
 TOP = 8e-3
@@ -118,7 +118,7 @@ def potential_at(segments, points):
 @pytest.mark.parametrize("zero_at", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("layers", [("L1", "L2"), ("L2", "L1"), ("L1",)])
 def test_potential_follows_the_voltage_along_the_wire(layers, zero_at):
-    coil = spiral_coil(SPIRAL, len(layers), VIA, LEADS if len(layers) == 2 else None)
+    coil = replace(SPIRAL, layers=len(layers), leads=LEADS if len(layers) == 2 else None).coil()
     placement = Placement("A", coil, layers, 3e-3, -1e-3, 0.3)
     segments = surface_potential(placement, BOARD, zero_at)
     upper = layers.index("L1")

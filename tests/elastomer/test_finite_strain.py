@@ -42,7 +42,7 @@ from coilarray.geometry import (
     Seat,
     Sheet,
     Spiral,
-    apothem_from_size,
+    across_flats,
 )
 from coilarray.response.map import response_map
 
@@ -119,8 +119,8 @@ def test_change_of_inductance_by_the_reference(column):
     found = indent(MAGNETIC, BALL, 1e-3, strain=strain).isel(depth=0)
     if column == "linear_ur_uz":  # faces mapped as those of finite strain
         found = found.assign_attrs(strain="finite")
-    edge = apothem_from_size(23e-3, 6, across="corners")
-    hexagon = Spiral(6, edge, 30, 1e-4, 1e-4, math.pi / 2, winding_rule="corner")
+    edge = across_flats(23e-3, 6)
+    hexagon = Spiral(6, 2 * edge, 30, 1e-4, 1e-4, math.pi / 2, winding_rule="corner")
     coil = spiral_path(hexagon, (0.0, -0.215e-3))
     table = rows("dent_finite_strain")
     places = [(float(row["x_mm"]) * 1e-3, 0.0) for row in table]

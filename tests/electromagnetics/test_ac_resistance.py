@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from support.boards import LEADS, VIA, one_coil, round_spiral
+from support.boards import one_coil, round_spiral
 from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
@@ -29,7 +29,7 @@ from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.sections import NEAR, isolated_modes, pair_logs
 from coilarray.electromagnetics.resistance import WIDE, cross_section, resistance_matrix, skin_depth
 from coilarray.errors import GeometryError
-from coilarray.geometry import Conductor, Spiral, spiral_coil
+from coilarray.geometry import Conductor, Spiral
 
 W, T = 0.15e-3, 35e-6
 BAR = Conductor([[0, 0, 0], [1, 0, 0]], W, T)
@@ -266,11 +266,11 @@ def test_racetrack_against_its_two_sides():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [
-    spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
-    spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
-    spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
+    spiral_path(Spiral(6, 20e-3, 20, 0.15e-3, 0.15e-3)),
+    spiral_path(Spiral(6, 20e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
+    spiral_path(Spiral(6, 12e-3, 10, 0.2e-3, 0.05e-3)),
     spiral_path(round_spiral(9e-3, 6, 0.15e-3, 0.15e-3)),
-    spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
+    spiral_path(Spiral(4, 30e-3, 6, 1e-3, 0.2e-3)),
 ], ids=["hexagon", "two layers", "tight", "circle", "wide"])  # fmt: skip
 def test_switch_between_models(path):
     switch = RESISTIVITY_COPPER / (np.pi * MU_0 * (path.widths[0] / WIDE) ** 2)
@@ -307,7 +307,7 @@ def test_loss_induced_in_an_open_neighbour():
 @settings(max_examples=8)
 @given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
 def test_scaled_turned_and_moved_coil(scale, angle, shift):
-    path = spiral_path(Spiral(6, 4e-3, 5, 0.2e-3, 0.1e-3))
+    path = spiral_path(Spiral(6, 8e-3, 5, 0.2e-3, 0.1e-3))
     turned = Rotation.from_euler("z", angle).apply(scale * path.vertices)
     moved = Conductor(turned + shift, scale * path.widths, scale * path.thicknesses)
     f = np.array([3e5, 4e6])
@@ -318,8 +318,8 @@ def test_scaled_turned_and_moved_coil(scale, angle, shift):
 
 
 @pytest.mark.parametrize("path", [
-    spiral_path(Spiral(6, 6e-3, 4, 0.2e-3, 0.05e-3)),
-    spiral_path(Spiral(4, 15e-3, 3, 1e-3, 0.2e-3)),
+    spiral_path(Spiral(6, 12e-3, 4, 0.2e-3, 0.05e-3)),
+    spiral_path(Spiral(4, 30e-3, 3, 1e-3, 0.2e-3)),
 ], ids=["narrow", "wide"])  # fmt: skip
 def test_vertices_on_straight_runs_change_nothing(path):
     pieces, count = 8, len(path.vertices) - 1
@@ -343,7 +343,7 @@ def test_where_a_round_winding_starts_changes_nothing(trace_width):
     """A line through the centre crosses its two halves alike and in opposite directions: only one half counts."""
     resistances = []
     for direction in (0.0, 1.0, np.pi / 2):
-        coil = spiral_coil(round_spiral(20e-3, 6, trace_width, 0.2e-3, direction=direction), 2, VIA, LEADS)
+        coil = round_spiral(20e-3, 6, trace_width, 0.2e-3, direction=direction).coil()
         (path,) = one_coil(coil).conductors()
         resistances.append(float(resistance_matrix(path, 3.6e6).resistance[0, 0, 0]))
     np.testing.assert_allclose(resistances, resistances[0], rtol=1e-9)  # coordinates differ by roundings
@@ -352,7 +352,7 @@ def test_where_a_round_winding_starts_changes_nothing(trace_width):
 @pytest.mark.parametrize(("out", "past"), [(5e-3, 5e-3), (5e-3, 80e-3), (5e-3, -80e-3)])
 def test_leads_do_not_change_the_winding(out, past):
     """However far leads go out and past the turns, the winding keeps its losses."""
-    winding = spiral_path(Spiral(6, 16e-3, 15, 0.15e-3, 0.15e-3), (0.0, -1.5e-3))
+    winding = spiral_path(Spiral(6, 32e-3, 15, 0.15e-3, 0.15e-3, first_corner=0.0), (0.0, -1.5e-3))
     start, end = winding.vertices[[0, -1]]  # one above the other, on the x axis
     way, beside = np.array([[out, past, 0], [out, 0, 0]]), np.array([[out + 2e-3, 0, 0], [out + 2e-3, past, 0]])
     path = Conductor(np.vstack((start + way, winding.vertices, end + beside)), 0.15e-3, T)

@@ -95,7 +95,7 @@ def _box(lift=0.0, turn=0.3):
 
 
 PATHS = [_box(), _box(1e-3, 2.0), polygon(5, 8e-3, -2e-3)]
-LINE = Spiral(6, 12e-3, 4, 1e-3, 0.4e-3).centre_line(0)
+LINE = Spiral(6, 24e-3, 4, 1e-3, 0.4e-3).centre_line(0)
 SPIRAL = Conductor(np.column_stack((LINE, np.full(len(LINE), -0.1e-3))), 1e-3, 0.2e-3, name="spiral")
 
 

@@ -227,7 +227,7 @@ def test_positive_definite_for_any_placement(places):
 
 def test_series_connection_adds():
     # one path of two layers against the sum over its pieces
-    spiral = Spiral(6, 5e-3, 4, W, W)
+    spiral = Spiral(6, 10e-3, 4, W, W)
     upper, lower = at_height(spiral.centre_line(0), 0.0), at_height(spiral.centre_line(1), -0.5e-3)
     pieces = [Conductor(upper, W, T), Conductor(np.vstack((upper[-1:], lower[:1])), W, W), Conductor(lower, W, T)]
     sizes = (np.concatenate([getattr(piece, size) for piece in pieces]) for size in ("widths", "thicknesses"))

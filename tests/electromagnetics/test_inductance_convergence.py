@@ -17,10 +17,10 @@ from coilarray.geometry import Conductor, Spiral
 
 # W/G 0.1 mm and 0.15 mm, one and two layers, straight sides and arcs
 SPIRALS = {
-    "hexagon": Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3),
-    "square": Spiral(4, 10e-3, 10, 0.15e-3, 0.15e-3),
+    "hexagon": Spiral(6, 20e-3, 20, 0.15e-3, 0.15e-3),
+    "square": Spiral(4, 20e-3, 10, 0.15e-3, 0.15e-3),
     "circle": round_spiral(9e-3, 6, 0.15e-3, 0.15e-3),
-    "tight": Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3),
+    "tight": Spiral(6, 12e-3, 10, 0.2e-3, 0.05e-3),
 }
 
 
@@ -105,7 +105,7 @@ def test_mutual_nodes_and_near_widths():
 @pytest.mark.parametrize("shift", [(0, 0, -0.5e-3), (8e-3, 0, -0.5e-3), (10.4e-3, 0, -0.5e-3), (16.3e-3, 0, 0)])
 def test_small_coils_on_and_beside_each_other(turns, shift):
     # 107 widths across: with 40 widths for the cross-section 6e-6 were left out of coils on each other
-    table = segment_table(spiral_path(Spiral(6, 8e-3, turns, 0.15e-3, 0.15e-3)))
+    table = segment_table(spiral_path(Spiral(6, 16e-3, turns, 0.15e-3, 0.15e-3)))
     n = len(table)
     own = own_mutual_sum(table, 0, n, OWN_NEAR_WIDTHS, 0)
     default = mutual_sum(table, table, np.array(shift), 0, n, MUTUAL_NEAR_WIDTHS, 0)

@@ -83,7 +83,7 @@ def test_more_nodes_converge_geometrically(shift):
 def test_widths_of_small_windings_count_from_afar(widths, apart):
     # square coils of two layers beside each other, so that sides of one are parallel to those of the other
     width = 0.15e-3
-    spiral = Spiral(4, widths * width / 2, min(widths // 8 + 1, 10), width, 0.15e-3 if widths > 20 else 0.05e-3)
+    spiral = Spiral(4, widths * width, min(widths // 8 + 1, 10), width, 0.15e-3 if widths > 20 else 0.05e-3)
     coil = spiral_path(spiral, (0.0, -0.2e-3))
     shift = np.array([apart * widths * width, 0.0, 0.0])
     both = inductance_matrix([coil, Conductor(coil.vertices + shift, width, 35e-6)])

@@ -1,5 +1,7 @@
 """Screening: how far the sums over a few turns are from those over all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,8 +14,8 @@ from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import standing_for_all
 from coilarray.electromagnetics.kernels.turns import find_series, series_rules
 from coilarray.electromagnetics.neumann import segment_table
-from coilarray.geometry import PlatedHole, Spiral, Stackup, path_coil, spiral_coil
-from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry import PlatedHole, Spiral, Stackup, path_coil
+from coilarray.geometry.array import Array, Placement
 
 VIA = PlatedHole(0.2e-3, 0.45e-3)
 BOARD = Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.2e-3,) * 3, (4.5,) * 3)
@@ -22,11 +24,11 @@ BOARD = Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.2e-3,) * 3, (4.5,) * 
 def overlapping(sides, turns, apart, angle=0.0, rotation=0.0):
     """Two equal spirals on different layers."""
     turns = (turns, 0.12e-3, 0.12e-3)
-    coil = spiral_coil(round_spiral(10e-3, *turns) if sides > 8 else Spiral(sides, 10e-3, *turns), 2, VIA)
+    coil = replace(round_spiral(10e-3, *turns) if sides > 8 else Spiral(sides, 20e-3, *turns), leads=None).coil()
     shift = apart * np.array([np.cos(angle), np.sin(angle)])
     upper, lower = (0.0, 0.0), (*shift.tolist(), rotation)
     places = Placement("A", coil, ("L1", "L2"), *upper), Placement("B", coil, ("L3", "L4"), *lower)
-    return CoilArray(BOARD, places).conductors()
+    return Array(BOARD, places).conductors()
 
 
 @pytest.mark.slow
@@ -97,7 +99,7 @@ def test_series_cover_every_segment_once():
 
 def test_uneven_turns_are_no_series():
     coil = path_coil([np.cumsum(np.random.default_rng(0).uniform(1e-3, 2e-3, (40, 2)), axis=0)], 0.1e-3, 0.1e-3, VIA)
-    conductor = CoilArray(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
+    conductor = Array(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
     assert (find_series(segment_table(conductor))[:, 2] == 1).all()
 
 

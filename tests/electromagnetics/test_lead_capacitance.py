@@ -16,7 +16,7 @@ from coilarray.constants import EPSILON_0
 from coilarray.electromagnetics import lead_capacitance as module
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.layered_strips import LayeredMedium, strip_capacitance
-from coilarray.geometry import CoilArray, Placement, Stackup, path_coil
+from coilarray.geometry import Array, Placement, Stackup, path_coil
 from coilarray.geometry.winding import FlatPath, find_turns
 
 SLAB, EPSILON = 1.5e-3, 4.5
@@ -34,7 +34,7 @@ def leads_of(to, turns=8):
 def capacitance(lines, width=0.2e-3, thickness=35e-6, slab=SLAB):
     coil = path_coil([1e-3 * np.array(line, dtype=np.float64) for line in lines], width, 0.3e-3, VIA)
     stackup = Stackup(("A", "B"), (thickness,) * 2, (slab,), (EPSILON,))
-    return coil_capacitance(CoilArray(stackup, (Placement("c", coil, ("A", "B"), 0.0, 0.0),)))
+    return coil_capacitance(Array(stackup, (Placement("c", coil, ("A", "B"), 0.0, 0.0),)))
 
 
 def turns_of(lines, width=0.2e-3):

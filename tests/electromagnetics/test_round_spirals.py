@@ -5,16 +5,17 @@ Who checks whom: rings by Maxwell's formula, Grover's rectangle and two-dimensio
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import ellipe, ellipk
-from support.boards import VIA, many_layers, one_coil, round_spiral
+from support.boards import many_layers, one_coil, round_spiral
 
 from coilarray import inductance_matrix
 from coilarray.constants import MU_0
-from coilarray.geometry import Placement, RoundedSpiral, spiral_coil
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry import Placement, RoundedSpiral
+from coilarray.geometry.array import Array
 
 W, T = 0.2e-3, 35e-6
 # ln of the geometric mean distance of the section of a trace from itself (Grover 1946, ch. 3)
@@ -23,7 +24,9 @@ LOG_GMD = math.log(0.22313 * (W + T))
 
 def inductance(spiral, layers=1, **options):
     """Self-inductance of a bare coil in H."""
-    return float(inductance_matrix(one_coil(spiral_coil(spiral, layers, VIA)).conductors(**options))[0, 0])
+    return float(
+        inductance_matrix(one_coil(replace(spiral, layers=layers, leads=None).coil()).conductors(**options))[0, 0]
+    )
 
 
 def rings(a, b):
@@ -102,7 +105,7 @@ def test_pieces_of_arcs(spiral):
 
 
 def test_a_turned_board_has_the_same_inductances():
-    upper, lower = (spiral_coil(ARCS[name], 2, VIA) for name in ("rounded", "hexagon"))
+    upper, lower = (replace(ARCS[name], leads=None).coil() for name in ("rounded", "hexagon"))
 
     def board(turn):
         c, s = math.cos(turn), math.sin(turn)
@@ -110,6 +113,6 @@ def test_a_turned_board_has_the_same_inductances():
             Placement("A", upper, ("L1", "L2"), 0.0, 0.0, turn),
             Placement("B", lower, ("L3", "L4"), 8e-3 * c, 8e-3 * s, turn),
         )
-        return inductance_matrix(CoilArray(many_layers(4), places))
+        return inductance_matrix(Array(many_layers(4), places))
 
     np.testing.assert_allclose(board(0.7), board(0.0), rtol=1e-7)  # of far pairs; measured

@@ -1,19 +1,20 @@
 """However coils are turned, mirrored, shifted and put in order, they have the same L, R, C, k, f and Q."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import LEADS, VIA, many_layers, round_spiral, square_turns
+from support.boards import VIA, many_layers, round_spiral, square_turns
 
 from coilarray import Circuit, Switches, couple_design, load_design, scan_design
 from coilarray.design.model import Design
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import resistance_matrix
-from coilarray.geometry import CoilArray, Material, Placement, Plate, RoundedSpiral, Spiral, path_coil, spiral_coil
+from coilarray.geometry import Array, Material, Placement, Plate, RoundedSpiral, Spiral, path_coil
 
 ROUNDING = 1e-6
 """Relative: asked for; coordinates differ by roundings, and the sections of turns are rounded to 1e-8 of the width."""
@@ -31,14 +32,14 @@ def coil_of(shape, layers, width, angle=0.0, *, mirrored=False):
         flip = np.array([1.0, -1.0 if mirrored else 1.0])
         return path_coil([1e-3 * np.array(line) * flip @ turn for line in (PATH, LEAD)], width * 1e-3, 0.3e-3, VIA)
     gap = min(width, 0.2) * 1e-3
-    sizes = {"turns": 3, "trace_width": width * 1e-3, "gap": gap, "winding": sense}
+    sizes = {"turns": 3, "width": width * 1e-3, "gap": gap, "winding": sense}
     if shape == "circle":
         spiral = round_spiral(5.731e-3, 3, width * 1e-3, gap, direction=angle, winding=sense)
     elif shape == "racetrack":
         spiral = RoundedSpiral(16e-3, 9e-3, corner_radius=4.5e-3, direction=angle, **sizes)
     else:
-        spiral = Spiral({"square": 4, "hexagon": 6, "octagon": 8}[shape], 6e-3, first_corner=angle, **sizes)
-    return spiral_coil(spiral, layers, VIA, LEADS)
+        spiral = Spiral({"square": 4, "hexagon": 6, "octagon": 8}[shape], 12e-3, first_corner=angle, **sizes)
+    return replace(spiral, layers=layers).coil()
 
 
 def numbers(coils, places, rotations, order, layers):
@@ -48,7 +49,7 @@ def numbers(coils, places, rotations, order, layers):
         Placement(name, coil, stackup.names, *place, rotation)
         for name, coil, place, rotation in zip("AB", coils, places, rotations, strict=True)
     ]
-    array = CoilArray(stackup, tuple(placed[k] for k in order))
+    array = Array(stackup, tuple(placed[k] for k in order))
     back = np.argsort(order)
     L = inductance_matrix(array)[np.ix_(back, back)]
     R = resistance_matrix(array, FREQUENCIES).resistance.values[:, back][:, :, back]
@@ -98,7 +99,7 @@ def test_weak_coupling_turns_with_the_board(shape, distance):
         c, s = np.cos(angle), np.sin(angle)
         places = (0.0, 0.0), (c * distance - s * 3e-3, s * distance + c * 3e-3)
         placed = [Placement(n, coil, stackup.names, *p, angle) for n, p in zip("AB", places, strict=True)]
-        return float(inductance_matrix(CoilArray(stackup, tuple(placed)))[0, 1])
+        return float(inductance_matrix(Array(stackup, tuple(placed)))[0, 1])
 
     turned = [mutual(angle) for angle in np.radians([17.3, 30.0, 90.0, 120.0, 240.0, 270.0])]
     np.testing.assert_allclose(turned, mutual(0.0), rtol=ROUNDING)
@@ -117,7 +118,7 @@ def test_turned_board_between_a_plate_and_a_sheet(angle):
         places = [(0.0, 0.0), (17e-3 * c, 17e-3 * s)]
         placed = [Placement(f"c{k}", coil, stackup.names, *place, turned) for k, place in enumerate(places)]
         design = Design(
-            CoilArray(stackup, tuple(placed)), sheets=sheets, plates=(lid,),
+            Array(stackup, tuple(placed)), sheets=sheets, plates=(lid,),
             circuit=Circuit(Switches(tank_capacitance=330e-12)),
         )  # fmt: skip
         scan, coupling = scan_design(design, elastomer=False), couple_design(design)

@@ -291,7 +291,7 @@ _VALUES = (
     ca.RoundedSpiral(1e-2, 1e-2, 3.0, 1e-4, 1e-4, 1e-3),
     ca.Seat(1e6),
     SHEETS[1],
-    ca.Spiral(6, 5e-3, 3.0, 1e-4, 1e-4),
+    ca.Spiral(6, 10e-3, 3.0, 1e-4, 1e-4),
     FOUR_LAYERS,
     ca.Switches(),
     ca.Target(ca.Ball(1e-3, _METAL), (1e-3,), (0.0,), (0.0,)),

@@ -3,22 +3,22 @@
 import math
 import re
 import zipfile
+from dataclasses import replace
 
 import ezdxf
 import numpy as np
 import pytest
 import shapely
-from support.boards import LEADS, VIA, many_layers, round_spiral
+from support.boards import many_layers, round_spiral
 
 from coilarray.geometry import (
-    CoilArray,
+    Array,
     FabRules,
     Placement,
     RoundedSpiral,
     board_layers,
     check_nets,
     copper_by_layer,
-    spiral_coil,
 )
 from coilarray.geometry.arcs import CHORD_ERROR, Arc, arc_size, coarser_line, pieces_of, rounded_line
 from coilarray.geometry.export.dxf import write_dxf
@@ -37,9 +37,9 @@ def arcs_board():
     )
     places = []
     for k, (spiral, layers, rotation) in enumerate(shapes):
-        coil = spiral_coil(spiral, layers, VIA, LEADS, return_lead=layers == 1)
+        coil = replace(spiral, layers=layers, return_lead=layers == 1).coil()
         places.append(Placement(f"coil{k + 1}", coil, ("L1", "L2"), 16e-3 * k, 1e-3 * k, rotation))
-    return CoilArray(many_layers(2), tuple(places))
+    return Array(many_layers(2), tuple(places))
 
 
 BOARD = arcs_board()

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil
+from support.boards import FOUR_LAYERS, VIA, many_layers, one_coil
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
-from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, Stackup, lattice, path_coil, spiral_coil
+from coilarray.geometry import Array, Placement, Sheet, Spiral, Stackup, lattice, path_coil
 
 COIL = path_coil([[(0, 0), (1e-2, 0)], [(1e-2, 0), (1e-2, 5e-3)]], 2e-4, 2e-4, VIA)
 
@@ -38,8 +38,8 @@ def test_neighbours_of_an_array_are_the_nearest_pairs():
     places = tuple(
         Placement(f"c{k}", COIL, ("L1", "L2"), x, y) for k, (x, y) in enumerate([(0, 0), (1, 0), (0, 1.5), (1, 1.5)])
     )
-    assert CoilArray(many_layers(2), places).neighbours == ((0, 1), (2, 3))
-    assert CoilArray(many_layers(2), places[:1]).neighbours == ()
+    assert Array(many_layers(2), places).neighbours == ((0, 1), (2, 3))
+    assert Array(many_layers(2), places[:1]).neighbours == ()
 
 
 def test_colours_keep_neighbours_apart():
@@ -100,13 +100,13 @@ def test_a_placement_turns_and_moves_and_bounds_hold_all_copper():
     placement = Placement("A", COIL, ("L1", "L2"), 1e-3, 2e-3, math.pi / 2)
     moved = placement.to_board(np.array([[1e-2, 0.0], [0.0, 0.0]]))
     np.testing.assert_allclose(moved, [[1e-3, 12e-3], [1e-3, 2e-3]], atol=1e-17)  # rounding of cos 90°
-    array = CoilArray(FOUR_LAYERS, (Placement("A", COIL, ("L1", "L2"), 0, 0),), board_margin=1e-3)
+    array = Array(FOUR_LAYERS, (Placement("A", COIL, ("L1", "L2"), 0, 0),), board_margin=1e-3)
     # the path reaches from (0, 0) to (10, 5) mm, its trace by 0.1 mm more, its via pad at (10, 0) by 0.225 mm
     np.testing.assert_allclose(np.array(array.bounds) * 1e3, [-1.1, -1.225, 11.225, 6.1], rtol=1e-12)
 
 
 def test_conductor_follows_the_layers_and_the_vias():
-    array = one_coil(spiral_coil(Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3), 4, VIA, LEADS))
+    array = one_coil(Spiral(6, 16e-3, 10, 0.12e-3, 0.13e-3, layers=4).coil())
     coil, (wire,) = array.placements[0].coil, array.conductors()
     vertical = np.hypot(*np.diff(wire.vertices[:, :2], axis=0).T) == 0
     assert vertical.sum() == 3
@@ -127,13 +127,13 @@ def test_placements_and_arrays_that_cannot_be():
     message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1", "L1"), 0, 0)
     placement, unknown = (Placement("A", COIL, ("L1", last), 0, 0) for last in ("L2", "top"))
-    refused(GeometryError, "at least one coil", CoilArray, FOUR_LAYERS, ())
-    refused(GeometryError, "coil names must differ; got A, A", CoilArray, FOUR_LAYERS, (placement, placement))
+    refused(GeometryError, "at least one coil", Array, FOUR_LAYERS, ())
+    refused(GeometryError, "coil names must differ; got A, A", Array, FOUR_LAYERS, (placement, placement))
     message = "there is no copper layer 'top'; the stack-up has L1, L2, L3, L4"
-    refused(GeometryError, message, CoilArray, FOUR_LAYERS, (unknown,))
+    refused(GeometryError, message, Array, FOUR_LAYERS, (unknown,))
     for margin in (-1e-3, math.nan, math.inf):
         message = "board_margin must be finite and not negative"
-        refused(GeometryError, message, CoilArray, FOUR_LAYERS, (placement,), board_margin=margin)
+        refused(GeometryError, message, Array, FOUR_LAYERS, (placement,), board_margin=margin)
 
 
 def test_heights_run_down_from_the_top_face():
@@ -167,10 +167,10 @@ def test_the_middle_coil_is_that_of_the_board_not_of_the_list():
     places = tuple(
         Placement(f"coil{k}", COIL, ("L1", "L2"), 50e-3 * x, 50e-3 * y) for k, (x, y) in enumerate(flower, start=1)
     )
-    array = CoilArray(FOUR_LAYERS, places)
+    array = Array(FOUR_LAYERS, places)
     assert array.middle_coil == "coil1"
     assert array.nearest_coil(50e-3, 10e-3) == "coil2"
-    assert CoilArray(FOUR_LAYERS, places[1:]).middle_coil == "coil2"  # all as near: the first one
+    assert Array(FOUR_LAYERS, places[1:]).middle_coil == "coil2"  # all as near: the first one
     x_min, y_min, x_max, y_max = array.outline_bounds
     outline = COIL.outline
     np.testing.assert_allclose((x_min, x_max), (-50e-3 + outline[:, 0].min(), 50e-3 + outline[:, 0].max()))

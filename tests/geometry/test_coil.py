@@ -15,17 +15,17 @@ from support.patience import lasting
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
-from coilarray.geometry import Coil, Leads, PlatedHole, Spiral, path_coil, spiral_coil
+from coilarray.geometry import Coil, Leads, PlatedHole, Spiral, path_coil
 
-SPIRAL = Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3, 0.3)
+SPIRAL = Spiral(6, 16e-3, 10, 0.12e-3, 0.13e-3, 0.3)
 
 
 @pytest.mark.parametrize("winding", ["ccw", "cw"])
 @pytest.mark.parametrize("turns", [10, 10 + 1 / 6])
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 5, 6])
 def test_layers_in_series_meet_and_add_their_turns(layers, turns, winding):
-    spiral = Spiral(6, 8e-3, turns, 0.12e-3, 0.13e-3, 0.3, winding)
-    coil = spiral_coil(spiral, layers, VIA)
+    spiral = Spiral(6, 16e-3, turns, 0.12e-3, 0.13e-3, 0.3, winding=winding)
+    coil = replace(spiral, layers=layers, leads=None).coil()
     assert (len(coil.lines), coil.via_points.shape) == (layers, (layers - 1, 2))
     for line, following in pairwise(coil.lines):
         np.testing.assert_array_equal(line[-1], following[0])
@@ -38,7 +38,7 @@ def test_layers_in_series_meet_and_add_their_turns(layers, turns, winding):
 
 
 def test_leads_and_what_stands_at_their_ends():
-    coil = spiral_coil(SPIRAL, 2, VIA, LEADS)
+    coil = SPIRAL.coil()
     first, second = coil.terminal_points
     corner = SPIRAL.centre_line()[0]
     radial = corner / np.hypot(*corner)
@@ -46,27 +46,27 @@ def test_leads_and_what_stands_at_their_ends():
     assert (coil.terminal_points - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
     # a return lead brings an odd coil out again
     for layers in (1, 3):
-        coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
+        coil = replace(SPIRAL, layers=layers, return_lead=True).coil()
         assert len(coil.lines) == layers + 1
         np.testing.assert_array_equal(coil.lines[-2][-1], coil.lines[-1][0])
         first, second = coil.terminal_points
         assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
     # without it the coil ends at an inner terminal
-    coil = spiral_coil(SPIRAL, 1, VIA, LEADS)
+    coil = replace(SPIRAL, layers=1).coil()
     assert np.hypot(*coil.terminal_points[1]) < np.hypot(*SPIRAL.centre_line()[-1]) - LEADS.terminal.pad / 2
-    bare = spiral_coil(SPIRAL, 1, VIA)
+    bare = replace(SPIRAL, layers=1, leads=None).coil()
     assert bare.terminal is None
     np.testing.assert_array_equal(bare.lines[0], SPIRAL.centre_line())
 
 
 def test_an_inner_via_clears_both_sides_of_its_corner_by_the_gap():
-    coil = spiral_coil(SPIRAL, 2, VIA)
+    coil = replace(SPIRAL, leads=None).coil()
     via = coil.via_points[0]
     line = SPIRAL.centre_line()[-7:]
     a, step = line[:-1], np.diff(line, axis=0)
     t = np.clip(((via - a) * step).sum(axis=1) / (step**2).sum(axis=1), 0, 1)
     distance = np.hypot(*(a + t[:, None] * step - via).T).min()
-    needed = VIA.pad / 2 + SPIRAL.gap + SPIRAL.trace_width / 2
+    needed = VIA.pad / 2 + SPIRAL.gap + SPIRAL.width / 2
     # nearest place on a grid of 1/2000 of the inner radius
     assert needed <= distance <= needed + np.hypot(*line[-1]) / 2000
 
@@ -92,30 +92,30 @@ def test_holes_and_leads_that_cannot_be():
     for name, value in product(("length", "spacing"), BAD):
         refused(GeometryError, f"{name} of the leads must be positive and finite", Leads, **{**sizes, name: value})
     refused(GeometryError, "at least half their spacing", Leads, 0.4e-3, 1e-3, VIA)
-    straight = spiral_coil(SPIRAL, 2, VIA, Leads(1e-3, 2e-3, VIA))  # the knee is the terminal
+    straight = replace(SPIRAL, leads=Leads(1e-3, 2e-3, VIA)).coil()  # the knee is the terminal
     assert np.hypot(*np.diff(straight.terminal_points, axis=0)[0]) == pytest.approx(2e-3, rel=1e-9)
 
 
 def test_sixty_layers_take_no_longer_than_their_message():
     with lasting(5.0):  # 0.03 s; 20 s where every place is compared with every trace
         message = r"there is no room for 30 pads of 0\.45 mm inside the winding"
-        refused(GeometryError, message, spiral_coil, SPIRAL, 60, PlatedHole(0.2e-3, 0.45e-3))
+        refused(GeometryError, message, replace(SPIRAL, layers=60, leads=None).coil)
 
 
 def test_windings_that_cannot_be():
     for layers in (0, -1):
-        refused(GeometryError, "at least one winding layer", spiral_coil, SPIRAL, layers, VIA)
+        refused(GeometryError, "at least one winding layer", replace(SPIRAL, layers=layers).coil)
     message = "an odd number of winding layers; got 2 with leads"
-    refused(GeometryError, message, spiral_coil, SPIRAL, 2, VIA, LEADS, return_lead=True)
-    refused(GeometryError, "got 1 without leads", spiral_coil, SPIRAL, 1, VIA, return_lead=True)
+    refused(GeometryError, message, replace(SPIRAL, return_lead=True).coil)
+    refused(GeometryError, "got 1 without leads", replace(SPIRAL, layers=1, leads=None, return_lead=True).coil)
     message = r"no room for a pad of 0\.45 mm inside the winding"
-    refused(GeometryError, message, spiral_coil, Spiral(6, 3e-3, 14, 0.1e-3, 0.1e-3), 2, VIA)
+    refused(GeometryError, message, Spiral(6, 6e-3, 14, 0.1e-3, 0.1e-3, leads=None).coil)
     narrow, wide = Leads(2e-3, 0.6e-3, PlatedHole(0.2e-3, 0.45e-3)), PlatedHole(0.2e-3, 1.45e-3)
     message = r"no room for a pad of 1\.45 mm outside the winding, beside the leads; leads\.spacing_mm of (.*) makes it"
     with pytest.raises(GeometryError, match=message) as error:
-        spiral_coil(SPIRAL, 4, wide, narrow)
+        replace(SPIRAL, layers=4, via=wide, leads=narrow).coil()
     fitting = float(re.search(message, str(error.value))[1]) * 1e-3
-    assert spiral_coil(SPIRAL, 4, wide, replace(narrow, spacing=fitting)).via_points.shape == (3, 2)
+    assert replace(SPIRAL, layers=4, via=wide, leads=replace(narrow, spacing=fitting)).coil().via_points.shape == (3, 2)
 
 
 LINE = [(0, 0), (1e-2, 0)]
@@ -160,7 +160,17 @@ def test_holes_turn_and_mirror_with_the_coil(layers, angle):
 
     def wound(**turned):
         via = PlatedHole(0.2e-3, 0.6e-3 if layers == 4 else 0.4e-3)
-        return spiral_coil(Spiral(6, 3e-3 * layers / 4, 2, 0.3e-3, 0.3e-3, **turned), layers, via, leads)
+        return Spiral(
+            6,
+            1.5e-3 * layers,
+            2,
+            0.3e-3,
+            0.3e-3,
+            **{"first_corner": 0.0, **turned},
+            layers=layers,
+            via=via,
+            leads=leads,
+        ).coil()
 
     c, s = np.cos(angle), np.sin(angle)
     rounding = 1e-15  # m

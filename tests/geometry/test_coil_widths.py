@@ -5,6 +5,7 @@ arrays; a spiral against the same spiral with a jumper, half a millimetre of it 
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,8 +23,8 @@ from coilarray.electromagnetics.coil_spectrum import harmonics_about, segment_sp
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import DesignError, GeometryError
-from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.coil import path_coil, spiral_coil
+from coilarray.geometry.array import Array, Placement
+from coilarray.geometry.coil import path_coil
 from coilarray.geometry.copper import copper_by_layer, copper_features, drills, trace_outline, uniform_runs
 from coilarray.geometry.rules import FabRules, check_rules
 from coilarray.geometry.solids import solids
@@ -35,7 +36,7 @@ BENT = [(0.0, 0.0), (4e-3, 0.0), (4e-3, 3e-3), (9e-3, 3e-3)]
 
 
 def on_board(*placements, layers=4, **options):
-    return CoilArray(many_layers(layers), tuple(placements), **options)
+    return Array(many_layers(layers), tuple(placements), **options)
 
 
 def one_line(widths, line=BENT, layer="L1", **options):
@@ -48,7 +49,7 @@ def margins(array, rule):
 
 
 def test_a_number_and_equal_widths_are_the_same_coil():
-    line = spiral_coil(Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3), 1, VIA).lines[0]
+    line = Spiral(6, 16e-3, 5, 0.15e-3, 0.15e-3, layers=1, leads=None).coil().lines[0]
     number = path_coil([line], 0.15e-3, 0.15e-3, VIA)
     arrays = path_coil([line], [np.full(len(line) - 1, 0.15e-3)], 0.15e-3, VIA)
     boards = [on_board(Placement("A", coil, ("L1",), 0, 0)) for coil in (number, arrays)]
@@ -180,12 +181,12 @@ def test_separate_lines_of_a_net_keep_their_spacing():
     assert Placement("A", coil, ("L1", "L2", "L3"), 0, 0).lines_on("L1") == (0,)
 
 
-SPIRAL = Spiral(6, 6e-3, 4, 0.3e-3, 0.3e-3)
+SPIRAL = Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3)
 
 
 def plain_and_jumpered():
     """A spiral of one line, and of three: half a millimetre out of the middle of a segment is a line of its own."""
-    line = spiral_coil(SPIRAL, 1, VIA).lines[0]
+    line = replace(SPIRAL, layers=1, leads=None).coil().lines[0]
     k = 3 * len(line) // 5
     middle, step = (line[k] + line[k + 1]) / 2, line[k + 1] - line[k]
     first, second = (middle + along * 0.25e-3 * step / np.hypot(*step) for along in (-1, 1))
@@ -210,7 +211,9 @@ def test_a_jumper_changes_the_winding_and_the_potential_little():
 
 
 def test_a_jumper_changes_the_capacitance_between_coils_little():
-    facing = Placement("B", path_coil([spiral_coil(SPIRAL, 1, VIA).lines[0]], 0.3e-3, 0.3e-3, VIA), ("L2",), 0, 0)
+    facing = Placement(
+        "B", path_coil([replace(SPIRAL, layers=1, leads=None).coil().lines[0]], 0.3e-3, 0.3e-3, VIA), ("L2",), 0, 0
+    )
     boards = (on_board(placement, facing, through_holes=False) for placement in plain_and_jumpered())
     a, b = (coil_capacitance(array).capacitance.values[0, 1] for array in boards)
     # the jumper on L4 has the area of its own turn and gap, 4e-3 of the winding's, on B's other side
@@ -219,7 +222,7 @@ def test_a_jumper_changes_the_capacitance_between_coils_little():
 
 def test_a_winding_of_two_widths_lies_between_those_of_one():
     def lumped(first, second):
-        lines = spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 2, VIA).lines
+        lines = Spiral(6, 8e-3, 4, 0.2e-3, 0.2e-3, leads=None).coil().lines
         widths = [np.full(len(lines[0]) - 1, first), np.full(len(lines[1]) - 1, second)]
         array = on_board(Placement("A", path_coil(lines, widths, 0.2e-3, VIA), ("L1", "L2"), 0, 0), layers=2)
         return coil_capacitance(array).coil_capacitance.item()

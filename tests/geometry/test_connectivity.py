@@ -10,11 +10,11 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import LEADS, VIA, many_layers, one_coil, reference_board, stroked
+from support.boards import VIA, many_layers, one_coil, reference_board, stroked
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, copper_by_layer, drills, path_coil, spiral_coil
+from coilarray.geometry import Array, Placement, PlatedHole, Spiral, copper_by_layer, drills, path_coil
 from coilarray.geometry.connectivity import Barrel, NetCheck, check_names, check_nets, connected_pieces
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 
@@ -24,22 +24,22 @@ Layers = dict[str, list[shapely.geometry.base.BaseGeometry]]
 BRIDGE = shapely.box(-1.35e-3, 0.2e-3, 1.15e-3, 0.3e-3)
 
 
-def design_copper(array: CoilArray) -> tuple[Layers, list[Barrel]]:
+def design_copper(array: Array) -> tuple[Layers, list[Barrel]]:
     """The design's own mitred outlines and holes."""
     layers = {layer: list(nets.values()) for layer, nets in copper_by_layer(array).items()}
     holes = [Barrel(h.x, h.y, h.diameter, h.layers) for h in drills(array) if len(h.layers) > 1]
     return layers, holes
 
 
-def stroked_copper(array: CoilArray) -> tuple[Layers, list[Barrel]]:
+def stroked_copper(array: Array) -> tuple[Layers, list[Barrel]]:
     """What round apertures draw: one piece a segment."""
     return {layer: stroked(array, layer) for layer in array.stackup.names}, design_copper(array)[1]
 
 
 # Two small coils beside each other on L1 and L2 of four layers, vias through the board; and with blind holes.
-SQUARE = spiral_coil(Spiral(4, 3e-3, 4, 0.2e-3, 0.2e-3, first_corner=0.75 * np.pi), 2, VIA, LEADS)
+SQUARE = Spiral(4, 6e-3, 4, 0.2e-3, 0.2e-3, first_corner=0.75 * np.pi).coil()
 A, B = Placement("A", SQUARE, ("L1", "L2"), -4e-3, 0), Placement("B", SQUARE, ("L1", "L2"), 4e-3, 0)
-TWO = CoilArray(many_layers(4), (A, B))
+TWO = Array(many_layers(4), (A, B))
 BLIND = replace(TWO, through_holes=False)
 LAYERS, HOLES = design_copper(TWO)
 BLIND_LAYERS, BLIND_HOLES = design_copper(BLIND)
@@ -63,7 +63,7 @@ def faults(check: NetCheck) -> list[tuple[str, tuple[str, ...], str]]:
     return [(fault.kind, fault.coils, fault.layer) for fault in check.faults]
 
 
-def crossing(array: CoilArray, one: tuple[str, str], other: tuple[str, str]) -> shapely.Point:
+def crossing(array: Array, one: tuple[str, str], other: tuple[str, str]) -> shapely.Point:
     """Place where two coils, each given with its layer, lie above each other."""
     both = shapely.intersection(*(copper_by_layer(array)[layer][net] for layer, net in (one, other)))
     return max(shapely.get_parts(both), key=shapely.area).representative_point()
@@ -98,7 +98,7 @@ def test_designs_and_boards_as_they_are_made_pass() -> None:
     # mitred and with round strokes; sharp corners, widths that change and layers used twice
     lines = [[(0, 0), (4e-3, 0), (0, 0.9e-3)], [(0, 0.9e-3), (0, 3e-3)], [(0, 3e-3), (4e-3, 3e-3)]]
     coil = path_coil(lines, [[3e-4, 2e-4], [2e-4], [5e-4]], 2e-4, VIA, PlatedHole(5e-4, 1e-3))
-    varied = CoilArray(many_layers(2), (Placement("A", coil, ("L1", "L2", "L1"), 0, 0),))
+    varied = Array(many_layers(2), (Placement("A", coil, ("L1", "L2", "L1"), 0, 0),))
     for array, copper in product((TWO, BLIND, varied), (design_copper, stroked_copper)):
         assert check_nets(array, *copper(array)) == NetCheck(len(array.names), ())
 
@@ -231,7 +231,7 @@ def test_shapes_may_differ_by_the_tolerance(offset: float, passed: bool) -> None
     assert check_nets(TWO, LAYERS, shifted).passed is passed
 
 
-def board_with_nets(array: CoilArray) -> BoardCopper:
+def board_with_nets(array: Array) -> BoardCopper:
     """The design as a reader gives it, every piece with the net of its coil."""
     tracks = [
         Track(layer, tuple(start), tuple(end), width, placement.name, "file:1")

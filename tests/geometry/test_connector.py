@@ -1,10 +1,11 @@
 """Leads routed to a connector: they reach their pads, keep every rule, and change nothing of the winding."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.boards import VIA, many_layers
+from support.boards import many_layers
 from support.refusals import refused
 
 from coilarray import Design
@@ -25,7 +26,6 @@ from coilarray.geometry import (
     drills,
     lattice_array,
     route_leads,
-    spiral_coil,
 )
 from coilarray.geometry.connectivity import Barrel
 from coilarray.geometry.connector import _Grid, _rounded
@@ -35,7 +35,7 @@ SMALL = Leads(1.3e-3, 1.6e-3, PlatedHole(0.4e-3, 0.8e-3))
 
 def coils(columns, rows, pitch, layers=2, start=0.0):
     spiral = RoundedSpiral(6e-3, 5e-3, 4, 0.2e-3, 0.2e-3, 1e-3, direction=start)
-    coil = spiral_coil(spiral, layers, VIA, SMALL, return_lead=layers % 2 == 1)
+    coil = replace(spiral, layers=layers, leads=SMALL, return_lead=layers % 2 == 1).coil()
     names = many_layers(len(coil.lines)).names
     return lattice_array(many_layers(len(names)), coil, Lattice("square", pitch, columns, rows, (names,)))
 
@@ -70,12 +70,16 @@ def test_leads_reach_any_side_and_keep_the_rules(side):
 
 def test_a_way_does_not_turn_back_on_the_lead_that_it_begins_at():
     """At a pitch in ten, the corner by which two were replaced lay behind the lead's end: no board came of it."""
-    coil = spiral_coil(
-        Spiral(4, 6e-3, 10, 0.1524e-3, 0.17e-3, math.pi / 4),
-        2,
-        PlatedHole(0.254e-3, 0.55e-3),
-        Leads(2.5e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)),
-    )
+    coil = Spiral(
+        4,
+        12e-3,
+        10,
+        0.1524e-3,
+        0.17e-3,
+        math.pi / 4,
+        via=PlatedHole(0.254e-3, 0.55e-3),
+        leads=Leads(2.5e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)),
+    ).coil()
     array = lattice_array(many_layers(2), coil, Lattice("square", 17.77275e-3, 4, 4, (many_layers(2).names,)))
     led = route_leads(array, Connector("bottom", distance=6e-3))
     for place in led.placements:
@@ -112,7 +116,7 @@ def test_connectors_that_cannot_be(monkeypatch):
         Connector(pitch=0.7e-3),
     )
     bare = lattice_array(
-        many_layers(2), spiral_coil(RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3), 2, VIA), Lattice("single")
+        many_layers(2), RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3, leads=None).coil(), Lattice("single")
     )
     refused(GeometryError, "coil1 has no leads that could be routed to a connector", route_leads, bare, Connector())
     tried = []

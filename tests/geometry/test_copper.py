@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, length, one_coil, reference_board, round_spiral
 
-from coilarray.geometry import CoilArray, Placement, Spiral, path_coil, spiral_coil
+from coilarray.geometry import Array, Placement, Spiral, path_coil
 from coilarray.geometry.copper import board_outline, copper_by_layer, copper_features, disc, drills, trace_outline
 
 
@@ -21,7 +21,11 @@ from coilarray.geometry.copper import board_outline, copper_by_layer, copper_fea
 @pytest.mark.parametrize("winding", ["ccw", "cw"])
 def test_area_of_a_mitred_trace_is_length_times_width(sides, winding):
     turns = (15, 0.1e-3, 0.12e-3)
-    spiral = round_spiral(8e-3, *turns, winding=winding) if sides is None else Spiral(sides, 8e-3, *turns, 0.3, winding)
+    spiral = (
+        round_spiral(8e-3, *turns, winding=winding)
+        if sides is None
+        else Spiral(sides, 16e-3, *turns, 0.3, winding=winding)
+    )
     line = spiral.centre_line()
     outline = trace_outline(line, 0.1e-3)
     assert outline.is_valid
@@ -33,7 +37,7 @@ def test_area_of_a_mitred_trace_is_length_times_width(sides, winding):
 @given(sides=st.sampled_from([3, 4, 5, 6, 8]), corner=st.floats(-7, 7), turns=st.integers(1, 12))
 @settings(max_examples=30)
 def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
-    line = Spiral(sides, 8e-3, turns, 0.15e-3, 0.15e-3, corner).centre_line()
+    line = Spiral(sides, 16e-3, turns, 0.15e-3, 0.15e-3, corner).centre_line()
     outline = trace_outline(line, 0.15e-3)
     buffer = shapely.LineString(line).buffer(0.075e-3, cap_style="flat", join_style="mitre", mitre_limit=4)
     # corners of up to 60° are not simplified by the buffer: rounding only
@@ -74,12 +78,12 @@ def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
     lines = [[(k * 1e-3, 0), ((k + 1) * 1e-3, 0)] for k in range(3)]
     coil = path_coil(lines, 1e-4, 1e-4, VIA, LEADS.terminal)
     placement = Placement("A", coil, ("L3", "L1", "L2"), 0, 0)
-    blind = drills(CoilArray(FOUR_LAYERS, (placement,), through_holes=False))
+    blind = drills(Array(FOUR_LAYERS, (placement,), through_holes=False))
     assert [(hole.kind, hole.layers, hole.drilled) for hole in blind] == [
         ("via", ("L1", "L2", "L3"), True), ("via", ("L1", "L2"), True), ("terminal", ("L3",), False),
         ("terminal", ("L2",), False),
     ]  # fmt: skip
-    through = drills(CoilArray(FOUR_LAYERS, (placement,)))
+    through = drills(Array(FOUR_LAYERS, (placement,)))
     assert {(hole.layers, hole.drilled) for hole in through} == {(FOUR_LAYERS.names, True)}
     assert [hole.x for hole in through] == pytest.approx([1e-3, 2e-3, 0, 3e-3])
     # a board of one layer is drilled
@@ -102,7 +106,7 @@ def test_the_copper_of_a_layer_is_its_features(through_holes):
 @given(rotation=st.floats(-7, 7))
 @settings(max_examples=10)
 def test_rotating_a_coil_keeps_its_copper_area(rotation):
-    coil = spiral_coil(Spiral(6, 5e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    coil = Spiral(6, 10e-3, 5, 0.15e-3, 0.15e-3).coil()
     boards = (one_coil(coil, rotation=angle) for angle in (0, rotation))
     before, after = (sum(feature.shape.area for feature in copper_features(board)) for board in boards)
     assert after == pytest.approx(before, rel=1e-11)  # rounding

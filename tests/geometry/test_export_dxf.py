@@ -14,7 +14,7 @@ from support.boards import VIA, WOUND, many_layers, reference_board
 from support.refusals import refused
 
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, path_coil
+from coilarray.geometry import Array, Placement, PlatedHole, path_coil
 from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 from coilarray.geometry.export.dxf import write_dxf
 
@@ -25,7 +25,7 @@ def two_widths():
     line = np.array([(0, 0), (8e-3, 0), (8e-3, 5e-3), (1e-3, 5e-3)])
     back = np.array([(1e-3, 5e-3), (-2e-3, 5e-3)])
     coil = path_coil([line, back], [[0.2e-3, 0.5e-3, 0.3e-3], [0.4e-3]], 0.2e-3, VIA, PlatedHole(0.5e-3, 1e-3))
-    return CoilArray(many_layers(2), (Placement("A", coil, ("L1", "L2"), 1e-3, -2e-3, 0.3),))
+    return Array(many_layers(2), (Placement("A", coil, ("L1", "L2"), 1e-3, -2e-3, 0.3),))
 
 
 BOARDS = {"reference": reference_board(count=2), **WOUND, "two widths": two_widths()}
@@ -147,7 +147,7 @@ def test_wherever_the_coil_lies(tmp_path_factory, rotation, x, y):
 
 def board_of_layers(*names):
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
-    return CoilArray(replace(many_layers(len(names)), names=names), (Placement("A", coil, names[:1], 0, 0),))
+    return Array(replace(many_layers(len(names)), names=names), (Placement("A", coil, names[:1], 0, 0),))
 
 
 def test_files_that_cannot_be(tmp_path, monkeypatch):

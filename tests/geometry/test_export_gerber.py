@@ -34,7 +34,7 @@ from support.boards import (
 from support.refusals import refused
 
 from coilarray.errors import MissingDependencyError, OutputError, RuleViolationError
-from coilarray.geometry import Coil, CoilArray, Placement, PlatedHole, path_coil
+from coilarray.geometry import Array, Coil, Placement, PlatedHole, path_coil
 from coilarray.geometry.connectivity import board_layers, check_names, check_nets
 from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 from coilarray.geometry.export.gerber import write_gerbers
@@ -43,7 +43,7 @@ from coilarray.geometry.readers.gerber_board import read_gerbers
 gerbonara = pytest.importorskip("gerbonara")
 
 
-def written(array: CoilArray, folder: Path, name: str = "board") -> dict[str, str]:
+def written(array: Array, folder: Path, name: str = "board") -> dict[str, str]:
     """Text of every file in the zip by its name."""
     path = folder / "board.zip"
     write_gerbers(array, path, name=name)
@@ -51,7 +51,7 @@ def written(array: CoilArray, folder: Path, name: str = "board") -> dict[str, st
         return {entry: archive.read(entry).decode("utf-8") for entry in archive.namelist()}
 
 
-def named(coil: Coil, name: str) -> CoilArray:
+def named(coil: Coil, name: str) -> Array:
     array = one_coil(coil)
     return array.with_placements([replace(array.placements[0], name=name)])
 
@@ -122,7 +122,7 @@ def test_every_statement_is_whole(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("array", [reference_board(count=2), small_board()], ids=["reference", "small"])
-def test_copper_read_back_is_the_design_with_round_corners(array: CoilArray, tmp_path: Path) -> None:
+def test_copper_read_back_is_the_design_with_round_corners(array: Array, tmp_path: Path) -> None:
     for layer, file in zip(array.stackup.names, copper_files(written(array, tmp_path)), strict=True):
         read, expected = drawn_copper(file), shapely.union_all(stroked(array, layer))
         # the file rounds to 1 nm: 2e-5 of the width of a 0.1 mm trace at both edges together
@@ -197,7 +197,7 @@ def test_drills(through_holes: bool, tmp_path: Path) -> None:
     }
     assert found == expected
     # buried ones
-    array = CoilArray(FOUR_LAYERS, (Placement("A", SMALL, ("L2", "L3"), 0, 0),), through_holes=False)
+    array = Array(FOUR_LAYERS, (Placement("A", SMALL, ("L2", "L3"), 0, 0),), through_holes=False)
     assert file_function(written(array, tmp_path)["board-PTH-L2-L3.drl"]) == ("Plated", "2", "3", "Buried")
 
 
@@ -282,12 +282,12 @@ PASSING = {
     "through": small_board(),
     "blind": small_board(through_holes=False),
     "one layer": one_coil(path_coil([[(0, 0), (5e-3, 0), (5e-3, 5e-3)]], 0.3e-3, 0.3e-3, VIA, TERMINAL)),
-    "changing widths": CoilArray(many_layers(2), (Placement("A", TAPERED, ("L1", "L2", "L1"), 0, 0),)),
+    "changing widths": Array(many_layers(2), (Placement("A", TAPERED, ("L1", "L2", "L1"), 0, 0),)),
 }
 
 
 @pytest.mark.parametrize("array", PASSING.values(), ids=PASSING.keys())
-def test_the_exported_copper_passes_the_net_check(array: CoilArray, tmp_path: Path) -> None:
+def test_the_exported_copper_passes_the_net_check(array: Array, tmp_path: Path) -> None:
     write_gerbers(array, tmp_path / "board.zip", name="board")
     board = read_gerbers(tmp_path / "board.zip")
     check = check_nets(array, *board_layers(board))

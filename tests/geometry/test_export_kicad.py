@@ -26,7 +26,7 @@ from support.refusals import refused
 
 from coilarray.design.model import load_design
 from coilarray.errors import OutputError, RuleViolationError
-from coilarray.geometry import CoilArray, FabRules, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
+from coilarray.geometry import Array, FabRules, Placement, PlatedHole, Spiral, Stackup, path_coil
 from coilarray.geometry.array import Lattice, lattice_array
 from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.export.kicad import write_kicad
@@ -37,12 +37,12 @@ from coilarray.geometry.readers.sexpr import Node, parse_sexpr, read_sexpr
 RULES = FabRules()
 # KiCad counts in nanometres: half of one is lost in rounding, and a line begins where the one before ended to 1 nm
 NANOMETRE = 1e-9
-HEXAGON = Spiral(6, 4e-3, 6, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
+HEXAGON = Spiral(6, 8e-3, 6, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
 
 
-def hexagonal_board(winding_layers: int, *, bare: bool = False) -> CoilArray:
+def hexagonal_board(winding_layers: int, *, bare: bool = False) -> Array:
     """Nine coils on a hexagonal lattice, each on all layers, with blind and buried holes."""
-    coil = spiral_coil(HEXAGON, winding_layers, VIA, None if bare else LEADS)
+    coil = replace(HEXAGON, layers=winding_layers, leads=None if bare else LEADS).coil()
     stackup = many_layers(winding_layers)
     names = tuple(f"C{k + 1}" for k in range(9))
     array = lattice_array(stackup, coil, Lattice("hexagonal", 13e-3, 3, 3, (stackup.names,), names=names))
@@ -50,25 +50,25 @@ def hexagonal_board(winding_layers: int, *, bare: bool = False) -> CoilArray:
     return replace(array, placements=tuple(turned), through_holes=False)
 
 
-def pairs_board() -> CoilArray:
+def pairs_board() -> Array:
     """Three coils on three pairs of six layers, blind holes: terminals lie on inner layers too."""
-    coil = spiral_coil(HEXAGON, 2, VIA, LEADS)
+    coil = HEXAGON.coil()
     pairs = (("L1", "L2"), ("L3", "L4"), ("L5", "L6"))
     placements = tuple(Placement(f"C{k + 1}", coil, pair, 5e-3 * k, 0.0) for k, pair in enumerate(pairs))
-    return CoilArray(many_layers(6), placements, through_holes=False)
+    return Array(many_layers(6), placements, through_holes=False)
 
 
-def winding_and_return() -> CoilArray:
+def winding_and_return() -> Array:
     """Two widths, and a path that comes back to its first layer."""
     out, back = [(0, 0), (5e-3, 0), (5e-3, 4e-3)], [(2e-3, 4e-3), (2e-3, 2e-3), (1e-3, 2e-3)]
     widths = [[0.3e-3, 0.2e-3], [0.25e-3], [0.15e-3, 0.2e-3]]
     holes = (PlatedHole(0.3e-3, 0.6e-3), PlatedHole(0.5e-3, 1e-3))
     coil = path_coil([out, [out[-1], back[0]], back], widths, 0.2e-3, *holes)
-    return CoilArray(FOUR_LAYERS, (Placement("A", coil, ("L1", "L3", "L1"), 1e-3, -2e-3, 0.7),))
+    return Array(FOUR_LAYERS, (Placement("A", coil, ("L1", "L3", "L1"), 1e-3, -2e-3, 0.7),))
 
 
-def single_layer() -> CoilArray:
-    return one_coil(spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 1, VIA, LEADS))
+def single_layer() -> Array:
+    return one_coil(Spiral(6, 8e-3, 4, 0.2e-3, 0.2e-3, layers=1).coil())
 
 
 BOARDS = {
@@ -81,23 +81,23 @@ BOARDS = {
 
 
 @pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
-def exported(request, tmp_path_factory) -> tuple[CoilArray, tuple[Path, ...], Node]:
+def exported(request, tmp_path_factory) -> tuple[Array, tuple[Path, ...], Node]:
     """A board, the files of its project, and the first of them read back."""
     array = request.param()
     files = write_kicad(array, tmp_path_factory.mktemp("kicad") / "project", name="board", rules=RULES)
     return array, files, read_sexpr(files[0])
 
 
-def coil_of_one_line(length: float, stackup: Stackup = FOUR_LAYERS) -> CoilArray:
+def coil_of_one_line(length: float, stackup: Stackup = FOUR_LAYERS) -> Array:
     coil = path_coil([[(0, 0), (length, 0)]], 1e-3, 1e-3, VIA)
-    return CoilArray(stackup, (Placement("A", coil, ("L1",), 0, 0),))
+    return Array(stackup, (Placement("A", coil, ("L1",), 0, 0),))
 
 
-def export(array: CoilArray, folder: Path, **options: Any) -> tuple[Path, ...]:
+def export(array: Array, folder: Path, **options: Any) -> tuple[Path, ...]:
     return write_kicad(array, folder / "project", **{"name": "board", "rules": RULES, **options})
 
 
-def written(array: CoilArray, folder: Path) -> Node:
+def written(array: Array, folder: Path) -> Node:
     """The board's file, read back."""
     return read_sexpr(export(array, folder)[0])
 
@@ -211,7 +211,7 @@ def test_stack_up_and_layers(tmp_path: Path) -> None:
     names, epsilon_r = ("top", "power", "signal.2", "low"), (4.5, 4.2, 1 / 0.3)
     stackup = Stackup(names, (35e-6, 18e-6, 17.5e-6, 70e-6), (0.1e-3, 0.71e-3, 0.2e-3), epsilon_r)
     coil = path_coil([[(0, 0), (1e-2, 0)], [(1e-2, 0), (1e-2, 5e-3)]], 1e-3, 1e-3, VIA)
-    board = written(CoilArray(stackup, (Placement("A", coil, ("top", "low"), 0, 0),)), tmp_path)
+    board = written(Array(stackup, (Placement("A", coil, ("top", "low"), 0, 0),)), tmp_path)
     table = [node for node in board.need("layers").items if isinstance(node, Node)]
     assert [(node.name, *node.words) for node in table[:4]] == [
         ("0", "F.Cu", "signal", "top"), ("1", "In1.Cu", "signal", "power"), ("2", "In2.Cu", "signal", "signal.2"),
@@ -290,7 +290,7 @@ def test_names_meet_no_pad_no_name_and_no_edge(exported: Any) -> None:
 
 
 def test_a_name_without_a_place_is_not_printed(tmp_path: Path) -> None:
-    array = one_coil(spiral_coil(Spiral(6, 3e-3, 3, 0.2e-3, 0.2e-3), 2, VIA))
+    array = one_coil(Spiral(6, 6e-3, 3, 0.2e-3, 0.2e-3, leads=None).coil())
     long = array.with_placements((replace(array.placements[0], name="a_name_of_thirty_letters_or_more"),))
     assert silk_labels(long) == (None,)
     (footprint,) = written(long, tmp_path).children("footprint")
@@ -491,7 +491,7 @@ def test_kicad_finds_what_is_wrong_and_nothing_else(kicad: Kicad, tmp_path: Path
 @pytest.mark.parametrize(
     "array", [reference_board(count=2), load_design("starter").array], ids=["hexagonal", "starter"]
 )
-def test_gerbers_of_kicad_are_the_copper(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
+def test_gerbers_of_kicad_are_the_copper(array: Array, kicad: Kicad, tmp_path: Path) -> None:
     files = gerbers(kicad, export(array, tmp_path)[0])
     gerbonara = pytest.importorskip("gerbonara")
     size = np.hypot(*np.subtract(array.bounds[2:], array.bounds[:2]))
@@ -510,7 +510,7 @@ def test_gerbers_of_kicad_are_the_copper(array: CoilArray, kicad: Kicad, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("array", [OTHER, single_layer()], ids=["four layers", "one layer"])
-def test_kicad_keeps_the_thicknesses(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
+def test_kicad_keeps_the_thicknesses(array: Array, kicad: Kicad, tmp_path: Path) -> None:
     """In the job file for the board house; KiCad tells none where it discards the stack-up."""
     job = json.loads(gerbers(kicad, export(array, tmp_path)[0])["Job"].read_text(encoding="utf-8"))
     kinds = ("Copper", "Dielectric")
@@ -523,7 +523,7 @@ def test_kicad_keeps_the_thicknesses(array: CoilArray, kicad: Kicad, tmp_path: P
 
 @pytest.mark.slow
 @pytest.mark.parametrize("array", [OTHER, winding_and_return(), single_layer()], ids=["spirals", "widths", "one layer"])
-def test_kicad_takes_the_footprints(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
+def test_kicad_takes_the_footprints(array: Array, kicad: Kicad, tmp_path: Path) -> None:
     """Placed on an empty board, the terminals on two nets: the check compares them with the library, and is content."""
     files = export(array, tmp_path)
     for file in files[3:]:

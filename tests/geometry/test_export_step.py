@@ -22,8 +22,7 @@ from support.boards import LEADS, SHEETS, VIA, WOUND, many_layers, one_coil, ref
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
-from coilarray.geometry import CoilArray, Placement, Sheet, drills, path_coil, solids
-from coilarray.geometry.coil import spiral_coil
+from coilarray.geometry import Array, Placement, Sheet, drills, path_coil, solids
 from coilarray.geometry.copper import disc
 from coilarray.geometry.export import step
 from coilarray.geometry.export.step import faceted_prisms, write_step
@@ -41,7 +40,7 @@ BOARDS = {
     "reference": reference_board(count=2, turns=10),
     **WOUND,
     # few turns: the reader's check of a solid takes a time that grows with the square of its faces
-    "circle": one_coil(spiral_coil(round_spiral(6e-3, 2, 0.15e-3, 0.15e-3), 2, VIA, LEADS), rotation=-2.0),
+    "circle": one_coil(round_spiral(6e-3, 2, 0.15e-3, 0.15e-3).coil(), rotation=-2.0),
     "no holes": one_coil(path_coil([[(0, 0), (8e-3, 0), (8e-3, 5e-3)]], 0.2e-3, 0.2e-3, VIA)),
 }
 
@@ -220,7 +219,7 @@ def test_overlapping_holes_still_make_solids(tmp_path):
     """Two coils whose terminals are drilled into each other: arcs where they are left, edges where they are not."""
     coil = path_coil([[(0, 0), (5e-3, 0)]], 0.2e-3, 0.2e-3, VIA, LEADS.terminal)
     placements = (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L2",), 0.3e-3, 0.1e-3))
-    array = CoilArray(many_layers(2), placements)
+    array = Array(many_layers(2), placements)
     write_step(array, tmp_path / "board.step", name="broken")
     _, parts = read_step(tmp_path / "board.step")
     for name, solid in solids(array).items():

@@ -10,7 +10,7 @@ from support.boards import VIA, WOUND, reference_board, wound_board
 from support.refusals import refused
 
 from coilarray.errors import OutputError
-from coilarray.geometry import CoilArray, Placement, Stackup, copper_by_layer, drills, path_coil
+from coilarray.geometry import Array, Placement, Stackup, copper_by_layer, drills, path_coil
 from coilarray.geometry.export.svg import write_svg
 
 ROUNDING = 0.501e-4  # mm: coordinates are written with four digits after the point
@@ -107,7 +107,7 @@ def test_equal_boards_give_equal_bytes_and_any_name_is_kept(tmp_path):
     assert b"\n <title>" not in first  # the drawing has none
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
     board = Stackup(('<top> & "µ"',), (35e-6,), (), ())
-    write_svg(CoilArray(board, (Placement("A<&>'\"ü", coil, board.names, 0, 0),)), tmp_path / "board.svg", title="<&>")
+    write_svg(Array(board, (Placement("A<&>'\"ü", coil, board.names, 0, 0),)), tmp_path / "board.svg", title="<&>")
     root = ET.parse(tmp_path / "board.svg").getroot()
     assert root.find(f"{SVG}title").text == "<&>"
     (path,) = groups(root)['<top> & "µ"']

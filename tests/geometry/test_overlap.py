@@ -10,7 +10,7 @@ from support.boards import FOUR_LAYERS, VIA
 from support.refusals import refused
 
 from coilarray import (
-    CoilArray,
+    Array,
     Conductor,
     FabRules,
     Lattice,
@@ -22,7 +22,6 @@ from coilarray import (
     load_design,
     mutual_inductance,
     path_coil,
-    spiral_coil,
     vary,
 )
 from coilarray.design.bundled import DESIGNS
@@ -40,7 +39,7 @@ def apart(array):
 
 
 def board(*placements):
-    return CoilArray(FOUR_LAYERS, placements)
+    return Array(FOUR_LAYERS, placements)
 
 
 def bars(y, *, x=0.0, turn=0.0, layer="L1"):
@@ -115,7 +114,7 @@ def bare(*lines, width=WIDTH, thickness=35e-6, z=0.0):
 
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
-SPIRAL = spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, VIA)
+SPIRAL = Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3, leads=None).coil()
 
 
 @pytest.mark.parametrize(
@@ -163,7 +162,7 @@ def test_spirals_in_each_other_are_refused_by_name():
 @pytest.mark.parametrize("kind", ["linear", "square", "hexagonal"])
 def test_lattices_that_overlap_on_other_layers_are_apart(kind):
     layers = (("L1", "L2"), ("L3", "L4")) if kind != "hexagonal" else (("L1",), ("L2",), ("L3",))
-    coil = SPIRAL if kind != "hexagonal" else spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 1, VIA)
+    coil = SPIRAL if kind != "hexagonal" else Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3, layers=1, leads=None).coil()
     lattice = Lattice(kind, 12e-3, 3, 1 if kind == "linear" else 3, layers)
     array = lattice_array(FOUR_LAYERS, coil, lattice)
     apart(array)

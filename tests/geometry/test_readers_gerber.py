@@ -25,7 +25,7 @@ from support.refusals import refused
 
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import BoardError, MissingDependencyError
-from coilarray.geometry import CoilArray, FabRules, Stackup, drills
+from coilarray.geometry import Array, FabRules, Stackup, drills
 from coilarray.geometry.connectivity import board_layers, check_nets
 from coilarray.geometry.export.gerber import write_gerbers
 from coilarray.geometry.export.kicad import write_kicad
@@ -37,7 +37,7 @@ from coilarray.geometry.readers.tracing import trace_coils
 pytest.importorskip("gerbonara")
 
 
-def export(array: CoilArray, folder: Path) -> Path:
+def export(array: Array, folder: Path) -> Path:
     path = folder / "board.zip"
     write_gerbers(array, path, name="board")
     return path

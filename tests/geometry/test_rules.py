@@ -17,7 +17,7 @@ from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, refer
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, RuleViolationError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, RoundedSpiral, Spiral, path_coil, spiral_coil
+from coilarray.geometry import Array, Placement, PlatedHole, RoundedSpiral, Spiral, path_coil
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.rules import KEPT_WITHIN, FabRules, check_rules, require_rules
 
@@ -44,7 +44,7 @@ def board(*lines, width=W, terminal=None, via=VIA, **options):
     stackup = many_layers(4)
     coils = [path_coil(each, width, GAP, via, terminal) for each in lines]
     placements = [Placement(chr(65 + k), c, stackup.names[: len(c.lines)], 0, 0) for k, c in enumerate(coils)]
-    return CoilArray(stackup, tuple(placements), **options)
+    return Array(stackup, tuple(placements), **options)
 
 
 def straight(y, x0=0.0, x1=5e-3):
@@ -62,7 +62,7 @@ def test_the_reference_board_keeps_the_default_rules():
 
 def test_a_pad_without_a_hole_has_no_rule_of_holes():
     bare = path_coil([[(0, 0), (5e-3, 0)]], 1e-3, 1e-3, VIA, LEADS.terminal)
-    array = CoilArray(FOUR_LAYERS, (Placement("A", bare, ("L2",), 0, 0),), through_holes=False)
+    array = Array(FOUR_LAYERS, (Placement("A", bare, ("L2",), 0, 0),), through_holes=False)
     rules = {margin.rule for margin in check_rules(array, FabRules(max_aspect_ratio=10))}
     assert not rules & {"drill", "annular ring", "hole spacing", "aspect ratio"}
     drilled = check_rules(replace(array, through_holes=True), FabRules(max_aspect_ratio=10))
@@ -96,16 +96,16 @@ def test_wound_coils_of_every_kind_are_free_of_violations(shape, winding, layers
     for turns in (6, 5 + 1 / sides):
         spiral = SHAPES[shape](turns=turns, trace_width=0.12e-3, gap=0.14e-3, winding=winding)
         for return_lead in (False, True)[: 1 + layers % 2]:
-            coil = spiral_coil(spiral, layers, VIA, LEADS, return_lead=return_lead)
+            coil = replace(spiral, layers=layers, return_lead=return_lead).coil()
             assert broken(one_coil(coil, rotation=1.234), rules) == []
-        assert broken(one_coil(spiral_coil(spiral, layers, VIA)), rules) == []
+        assert broken(one_coil(replace(spiral, layers=layers, leads=None).coil()), rules) == []
 
 
 @pytest.mark.slow
 @given(rotation=st.floats(-7, 7), shape=st.sampled_from(list(SHAPES)))
 @settings(max_examples=15)
 def test_margins_do_not_depend_on_rotation(rotation, shape):
-    coil = spiral_coil(SHAPES[shape](turns=3, trace_width=0.15e-3, gap=0.2e-3), 2, VIA, LEADS)
+    coil = SHAPES[shape](turns=3, trace_width=0.15e-3, gap=0.2e-3).coil()
     for rule in ("spacing within net", "annular ring", "hole spacing"):
         here = {key: m.margin for key, m in margins(one_coil(coil), rule).items()}
         turned = {key: m.margin for key, m in margins(one_coil(coil, rotation=rotation), rule).items()}
@@ -120,11 +120,11 @@ def turn_to_turn(line, sides):
 
 def test_turn_spacing_is_the_distance_of_consecutive_turns():
     for sides in (3, 4, 6):
-        spiral = Spiral(sides, 8e-3, 10, 0.1e-3, 0.2e-3)
-        value = spacing(one_coil(spiral_coil(spiral, 1, VIA))).value
+        spiral = Spiral(sides, 16e-3, 10, 0.1e-3, 0.2e-3)
+        value = spacing(one_coil(replace(spiral, layers=1, leads=None).coil())).value
         assert value == pytest.approx(turn_to_turn(spiral.centre_line(), sides), abs=ROUNDING)
     # turns too close are found
-    worst = spacing(one_coil(spiral_coil(round_spiral(6e-3, 10, 0.1e-3, 0.08e-3), 1, VIA)))
+    worst = spacing(one_coil(round_spiral(6e-3, 10, 0.1e-3, 0.08e-3, layers=1, leads=None).coil()))
     # arcs about one centre keep their distance, parallel pieces of 2° but for 1.5e-4 of the pitch of 0.18 mm
     assert worst.margin == pytest.approx(-0.02e-3, abs=1.5e-4 * 0.18e-3)
     assert 3.5e-3 < math.hypot(worst.x, worst.y) < 6e-3
@@ -152,8 +152,8 @@ def test_corners_and_finely_divided_arcs_are_no_gap():
 
 
 def test_a_lead_across_its_own_winding_is_a_short():
-    spiral = Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3)
-    coil = spiral_coil(spiral, 1, VIA)
+    spiral = Spiral(6, 16e-3, 5, 0.15e-3, 0.15e-3)
+    coil = replace(spiral, layers=1, leads=None).coil()
     line = np.vstack((coil.lines[0], [10e-3, 0.0]))  # from the inner end straight out
     refused(GeometryError, "crosses itself", path_coil, [line], 0.15e-3, 0.15e-3, VIA)
     crossing = one_coil(Coil((line,), (np.full(len(line) - 1, 0.15e-3),), 0.15e-3, VIA, None, coil.outline))
@@ -204,15 +204,15 @@ def test_overlaps_of_two_nets():
     assert worst.value == pytest.approx(-W, abs=2.1e-7)  # tolerance of the inscribed circle
     assert (worst.x, worst.y) == pytest.approx((2e-3, 0), abs=1e-6)
     # whole windings
-    coil = spiral_coil(Spiral(6, 8e-3, 20, 0.1e-3, 0.1e-3), 1, VIA)
-    array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L1",), 3e-3, 1e-3)))
+    coil = Spiral(6, 16e-3, 20, 0.1e-3, 0.1e-3, layers=1, leads=None).coil()
+    array = Array(many_layers(1), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L1",), 3e-3, 1e-3)))
     assert margins(array, "clearance")[("L1", "A – B")].margin < -0.1e-3  # hundreds of crossings, each with its circle
     # a through hole meets foreign copper on a layer that it does not use
     other = Placement("B", path_coil(straight(0, 2e-3, 6e-3), W, GAP, VIA), ("L4",), 0, 0)
     mine = Placement("A", path_coil([[(0, 0), (4e-3, 0)], [(4e-3, 0), (4e-3, 4e-3)]], W, GAP, VIA), ("L1", "L2"), 0, 0)
-    worst = margins(CoilArray(FOUR_LAYERS, (mine, other)), "clearance")[("L4", "A – B")]
+    worst = margins(Array(FOUR_LAYERS, (mine, other)), "clearance")[("L4", "A – B")]
     assert worst.value < -0.9 * W
-    assert margins(CoilArray(FOUR_LAYERS, (mine, other), through_holes=False), "clearance") == {}
+    assert margins(Array(FOUR_LAYERS, (mine, other), through_holes=False), "clearance") == {}
 
 
 def test_what_is_listed_and_in_which_order():

@@ -18,7 +18,7 @@ from support.references import rows
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
-from coilarray.geometry import RoundedSpiral, Spiral, apothem_from_size
+from coilarray.geometry import RoundedSpiral, Spiral, across_flats
 from coilarray.geometry.arcs import arc_size
 
 
@@ -26,7 +26,7 @@ from coilarray.geometry.arcs import arc_size
 def test_vertices_and_length_agree_with_the_reference_rule(row):
     sides, turns, layers = int(row["N_sides"]), int(row["n_turns_per_layer"]), int(row["layers"])
     edge, w, s = (float(row[key]) * 1e-3 for key in ("ap_edge_mm", "w_mm", "s_mm"))
-    spiral = Spiral(sides, edge, turns, w, s, winding_rule="corner")
+    spiral = Spiral(sides, 2 * edge, turns, w, s, 0.0, winding_rule="corner")
     k = np.arange(sides * turns + 1)
     radius = ((edge - w / 2) - (w + s) * k / sides) / math.cos(math.pi / sides)
     expected = radius[:, None] * np.column_stack((np.cos(2 * np.pi * k / sides), np.sin(2 * np.pi * k / sides)))
@@ -41,7 +41,7 @@ def test_vertices_and_length_agree_with_the_reference_rule(row):
 
 @pytest.mark.parametrize("sides", [3, 4, 6, 12])
 def test_length_of_a_segment_follows_the_cosine_rule(sides):
-    spiral = Spiral(sides, 10e-3, 7, 0.15e-3, 0.2e-3, winding_rule="corner")
+    spiral = Spiral(sides, 20e-3, 7, 0.15e-3, 0.2e-3, winding_rule="corner")
     line = spiral.centre_line()
     r = np.hypot(*line.T)
     expected = np.sqrt(r[:-1] ** 2 + r[1:] ** 2 - 2 * r[:-1] * r[1:] * math.cos(2 * math.pi / sides))
@@ -95,8 +95,8 @@ def test_a_circle_of_arcs_is_as_long_as_the_spiral_of_archimedes():
     "spiral",
     [
         *ROUND.values(),
-        Spiral(6, 8e-3, 5 + 1 / 6, 0.2e-3, 0.15e-3, 0.4),
-        Spiral(5, 8e-3, 5, 2e-4, 1e-4, 0, "cw", "corner"),
+        Spiral(6, 16e-3, 5 + 1 / 6, 0.2e-3, 0.15e-3, 0.4),
+        Spiral(5, 16e-3, 5, 2e-4, 1e-4, 0, winding="cw", winding_rule="corner"),
     ],
     ids=[*ROUND, "a sixth", "stepping"],
 )
@@ -116,10 +116,11 @@ def test_layers_meet_and_keep_the_sense_of_rotation(spiral, winding):
 )
 def test_the_direction_of_the_start_only_rotates(sides, start, sharp, winding, layer):
     if sharp:
-        plain, turned = (Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, first, winding) for first in (0.0, start))
+        plain, turned = (Spiral(sides, 12e-3, 4, 0.15e-3, 0.15e-3, first, winding=winding) for first in (0.0, start))
     else:
         plain, turned = (
-            RoundedSpiral(12e-3, 12e-3, 4, 0.15e-3, 0.15e-3, 3e-3, sides, first, winding) for first in (0.0, start)
+            RoundedSpiral(12e-3, 12e-3, 4, 0.15e-3, 0.15e-3, 3e-3, sides, first, winding=winding)
+            for first in (0.0, start)
         )
     c, s = math.cos(start), math.sin(start)
     expected = plain.centre_line(layer) @ np.array([[c, s], [-s, c]])
@@ -142,7 +143,7 @@ def parallel_spirals(draw):
         direction = draw(st.sampled_from([0.0, math.pi / 2, 1.0]))
         extents = [2 * size, 2 * longer] if draw(st.booleans()) else [2 * longer, 2 * size]
         return RoundedSpiral(*extents, turns, w, s, direction=direction, **more)
-    return Spiral(sides, size, turns, w, s, draw(st.floats(-7, 7)), **more)
+    return Spiral(sides, 2 * size, turns, w, s, draw(st.floats(-7, 7)), **more)
 
 
 def normals(spiral):
@@ -158,7 +159,7 @@ def normals(spiral):
 def test_parallel_sides_have_the_stated_size_and_keep_the_gap(spiral, layer):
     line = spiral.centre_line(layer)
     normal, distance = normals(spiral)
-    w, pitch = spiral.trace_width, spiral.pitch
+    w, pitch = spiral.width, spiral.pitch
     size = float(distance.max())
     # copper reaches each enclosing side: half a trace beyond the outermost centre line
     np.testing.assert_allclose((line @ normal.T).max(axis=0) + w / 2, distance, rtol=0, atol=1e-12 * size)
@@ -183,7 +184,7 @@ def test_parallel_sides_have_the_stated_size_and_keep_the_gap(spiral, layer):
 @pytest.mark.parametrize("sides", [3, 4, 5, 6, 8])
 @pytest.mark.parametrize("turns", [1, 7])
 def test_length_and_area_of_parallel_sides(sides, turns):
-    spiral = Spiral(sides, 10e-3, turns, 0.15e-3, 0.2e-3, 0.3)
+    spiral = Spiral(sides, 20e-3, turns, 0.15e-3, 0.2e-3, 0.3)
     a, p = 10e-3 - 0.075e-3, 0.35e-3
     tangent, sine = math.tan(math.pi / sides), math.sin(2 * math.pi / sides)
     apothems = a - p * np.arange(turns)
@@ -197,7 +198,7 @@ def test_length_and_area_of_parallel_sides(sides, turns):
 
 @pytest.mark.parametrize("sides", [7, 12, 24, 64, 200])
 def test_a_step_longer_than_a_side_begins_on_the_side_before(sides):
-    spiral = Spiral(sides, 4e-3, 9, 0.2e-3, 0.2e-3)
+    spiral = Spiral(sides, 8e-3, 9, 0.2e-3, 0.2e-3)
     line = spiral.centre_line()
     normal, distance = normals(spiral)
     reached = (line @ normal.T).max(axis=0) + 0.1e-3
@@ -263,12 +264,12 @@ def test_every_second_layer_is_the_mirror_image_run_outwards(spiral):
 
 
 def test_size_across_flats_and_corners():
-    for sides, across, apothem in ((6, "flats", 5.0), (6, "corners", 4.330127), (4, "corners", 3.535534)):
-        assert apothem_from_size(10e-3, sides, across=across) * 1e3 == pytest.approx(apothem, abs=1e-6)  # digits given
+    for sides, flats in ((6, 8.660254), (4, 7.071068)):
+        assert across_flats(10e-3, sides) * 1e3 == pytest.approx(flats, abs=1e-6)  # digits given
 
 
 def test_outline_has_the_given_sizes():
-    outline = Spiral(6, apothem_from_size(23e-3, 6, across="corners"), 3, 0.1e-3, 0.1e-3).outline()
+    outline = Spiral(6, across_flats(23e-3, 6), 3, 0.1e-3, 0.1e-3).outline()
     assert np.hypot(*outline.T) == pytest.approx(11.5e-3, rel=1e-12)
     # points lie on and up to 0.9 µm outside the arcs, and enclose their area
     circle = RoundedSpiral(10e-3, 10e-3, 3, 0.1e-3, 0.1e-3, 5e-3).outline()
@@ -280,24 +281,24 @@ BAD = [0.0, -1e-3, math.nan, math.inf]
 
 
 def test_sizes_and_turns_that_cannot_be():
-    good = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
+    good = {"diameter": 10e-3, "turns": 3, "width": 1e-4, "gap": 1e-4}
     for name, value in product(good, BAD):
         refused(GeometryError, f"{name} must be positive and finite", Spiral, 6, **{**good, name: value})
     for sides in (2, 0, -6):
         refused(GeometryError, "sides must be at least 3", Spiral, sides, **good)
-        refused(GeometryError, "sides must be at least 3", apothem_from_size, 1e-2, sides, across="flats")
+        refused(GeometryError, "sides must be at least 3", across_flats, 1e-2, sides)
     for corner in (math.nan, math.inf):
         refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)
     refused(GeometryError, "winding must be 'ccw' or 'cw'; got 'left'", Spiral, 6, **good, winding="left")
     refused(GeometryError, "turns must be a multiple of 1/6", Spiral, 6, **{**good, "turns": 3.1})
-    many = (6, 5.01e-3, 30, 1e-4, 1e-4)
+    many = (6, 10.02e-3, 30, 1e-4, 1e-4)
     refused(GeometryError, r"30 turns .*; at most 24\.83 turns fit", Spiral, *many)
     refused(GeometryError, r"30 turns .*; at most 24\.5 turns fit", Spiral, *many, winding_rule="corner")
-    refused(GeometryError, "at most 0 turns fit", Spiral, 6, 0.5e-4, 1, 1e-4, 1e-4)
+    refused(GeometryError, "at most 0 turns fit", Spiral, 6, 1e-4, 1, 1e-4, 1e-4)
     for turns, rule in ((24 + 5 / 6, "parallel"), (24.5, "corner")):
-        Spiral(6, 5.01e-3, turns, 1e-4, 1e-4, winding_rule=rule)
+        Spiral(6, 10.02e-3, turns, 1e-4, 1e-4, winding_rule=rule)
     refused(GeometryError, "winding_rule must be 'parallel' or 'corner'; got 'c'", Spiral, 6, **good, winding_rule="c")
-    good = {"extent": 12e-3, "breadth": 10e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
+    good = {"extent": 12e-3, "breadth": 10e-3, "turns": 3, "width": 1e-4, "gap": 1e-4}
     for name, value in product(good, BAD):
         refused(GeometryError, f"{name} must be positive and finite", RoundedSpiral, **{**good, name: value})
     refused(GeometryError, "must be equal for 6 sides", RoundedSpiral, **good, sides=6)
@@ -311,6 +312,4 @@ def test_sizes_and_turns_that_cannot_be():
         **{**good, "breadth": 10.02e-3, "turns": 30},
     )
     for size in BAD:
-        refused(GeometryError, "size must be positive and finite", apothem_from_size, size, 6, across="corners")
-    message = "across flats or corners; got 'diagonal'"
-    refused(GeometryError, message, apothem_from_size, 1e-2, 6, across="diagonal")
+        refused(GeometryError, "size across corners must be positive and finite", across_flats, size, 6)

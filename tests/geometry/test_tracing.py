@@ -15,13 +15,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.board_text import KICAD_8, array_text, board, pads, path, segment, square_spiral, via
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import FOUR_LAYERS, many_layers, one_coil, reference_board
 from support.refusals import refused
 
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import BoardError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
+from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup, path_coil
 from coilarray.geometry.arcs import CHORD_ERROR, arc_points
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 from coilarray.geometry.readers.traced_array import traced_array, turn_gap
@@ -71,15 +71,13 @@ def hole(x, y, *, net="A", kind="via", number="", pad=0.6e-3):
 
 def small_array(**options):
     """Three coils of two shapes on four layers, one of them turned."""
-    coil = spiral_coil(Spiral(6, 4e-3, 5, 0.15e-3, 0.15e-3, 0.2), 2, VIA, LEADS)
-    other = spiral_coil(Spiral(4, 3e-3, 4, 0.2e-3, 0.15e-3), 3, VIA, LEADS, return_lead=True)
+    coil = Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3, 0.2).coil()
+    other = Spiral(4, 6e-3, 4, 0.2e-3, 0.15e-3, layers=3, return_lead=True).coil()
     left, right = (
         Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3),
         Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3),
     )
-    return CoilArray(
-        FOUR_LAYERS, (left, right, Placement("zigzag", other, FOUR_LAYERS.names, 16e-3, 1e-3, 0.7)), **options
-    )
+    return Array(FOUR_LAYERS, (left, right, Placement("zigzag", other, FOUR_LAYERS.names, 16e-3, 1e-3, 0.7)), **options)
 
 
 @pytest.mark.parametrize("through", [True, False])
@@ -118,8 +116,8 @@ def test_the_reference_board_has_one_shape(read):
 @given(st.sampled_from([3, 4, 6, 24]), st.integers(1, 4), st.sampled_from(["ccw", "cw"]), st.floats(-3, 3))
 @settings(max_examples=12)
 def test_any_spiral_keeps_its_sense_turns_and_length(sides, layers, winding, rotation):
-    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.2e-3, winding=winding)
-    array = one_coil(spiral_coil(spiral, layers, VIA, LEADS, return_lead=layers % 2 == 1), rotation=rotation)
+    spiral = Spiral(sides, 12e-3, 6, 0.15e-3, 0.2e-3, winding=winding)
+    array = one_coil(replace(spiral, layers=layers, return_lead=layers % 2 == 1).coil(), rotation=rotation)
     placement, names = array.placements[0], array.stackup.names
     tracks = [
         Track(layer, tuple(a), tuple(b), 0.15e-3, "A", "file:1")

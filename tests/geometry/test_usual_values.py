@@ -62,7 +62,7 @@ def test_bundled_designs_are_usual(name):
 def test_coils_of_every_size_are_usual(size):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ca.Spiral(6, size / 2 * 1e-3, 5, size / 50 * 1e-3, size / 50 * 1e-3)
+        ca.Spiral(6, size * 1e-3, 5, size / 50 * 1e-3, size / 50 * 1e-3)
         ca.RoundedSpiral(size * 1e-3, size * 1e-3, 5, size / 50 * 1e-3, size / 50 * 1e-3)
 
 
@@ -95,8 +95,8 @@ def test_a_file_with_a_slip_is_read_and_told_once(tmp_path, capsys, entry):
 
 def test_values_of_python_in_millimetres():
     with pytest.warns(UnusualValueWarning, match="trace_width of 150 mm is unusual: 0.15 mm"):
-        ca.Spiral(6, 0.4, 1, 0.15, 0.15e-3)
-    refused(GeometryError, "a coil must be at most 10 m wide; got 20 m.*0.02 m", ca.Spiral, 6, 10, 10, 0.15, 0.15)
+        ca.Spiral(6, 0.8, 1, 0.15, 0.15e-3)
+    refused(GeometryError, "a coil must be at most 10 m wide; got 20 m.*0.02 m", ca.Spiral, 6, 20, 10, 0.15, 0.15)
     refused(GeometryError, "at most 10 m wide", ca.RoundedSpiral, 20.0, 1.0, 1, 1e-3, 1e-3)
     copper = ("L1", "L2"), (35e-6, 0.035e-6), (1e-3,), (4.5,)
     refused(GeometryError, "copper thickness must be at least 1 µm; got 0.035 µm: 35 µm?", ca.Stackup, *copper)

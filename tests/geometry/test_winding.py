@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import LEADS, VIA, round_spiral, square_turns
+from support.boards import round_spiral, square_turns
 
-from coilarray.geometry import Spiral, spiral_coil
+from coilarray.geometry import Spiral
 from coilarray.geometry.winding import FlatPath, find_turns, turns_about
 
 
@@ -57,7 +57,7 @@ def test_two_poles_with_their_own_turns(senses, way):
 
 
 def test_cut_of_a_spiral():
-    coil = spiral_coil(Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    coil = Spiral(6, 20e-3, 8, 0.15e-3, 0.15e-3).coil()
     found = find_turns(FlatPath.of_lines(coil.lines, coil.widths))
     assert found.pitch == pytest.approx(0.3e-3, rel=1e-3)
     for cut in found.cuts(5):
@@ -70,7 +70,7 @@ def test_cut_of_a_spiral():
 
 
 def test_every_turn_of_a_round_winding_is_cut_once():
-    coil = spiral_coil(round_spiral(10e-3, 6, 0.5e-3, 0.2e-3), 2, VIA, LEADS)
+    coil = round_spiral(10e-3, 6, 0.5e-3, 0.2e-3).coil()
     cuts = find_turns(FlatPath.of_lines(coil.lines, coil.widths)).cuts(8)
     assert len(cuts) == 8
     assert {len(cut.piece) for cut in cuts} == {12}
@@ -84,7 +84,7 @@ def test_every_turn_of_a_round_winding_is_cut_once():
     sides=st.sampled_from([3, 4, 6, 8]),
 )  # fmt: skip
 def test_turned_and_mirrored_paths_are_cut_alike(angle, mirrored, shift, sides):
-    coil = spiral_coil(Spiral(sides, 10e-3, 6, 0.3e-3, 0.2e-3), 1, VIA)
+    coil = Spiral(sides, 20e-3, 6, 0.3e-3, 0.2e-3, layers=1, leads=None).coil()
     line = 1e3 * coil.lines[0]
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     flip = np.array([1.0, -1.0 if mirrored else 1.0])

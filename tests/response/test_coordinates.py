@@ -45,7 +45,7 @@ def test_an_axis_names_its_origin_where_it_is_not_the_board():
 
 
 def test_of_equally_near_states_the_first_is_the_middle_one():
-    """As `CoilArray.middle_coil`: what a mesh makes of equal peaks does not count, a peak twice as high does."""
+    """As `Array.middle_coil`: what a mesh makes of equal peaks does not count, a peak twice as high does."""
     places = {"depth": [1e-3], "y": [0.0], "x": [-1e-2, 1e-2], "state": ["left", "right"]}
     for higher, middle in ((1.001, "left"), (2.0, "right")):
         delta = (("depth", "y", "x", "state"), [[[[1e-4, 0.0], [0.0, higher * 1e-4]]]])

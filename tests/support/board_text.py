@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coilarray.geometry import CoilArray, drills
+from coilarray.geometry import Array, drills
 
 KICAD_6, KICAD_7, KICAD_8, KICAD_9 = 20211014, 20221018, 20240108, 20241229
 
@@ -73,7 +73,7 @@ def pads(*places, net='1 "A"', size="1 1", turn=0.0, at=(0.0, 0.0)):
     return f'(footprint "lib:coil" (layer "F.Cu")\n{where} {turn})\n{inside}\n)'
 
 
-def stackup_text(array: CoilArray) -> str:
+def stackup_text(array: Array) -> str:
     """Stack-up of an array as KiCad's setup has it."""
     board_layers = array.stackup
     rows = ['(layer "F.Mask" (type "Top Solder Mask") (thickness 0.01))']
@@ -89,7 +89,7 @@ def stackup_text(array: CoilArray) -> str:
     return "(stackup\n" + "\n".join(rows) + ")"
 
 
-def array_text(array: CoilArray, **options) -> str:
+def array_text(array: Array, **options) -> str:
     """Board of an array: a track a segment, vias, and a footprint of the two terminals of each coil."""
     names = dict(zip(array.stackup.names, layer_names(len(array.stackup.names)), strict=True))
     items = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +9,8 @@ import numpy as np
 import shapely
 
 from coilarray.geometry import (
+    Array,
     Coil,
-    CoilArray,
     Leads,
     Placement,
     PlatedHole,
@@ -19,10 +18,9 @@ from coilarray.geometry import (
     Sheet,
     Spiral,
     Stackup,
-    apothem_from_size,
+    across_flats,
     drills,
     lattice,
-    spiral_coil,
 )
 
 VIA = PlatedHole(0.2e-3, 0.45e-3)
@@ -48,38 +46,38 @@ def many_layers(count: int) -> Stackup:
     return Stackup(names, (35e-6,) * count, (0.2e-3,) * (count - 1), (4.5,) * (count - 1))
 
 
-def one_coil(coil: Coil, *, rotation: float = 0.0, through_holes: bool = True) -> CoilArray:
+def one_coil(coil: Coil, *, rotation: float = 0.0, through_holes: bool = True) -> Array:
     """Board of just this coil on as many layers as it has."""
     stackup = many_layers(len(coil.lines))
-    return CoilArray(stackup, (Placement("A", coil, stackup.names, 0, 0, rotation),), through_holes=through_holes)
+    return Array(stackup, (Placement("A", coil, stackup.names, 0, 0, rotation),), through_holes=through_holes)
 
 
-def wound_board(sides: int, layers: int, rotation: float = 0.0, *, through_holes: bool = True) -> CoilArray:
+def wound_board(sides: int, layers: int, rotation: float = 0.0, *, through_holes: bool = True) -> Array:
     """Board of one coil of six turns with leads."""
-    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3)
-    return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+    spiral = Spiral(sides, 12e-3, 6, 0.15e-3, 0.15e-3)
+    return one_coil(replace(spiral, layers=layers).coil(), rotation=rotation, through_holes=through_holes)
 
 
-def round_spiral(radius: float, turns: float, trace_width: float, gap: float, **more: Any) -> RoundedSpiral:
+def round_spiral(radius: float, turns: float, width: float, gap: float, **more: Any) -> RoundedSpiral:
     """Winding of a circle."""
-    return RoundedSpiral(2 * radius, 2 * radius, turns, trace_width, gap, radius, **more)
+    return RoundedSpiral(2 * radius, 2 * radius, turns, width, gap, radius, **more)
 
 
 WOUND = {
     "triangle": wound_board(3, 2, 0.4),
     "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
-    "circle": one_coil(spiral_coil(round_spiral(6e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS), rotation=-2.0),
+    "circle": one_coil(round_spiral(6e-3, 6, 0.15e-3, 0.15e-3).coil(), rotation=-2.0),
 }
-SMALL = spiral_coil(Spiral(6, 3e-3, 4, 0.2e-3, 0.2e-3), 2, VIA, LEADS)
+SMALL = Spiral(6, 6e-3, 4, 0.2e-3, 0.2e-3).coil()
 
 
-def small_board(**changes: object) -> CoilArray:
+def small_board(**changes: object) -> Array:
     """Two small coils on the upper and on the lower two of four layers, one of them turned."""
     first = Placement("A", SMALL, ("L1", "L2"), -5e-3, 1e-3)
-    return replace(CoilArray(FOUR_LAYERS, (first, Placement("B", SMALL, ("L3", "L4"), 5e-3, -1e-3, 0.4))), **changes)
+    return replace(Array(FOUR_LAYERS, (first, Placement("B", SMALL, ("L3", "L4"), 5e-3, -1e-3, 0.4))), **changes)
 
 
-def stroked(array: CoilArray, layer: str) -> list[shapely.Geometry]:
+def stroked(array: Array, layer: str) -> list[shapely.Geometry]:
     """What round apertures draw on a layer: a piece for each segment and pad, in m."""
     pieces = [shapely.Point(h.x, h.y).buffer(h.pad / 2, quad_segs=32) for h in drills(array) if layer in h.layers]
     for placement in array.placements:
@@ -100,14 +98,14 @@ def drawn_copper(file: Any) -> shapely.Geometry:
     return shapely.affinity.scale(shapely.union_all(shapes), 1e-3, 1e-3, origin=(0, 0))
 
 
-def reference_board(*, count: int = 6, turns: int = 30, through_holes: bool = True) -> CoilArray:
+def reference_board(*, count: int = 6, turns: int = 30, through_holes: bool = True) -> Array:
     """Two-layer coils C1, C2, … of hexagonal turns in a row, alternately on L1, L2 and on L3, L4."""
-    apothem = apothem_from_size(23e-3, 6, across="corners")
-    coil = spiral_coil(Spiral(6, apothem, turns, 0.1e-3, 0.1e-3, first_corner=math.pi / 2), 2, VIA, LEADS)
+    flats = across_flats(23e-3, 6)
+    coil = Spiral(6, flats, turns, 0.1e-3, 0.1e-3).coil()
     points, _ = lattice("linear", 13.28e-3, count)
     pairs = (("L1", "L2"), ("L3", "L4"))
     placements = tuple(Placement(f"C{k + 1}", coil, pairs[k % 2], x, y) for k, (x, y) in enumerate(points.tolist()))
-    return CoilArray(FOUR_LAYERS, placements, through_holes=through_holes)
+    return Array(FOUR_LAYERS, placements, through_holes=through_holes)
 
 
 def square_turns(

@@ -23,7 +23,7 @@ def spiral_path(spiral, layers=(0.0,), thickness=35e-6):
     """A spiral as one path through layers at these heights, vias included."""
     step = np.pi / 36
     lines = [at_height(coarser_line(spiral.centre_line(k), spiral.arcs(k), step)[0], z) for k, z in enumerate(layers)]
-    return Conductor(np.vstack(lines), spiral.trace_width, thickness)
+    return Conductor(np.vstack(lines), spiral.width, thickness)
 
 
 def loop(radius, z=0.0, sides=72, centre=(0.0, 0.0)):

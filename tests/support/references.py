@@ -41,7 +41,7 @@ def circle(sides, radius, centre=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)):
 def spiral_layers(row):
     """Layers of a row of ref_polygon_spirals_dc.csv as conductors, their junctions left out."""
     w, s, t = (float(row[key]) * 1e-3 for key in ("w_mm", "s_mm", "t_mm"))
-    sizes = float(row["ap_edge_mm"]) * 1e-3, float(row["n_turns_per_layer"]), w, s
+    sizes = 2e-3 * float(row["ap_edge_mm"]), float(row["n_turns_per_layer"]), w, s
     spiral = Spiral(int(row["N_sides"]), *sizes, winding_rule="corner")
     layers = []
     for k, z in enumerate(row["z_list_mm"].split(";")):

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from support.boards import SHEETS, reference_board
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_coil
+from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
 from coilarray.viz import board_scene, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board, scene_of_lifted_board
@@ -249,7 +249,7 @@ def test_letters_get_smaller_in_a_narrow_picture(plotter, tmp_path):
 
 def test_a_board_of_one_layer_has_no_laminate_and_is_drawn(plotter):
     coil = path_coil([[(0, 0), (1e-2, 0), (1e-2, 5e-3)]], 0.5e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    single = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    single = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     board_scene(single, plotter=plotter)
     assert "copper top" in plotter.actors
     assert "board" not in plotter.actors

@@ -22,7 +22,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.display_units import MM, PLAIN, true_minus
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, board_outline, copper_features, drills
 from coilarray.geometry.rules import Margin
 from coilarray.viz.palette import INK, LAYERS, coil_colours, cycled
@@ -39,14 +39,14 @@ _LETTER_OF_PITCH = 0.2  # height over the distance of neighbours; names of six l
 
 
 @styled
-def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
+def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
     """Draw the copper of one layer in mm.
 
     Each coil has its own colour and its name. Holes and the edge of the board are drawn too.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Board that is drawn.
     layer : str
         Name of the copper layer.
@@ -76,14 +76,14 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
 
 
 @styled
-def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
+def plot_board(array: Array, ax: Axes | None = None) -> Axes:
     """Draw all copper layers from above.
 
     The layers are translucent, with the names of the coils. This shows the board without rendering.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Board that is drawn.
 
     Examples
@@ -110,7 +110,7 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _board_axes(array: CoilArray) -> Axes:
+def _board_axes(array: Array) -> Axes:
     x_min, y_min, x_max, y_max = array.bounds
     return new_axes(*figure_size(x_max - x_min, y_max - y_min))
 
@@ -132,7 +132,7 @@ def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
     return PathPatch(Path.make_compound_path(*paths), **look)
 
 
-def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
+def _finish_board(ax: Axes, array: Array, title: str) -> None:
     """Draw the edge, and set limits and title."""
     outline = board_outline(array)
     ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0))
@@ -142,7 +142,7 @@ def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
     plan_axes(ax)
 
 
-def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
+def _write_names(ax: Axes, array: Array, present: set[str]) -> None:
     """Write the names of coils over their centres."""
     x_min, y_min, x_max, y_max = array.bounds
     inches = (figure_size(x_max - x_min, y_max - y_min)[0] - 1.2) / (x_max - x_min)  # of one metre of the board
@@ -163,14 +163,14 @@ class _Mark:
 
 
 @styled
-def check_figure(array: CoilArray, margins: Sequence[Margin], numbers: Sequence[int] | None = None) -> Figure:
+def check_figure(array: Array, margins: Sequence[Margin], numbers: Sequence[int] | None = None) -> Figure:
     """Draw every copper layer with its margins circled.
 
     The circles are numbered, and the first place of each layer is enlarged.
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Board that is drawn.
     margins : sequence of Margin
         Margins to mark, the worst first. Margins without a place are left out. Places close together share a circle,
@@ -205,7 +205,7 @@ def check_figure(array: CoilArray, margins: Sequence[Margin], numbers: Sequence[
     return figure
 
 
-def _marks(array: CoilArray, layer: str, margins: Sequence[tuple[int, Margin]]) -> list[_Mark]:
+def _marks(array: Array, layer: str, margins: Sequence[tuple[int, Margin]]) -> list[_Mark]:
     """Group the margins of one layer by place.
 
     The marks are in the order of their numbers.

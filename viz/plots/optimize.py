@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.display_units import MM
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
 from coilarray.viz.plots.board import plot_board
 from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, new_figure, styled
@@ -179,12 +179,12 @@ def plot_front(
 
 
 @styled
-def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
+def boards_figure(boards: Mapping[str, Array]) -> Figure:
     """Draw boards below each other, at one scale.
 
     Parameters
     ----------
-    boards : mapping of str to CoilArray
+    boards : mapping of str to Array
         Boards by their titles, at least one.
     """
     edges = np.array([array.bounds for array in boards.values()])

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from coilarray.compute.display_units import true_minus
 from coilarray.errors import GeometryError
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
 from coilarray.geometry.solids import board_solids, sheet_solids
@@ -48,7 +48,7 @@ class CoilColours:
 
 
 def board_scene(
-    array: CoilArray, sheets: Sequence[Sheet] = (), *, plotter: pyvista.Plotter, show_sheets: bool = True
+    array: Array, sheets: Sequence[Sheet] = (), *, plotter: pyvista.Plotter, show_sheets: bool = True
 ) -> None:
     """Put a board into a plotter.
 
@@ -58,7 +58,7 @@ def board_scene(
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Board that is drawn.
     sheets : sequence of Sheet
         Elastomer sheets on it, the lowest first.
@@ -70,7 +70,7 @@ def board_scene(
     draw(scene_of_lifted_board(array, sheets if show_sheets else ()), plotter)
 
 
-def scene_of_lifted_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> Scene:
+def scene_of_lifted_board(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     """Scene of a board with its sheets lifted."""
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     lift = (array.bounds[3] - array.bounds[1]) * math.tan(direction("oblique").elevation)
@@ -80,7 +80,7 @@ def scene_of_lifted_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> Sce
 
 
 def scene_of_board(
-    array: CoilArray,
+    array: Array,
     *,
     layers: Sequence[str] | None = None,
     colours: CoilColours | None = None,
@@ -114,7 +114,7 @@ def scene_of_board(
 
 
 def copper_parts(
-    array: CoilArray,
+    array: Array,
     layers: Sequence[str] | None = None,
     colours: CoilColours | None = None,
     box: Box | None = None,
@@ -133,7 +133,7 @@ def copper_parts(
     return copper if colours is None else recoloured(copper, colours)
 
 
-def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
+def board_in_pieces(array: Array) -> tuple[tuple[Part, ...], Scene]:
     """Copper of a board, and the scene of the rest.
 
     The copper can be coloured by `recoloured`.
@@ -155,7 +155,7 @@ def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]
     )  # fmt: skip
 
 
-def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
+def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
     """Scene of flat sheets on a board as glass.
 
     The sheets have clear edges, and the uppermost sheet comes first. `lift` has the same meaning as in `sheet_meshes`.
@@ -175,7 +175,7 @@ def sheet_label(name: str, thickness: float) -> str:
     return f"{name} {thickness * MM_PER_M:g} mm"
 
 
-def coil_names(array: CoilArray, heights: npt.ArrayLike = 0.0) -> tuple[Text, ...]:
+def coil_names(array: Array, heights: npt.ArrayLike = 0.0) -> tuple[Text, ...]:
     """Names of the coils over the centres of their windings.
 
     The heights in m are a number, or an array over the coils.
@@ -196,7 +196,7 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
     return surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
 
 
-def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, str]:
+def _shown_layers(array: Array, layers: Sequence[str] | None) -> dict[str, str]:
     """Colour of every copper layer that is shown."""
     colours = cycled(LAYERS, array.stackup.names)
     for layer in layers or ():
@@ -210,7 +210,7 @@ def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
 
 
-def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
+def _risers(array: Array, top: float) -> tuple[Part, ...]:
     """Upright lines from the board's far corners.
 
     They end at the height `top` in mm.
@@ -259,7 +259,7 @@ _TALL = 0.7  # height of the indenter over the thickness of the stack
 
 
 def dent_scene(
-    array: CoilArray,
+    array: Array,
     sheets: Sequence[Sheet],
     indentation: xr.Dataset,
     indenter: Indenter,
@@ -274,7 +274,7 @@ def dent_scene(
 
     Parameters
     ----------
-    array : CoilArray
+    array : Array
         Board that is drawn.
     sheets : sequence of Sheet
         Indented sheets from the board upwards.
@@ -298,7 +298,7 @@ def dent_scene(
 
 
 def scene_of_dent(
-    array: CoilArray,
+    array: Array,
     sheets: Sequence[Sheet],
     dent: xr.Dataset,
     indenter: Indenter,
@@ -327,13 +327,13 @@ def scene_of_dent(
     return Scene(tuple(parts))
 
 
-def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> npt.NDArray[np.float64]:
+def name_heights(array: Array, thickness: float, centre: tuple[float, float]) -> npt.NDArray[np.float64]:
     """Heights of the coils' names in m."""
     open_ = (array.centres < centre).all(axis=1)
     return np.where(open_, 0.0, thickness)
 
 
-def _around(array: CoilArray, centre: tuple[float, float], half: float) -> Box:
+def _around(array: Array, centre: tuple[float, float], half: float) -> Box:
     """Square about a point in m, cut to the board."""
     x_min, y_min, x_max, y_max = array.bounds
     x, y = centre

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
 from coilarray.viz.datasets.meshes import surface_of
 from coilarray.viz.palette import INK
@@ -124,7 +124,7 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
     return np.vstack(rings)
 
 
-def _middle_and_radii(array: CoilArray, coil: str) -> tuple[FloatArray, float, float]:
+def _middle_and_radii(array: Array, coil: str) -> tuple[FloatArray, float, float]:
     """Centre and radii of a coil's outline in m."""
     place = array.placements[array.names.index(coil)]
     outline = place.to_board(place.coil.outline)

@@ -16,7 +16,7 @@ from coilarray.compute.display_units import MM, true_minus
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import MetalError
-from coilarray.geometry import Ball, CoilArray, FinitePlate, Plate
+from coilarray.geometry import Array, Ball, FinitePlate, Plate
 from coilarray.geometry.target import Body
 from coilarray.metal.finite_plates import eddy_currents
 from coilarray.metal.plate_field import plate_currents
@@ -54,7 +54,7 @@ class Position:
     lines: tuple[str, ...] = ()
 
 
-def around_board(array: CoilArray) -> Box:
+def around_board(array: Array) -> Box:
     """Rectangle in m to which pictures cut infinite plates."""
     x_min, y_min, x_max, y_max = array.bounds
     rim = _BEYOND * max(x_max - x_min, y_max - y_min)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_atomically
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
 from coilarray.viz.offscreen import rendering_problem, silent_screen, window_problem, without_screen
@@ -60,9 +60,7 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
     _save(path, size, lambda plotter: draw(scene, plotter, side=side))
 
 
-def save_board_picture(
-    array: CoilArray, path: Path, sheets: Sequence[Sheet] = (), size: tuple[int, int] = SIZE
-) -> None:
+def save_board_picture(array: Array, path: Path, sheets: Sequence[Sheet] = (), size: tuple[int, int] = SIZE) -> None:
     """Render a board off-screen into an image file.
 
     Parameters
@@ -79,7 +77,7 @@ def save_board_picture(
 
 
 def save_dent_picture(
-    array: CoilArray,
+    array: Array,
     path: Path,
     sheets: Sequence[Sheet],
     indentation: xr.Dataset,
@@ -303,7 +301,7 @@ def check_window() -> None:
         raise MissingDependencyError(problem)
 
 
-def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
+def show_board(array: Array, sheets: Sequence[Sheet] = ()) -> None:
     """Open a window with a board.
 
     It shows the board of an `array` and `sheets` on it, until the user closes it. The errors are the same as in `show`.

@@ -17,7 +17,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import NetworkError
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import Array
 from coilarray.viz.datasets.field import flux_grid, require_memory
 from coilarray.viz.scenes.field import Span
 
@@ -54,7 +54,7 @@ class UnitFields:
         return flux_grid(self.x, self.y, [self.height], B)
 
 
-def kept_settings(array: CoilArray, settings: Mapping[str, Setting]) -> dict[str, Setting]:
+def kept_settings(array: Array, settings: Mapping[str, Setting]) -> dict[str, Setting]:
     """Keep settings for other coils.
 
     Coils that still exist keep their setting. If no coil is measured, the middle coil is.

@@ -43,7 +43,7 @@ def fasthenry_input(
 
     Parameters
     ----------
-    source : CoilArray, Conductor, polyline or sequence of them
+    source : Array, Conductor, polyline or sequence of them
         Every segment needs a cross-section. The names of the paths become the names of the ports.
     frequencies : array_like, shape (n,) or scalar
         Frequencies in Hz, positive and rising by one factor, since FastHenry sweeps from fmin to fmax by a factor.
@@ -69,7 +69,7 @@ def fasthenry_input(
 
     Notes
     -----
-    A via is the square bar that `CoilArray.conductors` makes of it. If the conducting area is not width × thickness,
+    A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width × thickness,
     the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
     names to lower case.
 

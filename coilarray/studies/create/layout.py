@@ -21,7 +21,7 @@ from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix, inductance_matrix, pair_inductance
 from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
-from coilarray.geometry import CoilArray, check_rules
+from coilarray.geometry import Array, check_rules
 from coilarray.studies.create.choices import Choices
 from coilarray.studies.create.plan import Plan, Room, Winding, wind
 from coilarray.studies.create.tank import expected_frequency
@@ -72,7 +72,7 @@ def neighbour_coupling(design: Design) -> FloatArray:
     return k
 
 
-def _neighbours(array: CoilArray) -> tuple[IntArray, IntArray]:
+def _neighbours(array: Array) -> tuple[IntArray, IntArray]:
     """Numbers of both coils of every nearest pair."""
     i, j = np.array(array.neighbours, dtype=np.intp).reshape(-1, 2).T
     return i, j

@@ -39,7 +39,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import DesignError, GeometryError, GoalError
-from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, Sheet, Stackup, Target
+from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, Sheet, Stackup, Target
 
 
 def error_names(design: Design) -> tuple[str, ...]:
@@ -185,7 +185,7 @@ def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None
     return replace(target, body=body)
 
 
-def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:
+def _array(array: Array, errors: Mapping[str, float]) -> Array:
     """Return an array with its errors."""
     stackup = _stackup(array.stackup, errors)
     x_min, y_min, x_max, y_max = array.bounds

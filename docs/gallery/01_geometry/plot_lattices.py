@@ -11,8 +11,7 @@ import coilarray as ca
 from coilarray.viz import plot_board
 
 board = ca.Stackup.uniform(("L1", "L2", "L3", "L4"))
-spiral = ca.Spiral(sides=6, outer_apothem=8e-3, turns=12, trace_width=0.15e-3, gap=0.15e-3)
-coil = ca.spiral_coil(spiral, 2, ca.PlatedHole(drill=0.25e-3, pad=0.5e-3))
+coil = ca.Spiral(sides=6, diameter=16e-3, turns=12, width=0.15e-3, gap=0.15e-3, leads=None)
 layers = (("L1", "L2"), ("L3", "L4"))
 lattices = (
     ca.Lattice("linear", pitch=13e-3, columns=4, layers=layers),

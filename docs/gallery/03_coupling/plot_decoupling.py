@@ -12,8 +12,7 @@ import numpy as np
 import coilarray as ca
 
 board = ca.Stackup.uniform(("L1", "L2", "L3", "L4"))
-spiral = ca.Spiral(sides=6, outer_apothem=10e-3, turns=12, trace_width=0.2e-3, gap=0.2e-3, first_corner=np.pi / 2)
-coil = ca.spiral_coil(spiral, 2, ca.PlatedHole(drill=0.25e-3, pad=0.5e-3))
+coil = ca.Spiral(sides=6, diameter=20e-3, turns=12, width=0.2e-3, gap=0.2e-3, leads=None)
 pitches = np.linspace(10e-3, 24e-3, 15)
 k = []
 for pitch in pitches:
