@@ -43,7 +43,7 @@ def _infinite() -> Iterator[tuple[complex, complex]]:
 def _outlined() -> Iterator[tuple[complex, complex]]:
     for radius, thickness in DISCS:
         plate = FinitePlate("disc", Disc(radius), (0.0, 0.0, GAP + thickness / 2), thickness, COPPER)
-        found = moving_plate([loop(RADIUS, sides=180)], plate, [plate.centre], [FREQUENCY])[0, 0, 0, 0]
+        found = moving_plate([loop(RADIUS, sides=180)], plate, [plate.centre], [FREQUENCY]).change[0, 0, 0, 0]
         yield found, _elements(radius, thickness, FREQUENCY)
 
 

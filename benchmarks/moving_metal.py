@@ -42,7 +42,7 @@ def arm_changes(design: Design, response: xr.Dataset, side: int) -> FloatArray:
     arm = FinitePlate("arm", Rectangle(LENGTH, WIDTH), (0.0, 0.0, 0.0), THICKNESS, MATERIALS[MATERIAL])
     levels = [face + height - part for height in HEIGHTS for part in (0.0, depth)]
     places = [(a + side * LENGTH / 2, b, level + THICKNESS / 2) for level, b, a in itertools.product(levels, y, x)]
-    found = moving_plate(design.array, arm, places, [FREQUENCY], design.sheets)[:, 0].real
+    found = moving_plate(design.array, arm, places, [FREQUENCY], design.sheets).change[:, 0].real
     found = found.reshape(len(HEIGHTS), 2, len(y), len(x), *found.shape[1:])
     return np.asarray(found[:, 1] - found[:, 0])
 

@@ -25,7 +25,7 @@ from support.random_plates import COLUMNS, OUTLINES, Case, drawn
 from support.references import FOLDER, rows
 
 from coilarray.errors import GeometryError, MetalError
-from coilarray.metal.finite_plates import moving_plate, moving_plate_error
+from coilarray.metal.finite_plates import moving_plate
 
 SEED, PLATES, LEAST = 1, 200, 0.95
 FINER = 1.25, 1.75
@@ -46,7 +46,7 @@ HEADER = """\
 def solved(case: Case) -> tuple[complex, complex]:
     """ΔL − jΔR/ω in H by the package and its stated error, of the real part and of the imaginary one."""
     plate = case.plate
-    error = moving_plate_error(case.paths, plate, [plate.centre], [case.frequency])
+    error = moving_plate(case.paths, plate, [plate.centre], [case.frequency])
     return complex(error.change.sum()), complex(error.absolute.sum())
 
 
@@ -55,7 +55,7 @@ def truth(case: Case) -> tuple[complex, complex]:
     if case.method != "thick":
         return case.truth()
     coarse, fine = (
-        complex(moving_plate(case.paths, case.plate, [case.plate.centre], [case.frequency], fineness=f).sum())
+        complex(moving_plate(case.paths, case.plate, [case.plate.centre], [case.frequency], fineness=f).change.sum())
         for f in FINER
     )
     step = (fine - coarse) / ((FINER[1] / FINER[0]) ** 2 - 1)

@@ -29,7 +29,7 @@ from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix, shape_key
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import Array, FinitePlate, Plate, Sheet
-from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance, worst_attributes
+from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance, worst_attributes
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.frequencies import FrequencyBand
 
@@ -379,7 +379,7 @@ class BoardCircuit(_Locked):
         with self.lock:
             if frequency not in self._errors:
                 self._errors[frequency] = {
-                    one.name: moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets)
+                    one.name: moving_plate(design.array, one, [one.centre], [frequency], design.sheets)
                     for one in design.plates
                     if isinstance(one, FinitePlate)
                 }

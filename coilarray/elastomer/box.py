@@ -47,6 +47,12 @@ _MIRRORED = np.array([1.0, -1.0, 1.0])[:, None, None, None]  # sign of u_x, u_y 
 _EVEN_HELD = np.array([False, True, False])  # u_y is zero in the middle of a box that is its own mirror image
 
 SOFTEST = 1e-5  # least 1/K in units of the stack; an incompressible sheet is treated as a sheet of ν = 0.499998
+_DEGREE = 8  # of the profiles in an element
+_SMOOTH = 1 / 3  # of the contact radius, over which a pressure is smoothed, which determines the highest wavenumber
+_CUT = 5.0  # highest wavenumber times that radius, where 5e-5 of the pressure is left
+_SPARE = 40  # wavenumbers above two a period
+_RATIO = 0.1  # distance of wavenumbers relative to themselves in tables of the profiles, accurate to 1e-5
+_FINEST, _GROWTH = 0.03, 0.03  # distance of the radii of the tables, and its growth with the radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,14 +395,6 @@ def _factors(
         found.append((lower, link))
         own = after - link.T @ link + np.diag(diagonal[(k + 1) * p])
     return _Factors(kept, tuple(in_turn), tuple(found), cholesky(own, lower=True, check_finite=False))
-
-
-_DEGREE = 8  # of the profiles in an element
-_SMOOTH = 1 / 3  # of the contact radius, over which a pressure is smoothed, which determines the highest wavenumber
-_CUT = 5.0  # highest wavenumber times that radius, where 5e-5 of the pressure is left
-_SPARE = 40  # wavenumbers above two a period
-_RATIO = 0.1  # distance of wavenumbers relative to themselves in tables of the profiles, accurate to 1e-5
-_FINEST, _GROWTH = 0.03, 0.03  # distance of the radii of the tables, and its growth with the radius
 
 
 @dataclass(frozen=True, eq=False)

@@ -256,7 +256,7 @@ def indent(
     base: Base = "bonded",
     radius: float | None = None,
     strain: Strain = "finite",
-    mesh: ContactMesh = DEFAULT_MESH,
+    accuracy: ContactMesh = DEFAULT_MESH,
 ) -> xr.Dataset:
     """Press a rigid indenter into elastomer sheets.
 
@@ -277,8 +277,8 @@ def indent(
     strain : {"finite", "linear"}
         Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an eighth
         of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4 % too low.
-    mesh : ContactMesh
-        Fineness of the mesh.
+    accuracy : ContactMesh
+        Fineness and extent of the mesh.
 
     Returns
     -------
@@ -324,7 +324,7 @@ def indent(
     scaled = depth / stack.length
     pressed = scaled[scaled > 0] if scaled.any() else np.array([_NOMINAL])
     zone = _expected_zone(case, float(pressed.min()), float(pressed.max()))
-    solution = (_finite_strain if strain == "finite" else _small_strain)(case, zone, scaled, mesh)
+    solution = (_finite_strain if strain == "finite" else _small_strain)(case, zone, scaled, accuracy)
     _check_inside(case, zone, solution, scaled)
     names = ["board", *(sheet.name for sheet in sheets)]
     heights = stack.levels - stack.levels[0]

@@ -28,6 +28,8 @@ _MARGIN = 1.1  # elements grow from this multiple of the expected contact radius
 _NEAR = 6.0  # thicknesses from the contact, beyond which the elements grow without bound
 _SUBSTEPS = 8  # of the march that places the points, per element
 _TIP_ELEMENTS = 3  # across the radius of a blunted point
+_BENT = 6.0  # lengths (D/k)^¼ beyond which a plate on a seat sinks by 1 % of its value at the force
+_QUADRATURE = 5  # exact for products of two biquadratic functions and r
 
 
 @dataclass(frozen=True)
@@ -144,10 +146,6 @@ def contact_mesh(r: FloatArray, z: FloatArray) -> MeshQuad:
             "top": lambda x: x[1] == z[-1],
         }
     )
-
-
-_BENT = 6.0  # lengths (D/k)^¼ beyond which a plate on a seat sinks by 1 % of its value at the force
-_QUADRATURE = 5  # exact for products of two biquadratic functions and r
 
 
 def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ def dent_capacitance(
     dents: Sequence[Dent],
     positions: npt.ArrayLike,
     permittivity: float,
-    mesh: LayerMesh | None = None,
+    accuracy: LayerMesh | None = None,
     *,
     zero_at: float = 0.5,
 ) -> FloatArray:
@@ -57,14 +57,14 @@ def dent_capacitance(
     """
     if not (np.isfinite(permittivity) and permittivity >= 1):
         raise ElastomerError(f"permittivity must be at least 1; got {permittivity}.")
-    accuracy = LayerMesh() if mesh is None else mesh
+    mesh = accuracy or LayerMesh()
     electrodes = [surface_potential(placement, array.stackup, zero_at) for placement in array.placements]
     energies = dent_energies(
         [_filled(dent, permittivity) for dent in dents],
         positions,
         electrodes,
-        lambda dent, k, weights, deepest: scatter(dent, k, weights, accuracy, deepest, "grounded"),
-        accuracy,
+        lambda dent, k, weights, deepest: scatter(dent, k, weights, mesh, deepest, "grounded"),
+        mesh,
     )
     return EPSILON_0 * np.diagonal(energies.real, axis1=2, axis2=3)
 

@@ -79,7 +79,7 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
 
 
 def line_dent_inductance(
-    wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, mesh: LayerMesh | None = None
+    wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, accuracy: LayerMesh | None = None
 ) -> FloatArray:
     """Change of the inductance per length by dents, (dents, positions) in H/m.
 
@@ -92,7 +92,7 @@ def line_dent_inductance(
         raise ElastomerError(f"positions must be finite and of shape (n,); got shape {x.shape}.")
     if any(dent.symmetry != "plane" for dent in dents):
         raise ElastomerError("wires need dents in plane strain; for coils in space there is dent_inductance.")
-    mesh = LayerMesh() if mesh is None else mesh
+    mesh = accuracy or LayerMesh()
     change = np.zeros((len(dents), len(x)))
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(x):

@@ -57,6 +57,12 @@ from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.errors import ElastomerError
 
 _REACH = 2  # columns that couple: the nodes of a quadratic element
+_MOST_WAVENUMBERS = 2000
+_FACE_NODES = 2  # of a Gauss–Legendre rule between the knots of a dented face
+_SAME = 1e-12  # m, below which two places are the same
+_ROUNDING = 1e-6  # of an element, within which a number of elements counts as whole
+# energies of all harmonics as a `TensorGrid` splits them: without and with m²
+Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 class TensorGrid:
@@ -118,15 +124,6 @@ def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
             parts[k + 2, :rows] -= met[-rows:, -rows:]
             parts[k + 2, near:far] -= met[rows : rows + count, -rows:]
     return total
-
-
-_MOST_WAVENUMBERS = 2000
-_FACE_NODES = 2  # of a Gauss–Legendre rule between the knots of a dented face
-_SAME = 1e-12  # m, below which two places are the same
-_ROUNDING = 1e-6  # of an element, within which a number of elements counts as whole
-
-# energies of all harmonics as a `TensorGrid` splits them: without and with m²
-Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ _RAYS = 5, 32, 59.3
 _MOST_PERMITTIVITY = 1e6
 _HIGHEST_FACE = 1.0  # m; above it no permittivity changes
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
+_PER_AREA: Recent[FloatArray] = Recent(256)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,6 @@ class WindingCapacitance:
 
 # Keyed by all inputs, so designs that differ only in the places of their coils share the results.
 _WINDINGS: Recent[WindingCapacitance] = Recent(32)
-_PER_AREA: Recent[FloatArray] = Recent(256)
 
 
 def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0) -> xr.Dataset:

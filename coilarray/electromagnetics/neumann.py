@@ -30,6 +30,14 @@ from coilarray.geometry import Conductor
 MOST_NODES = 16  # along a side of the box; nearer pairs need more and are left to the sums over segments
 _LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than M of pieces
 _NONE = 1e-9  # of the box; smaller extents count as zero
+_Block = Callable[[], Sums]
+BYTES_A_PAIR = 400.0  # peak memory per pair of paths
+_THIN = 200.0  # winding extent in widths; beyond it the widths change distant pairs by less than 3e-7 of L
+_SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are equal
+_SAME_SHAPE = 1e-8  # of a path itself at most, in arrays that are far larger than the path
+_LEAST_STEP = 1e-18  # of the paths' extent; offsets are counted in 64 bits
+_NODE_PAIRS = 20_000_000  # in a block of far pairs, some 20 ms
+_NODE_PAIRS_A_BAR_PAIR = 20  # node pairs that take as long as a pair of bars; with fewer bars, the bars are summed
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +108,6 @@ def _lagrange(n: int, t: FloatArray) -> FloatArray:
     at_points, at_nodes = (np.polynomial.chebyshev.chebvander(x, n - 1) for x in (t, _chebyshev(n)))
     at_points[:, 0] *= 0.5
     return np.asarray(2.0 / n * at_points @ at_nodes.T)
-
-
-_Block = Callable[[], Sums]
-
-BYTES_A_PAIR = 400.0  # peak memory per pair of paths
-_THIN = 200.0  # winding extent in widths; beyond it the widths change distant pairs by less than 3e-7 of L
-_SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are equal
-_SAME_SHAPE = 1e-8  # of a path itself at most, in arrays that are far larger than the path
-_LEAST_STEP = 1e-18  # of the paths' extent; offsets are counted in 64 bits
-_NODE_PAIRS = 20_000_000  # in a block of far pairs, some 20 ms
-_NODE_PAIRS_A_BAR_PAIR = 20  # node pairs that take as long as a pair of bars; with fewer bars, the bars are summed
 
 
 def path_sums(

@@ -22,6 +22,21 @@ from coilarray.electromagnetics.kernels.turns import find_series, series_members
 
 MOST_PARTS = 16  # of one path; a path with more parts is not cut
 _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
+Accuracy = Literal["full", "screen"]
+"""Accuracy of inductance: ``full`` reaches 1e-6 of L and k, ``screen`` takes a tenth of the time.
+
+``screen`` is for searches among windings of many turns whose results are computed again in full. It reaches 1e-4 of L,
+5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and up to 1 % of k for windings that lie
+on each other.
+"""
+OWN_NEAR_WIDTHS = 160.7  # distance in widths up to which the cross-section counts within a path
+MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of a weak coupling
+# Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of coils that overlap.
+_NEAR_WIDTHS = {"full": (MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS), "screen": (4.0, 15.0)}
+_SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
+_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
+_TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
+Sums = tuple[IntArray, FloatArray]  # numbers of pairs, and values to add to their sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +88,9 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
                 break
         else:
             distinct.append(k)
-    chosen = [_from_origin(parts[k]) for k in distinct]
+    chosen = [
+        np.ascontiguousarray(np.column_stack((parts[k][:, :3] - parts[k][0, :3], parts[k][:, 3:]))) for k in distinct
+    ]
     height = np.array([np.ptp(points[k][:, 2]) for k in distinct])
     upright = np.array([not table[:, 3:5].any() for table in chosen])
     return PathParts(chosen, height <= steps[distinct], upright, first, number, mirror, sign, origin)
@@ -91,17 +108,9 @@ def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
     return image
 
 
-def _from_origin(table: FloatArray) -> FloatArray:
-    return np.ascontiguousarray(np.column_stack((table[:, :3] - table[0, :3], table[:, 3:])))
-
-
-def _is_level(table: FloatArray) -> BoolArray:
-    return np.asarray(table[:, 5] == 0.0)
-
-
 def _cut(table: FloatArray, quantum: float) -> list[FloatArray]:
     """Cut a path into flat runs of segments at one height, and the rest."""
-    level = _is_level(table)
+    level = table[:, 5] == 0.0
     change = (level[1:] != level[:-1]) | (level[1:] & (np.abs(np.diff(table[:, 2])) > quantum))
     cuts = np.flatnonzero(change) + 1
     return np.split(table, cuts) if len(cuts) < MOST_PARTS else [table]
@@ -124,25 +133,6 @@ def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatA
             if (np.abs(mirror * steps - other_steps) <= quantum).all():
                 return mirror, sign
     return None
-
-
-Accuracy = Literal["full", "screen"]
-"""Accuracy of inductance: ``full`` reaches 1e-6 of L and k, ``screen`` takes a tenth of the time.
-
-``screen`` is for searches among windings of many turns whose results are computed again in full. It reaches 1e-4 of L,
-5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and up to 1 % of k for windings that lie
-on each other.
-"""
-
-OWN_NEAR_WIDTHS = 160.7  # distance in widths up to which the cross-section counts within a path
-MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of a weak coupling
-# The same for screening. This leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of a pair of coils that overlap.
-_SCREEN_OWN_NEAR_WIDTHS, _SCREEN_MUTUAL_NEAR_WIDTHS = 15.0, 4.0
-_SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
-_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
-_TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
-
-Sums = tuple[IntArray, FloatArray]  # numbers of pairs, and values to add to their sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,11 +199,15 @@ def part_blocks(
         if pairs.kind[k] == _ITSELF:
             work = partial(_own_sum, a, accuracy)
         else:
-            near_widths = _near_widths(int(pairs.kind[k]), accuracy)
+            near_widths = _NEAR_WIDTHS[accuracy][int(pairs.kind[k] == _ONE_PATH)]
             work = _pair_sum(a, b, pairs.mirror[k], pairs.shift[k], near_widths, accuracy)
-        for start, stop in itertools.pairwise(edges):
-            blocks.append(partial(_weighted, pairs.of[of_class], pairs.weight[of_class], partial(work, start, stop)))
+        of, weight = pairs.of[of_class], pairs.weight[of_class]
+        blocks += [partial(_weighted, of, weight, partial(work, *part)) for part in itertools.pairwise(edges)]
     return blocks
+
+
+def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Sums:
+    return of, weight * work()
 
 
 def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
@@ -282,16 +276,6 @@ def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, B
     return np.unique(number, return_index=True)[1], number, turn
 
 
-def _near_widths(kind: int, accuracy: Accuracy) -> float:
-    if accuracy == "full":
-        return OWN_NEAR_WIDTHS if kind == _ONE_PATH else MUTUAL_NEAR_WIDTHS
-    return _SCREEN_OWN_NEAR_WIDTHS if kind == _ONE_PATH else _SCREEN_MUTUAL_NEAR_WIDTHS
-
-
-def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Sums:
-    return of, weight * work()
-
-
 def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
     """Sum a part's rows start:stop with the part itself."""
     if not part.table[:, 10].all():
@@ -303,7 +287,7 @@ def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
     rules = series_rules(int(part.series[:, 2].max()))
     rows, weights = series_members(part.series, *rules)
     table, series = part.table, part.series
-    mutual = series_sum(table, table, np.zeros(3), series, series, True, _SCREEN_OWN_NEAR_WIDTHS, *rules)
+    mutual = series_sum(table, table, np.zeros(3), series, series, True, _NEAR_WIDTHS["screen"][1], *rules)
     return float(2.0 * mutual + _bars_alone(part.table[rows], weights))
 
 

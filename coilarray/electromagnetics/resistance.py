@@ -38,6 +38,23 @@ from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
 from coilarray.geometry.winding import Cut, FlatPath, find_turns
 
+WIDE = 2.0  # skin depths of trace width, from which section filaments apply
+MOST_SKIN_DEPTHS = 300.0  # longest trace side in skin depths, beyond which the mesh no longer resolves the skin
+SINGLE_MESH = (48, 16)  # cells along the longer side of an isolated trace, and along the shorter side of a thin trace
+SECTION_MESH = (30, 8)  # cells along the sides of each trace of a bundle
+BASIS_TOLERANCE = 3e-2  # of a trace's basis of currents; the loss errs by about its square
+# Gauss points along a segment from a length in widths on; the lengths are no ratios of round lengths
+POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
+# least and most cuts about a pole, and turns cut in all, which are no multiple of round numbers of turns
+RAYS = 5, 16, 97.3
+MODELS = ("transverse field", "section filaments")
+_SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
+HIGHEST = 1e15  # Hz; at optical frequencies copper is no longer a conductor of this kind
+_FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another, independent of frequency and of other coils
+_INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces at places of a grid that all sections share
+_GRID = 0.04, 0.5  # step relative to the distance, and the distance in widths at which the grid becomes even
+_isolated_modes = lru_cache(maxsize=256)(isolated_modes)
+
 
 def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
     """Compute the direct-current resistance of every path in Ω.
@@ -71,25 +88,6 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> Fl
         if not (conductor.areas > 0).all():
             raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
     return np.array([resistivity * float((c.lengths / c.areas).sum()) for c in conductors])
-
-
-WIDE = 2.0  # skin depths of trace width, from which section filaments apply
-MOST_SKIN_DEPTHS = 300.0  # longest trace side in skin depths, beyond which the mesh no longer resolves the skin
-SINGLE_MESH = (48, 16)  # cells along the longer side of an isolated trace, and along the shorter side of a thin trace
-SECTION_MESH = (30, 8)  # cells along the sides of each trace of a bundle
-BASIS_TOLERANCE = 3e-2  # of a trace's basis of currents; the loss errs by about its square
-# Gauss points along a segment from a length in widths on; the lengths are no ratios of round lengths
-POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
-# least and most cuts about a pole, and turns cut in all, which are no multiple of round numbers of turns
-RAYS = 5, 16, 97.3
-MODELS = ("transverse field", "section filaments")
-_SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
-HIGHEST = 1e15  # Hz; at optical frequencies copper is no longer a conductor of this kind
-
-_FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another, independent of frequency and of other coils
-
-_INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces at places of a grid that all sections share
-_GRID = 0.04, 0.5  # step relative to the distance, and the distance in widths at which the grid becomes even
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,24 +142,15 @@ def cross_section(
     for value, name in ((width, "width"), (thickness, "thickness")):
         require_positive(f"{name} of a trace", value)
     delta = skin_depth(frequency, resistivity)
-    _check_mesh(max(width, thickness), delta)
-    own, normal, lateral = _isolated_modes(round(thickness / width, 12))
+    if delta.size and max(width, thickness) > MOST_SKIN_DEPTHS * delta.min():
+        raise GeometryError(
+            f"a trace may be at most {MOST_SKIN_DEPTHS:g} skin depths wide and thick (trace_width_mm, "
+            f"copper_thickness_um); got {max(width, thickness):g} m at a skin depth of {delta.min():.3g} m."
+        )
+    own, normal, lateral = _isolated_modes(1.0, round(thickness / width, 12), *SINGLE_MESH)
     beta = (width / delta) ** 2 / np.pi  # ωµ0 w²/(2πρ) with ωµ0/ρ = 2/δ²
     drive = resistivity * (2 * np.pi) ** 2  # (ωµ0)² w⁴/ρ = ρ (2πβ)²
     return CrossSection(1.0 + _answer(own, beta), drive * _answer(normal, beta), drive * _answer(lateral, beta))
-
-
-def _check_mesh(side: float, delta: FloatArray) -> None:
-    if delta.size and side > MOST_SKIN_DEPTHS * delta.min():
-        raise GeometryError(
-            f"a trace may be at most {MOST_SKIN_DEPTHS:g} skin depths wide and thick (trace_width_mm, "
-            f"copper_thickness_um); got {side:g} m at a skin depth of {delta.min():.3g} m."
-        )
-
-
-@lru_cache(maxsize=256)
-def _isolated_modes(aspect: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return isolated_modes(1.0, aspect, *SINGLE_MESH)
 
 
 def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
@@ -319,18 +308,17 @@ class _Points:
 
         The field of the path's `own` current leaves out the segment of the point.
         """
-        found = np.empty((len(self.places), 1, 2))
+        found = np.empty((len(self.places), 2))
         left_out = self.segment if own else np.full(len(self.segment), -1)
-        starts = np.array([0, len(vertices)])
 
         def work(block: tuple[int, int]) -> None:
             rows = slice(*block)
             transverse_fields(
-                self.places[rows], left_out[rows], self.lateral[rows], self.normal[rows], vertices, starts, found[rows]
+                self.places[rows], left_out[rows], self.lateral[rows], self.normal[rows], vertices, found[rows]
             )
 
         run_blocks(work, ranges(len(self.places), 1024))
-        return found[:, 0]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +356,8 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
     point, crossing, share = np.arange(len(of_point)), np.full(len(of_point), -1), np.ones(len(of_point))
     factors = np.ones((3, len(f), 1))
     if wide.any():
-        cuts = _radial_cuts(vertices, widths)
+        turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
+        cuts = [] if turns is None else turns.enough_cuts(*RAYS)
         if cuts:
             point, crossing, share = _shared_out(vertices, places, of_point, cuts)
             h = _own_field(shape, points, vertices)
@@ -398,12 +387,6 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
         points, [(point[p], length[p]) for p in members], resistivity * (ratio * alone) @ skin,
         g * alone, g * np.sqrt(alone * other), g * other,
     )  # fmt: skip
-
-
-def _radial_cuts(vertices: FloatArray, widths: FloatArray) -> list[Cut]:
-    """Cuts through the turns of a path with vias, none if it does not wind."""
-    turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
-    return [] if turns is None else turns.enough_cuts(*RAYS)
 
 
 def _line_numbers(vertices: FloatArray) -> IntArray:

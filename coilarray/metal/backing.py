@@ -14,7 +14,7 @@ from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
-from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, currents_alone, solve_outlined
+from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, eddy_currents, solve_outlined
 from coilarray.metal.flat_plates import stack_below
 from coilarray.metal.layered_air import LayeredAir
 
@@ -53,7 +53,7 @@ def backings_of(
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
     if any(isinstance(plate, FinitePlate) for plate in plates):
         currents = (
-            currents_alone(source, plates, frequencies, sheets, fineness=fineness)
+            eddy_currents(source, plates, frequencies, sheets, fineness=fineness, alone=True)
             if outlined is None
             else outlined.eddy_currents()
         )

@@ -34,6 +34,7 @@ _MARGIN = 4  # steps of the grid beyond the places
 _AT_ONCE = 16384  # places of the splines per task
 _IMAGES_AT_ONCE = 2**17  # places in all images together
 _SAME_HEIGHT = 1e-9  # of the height
+_POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +115,6 @@ def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Ima
             B = np.tensordot(weights, magnetic_field(path, seen) * turned, axes=1)
             total[start:stop, :, number] = B.swapaxes(0, 1)
     return total
-
-
-_POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,13 +22,13 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.plate import TOUCHING, FinitePlate, Plate
 from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, SolvedPlates, linked_fluxes
+from coilarray.metal.frequencies import checked_frequencies
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.layered_air import LayeredAir
 from coilarray.metal.magnetic_plates import magnetic_changes, magnetic_currents, require_skin
 from coilarray.metal.plate_mesh import Footprint, inscribed_radius, plate_meshes
 from coilarray.metal.surface_impedance import (
     ModelError,
-    SurfaceImpedance,
     model_error,
     own_share,
     surface_impedance,
@@ -120,10 +120,10 @@ def moving_plate(
     *,
     fineness: float = 1.0,
     progress: Progress | None = None,
-) -> ComplexArray:
-    """Change of the inductance matrix by a finite plate at positions, in H.
+) -> PlateError:
+    """Change of the inductance matrix by a finite plate at positions in H, and its error.
 
-    The result (positions, frequencies, paths, paths) is ΔZ/jω = ΔL − jΔR/ω relative to the same without the plate,
+    The change (positions, frequencies, paths, paths) is ΔZ/jω = ΔL − jΔR/ω relative to the same without the plate,
     symmetric. In air and over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
 
     Parameters
@@ -169,7 +169,10 @@ def moving_plate(
     if it is at least three skin depths thick.
 
     Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second order of linear
-    elements. `moving_plate_error` also gives the error.
+    elements. The error of the mesh is this correction of the finer mesh. It covers orders of convergence from 1.3
+    upwards, for ΔL and ΔR separately. The error of the model has two parts. The impedance is taken at one wavenumber
+    for all patterns of the current. The rim (`coilarray.metal.surface_impedance.with_rim`) is approximate, and a plate
+    within the coils has most of its losses there.
 
     Examples
     --------
@@ -178,50 +181,24 @@ def moving_plate(
     >>> angle = np.linspace(0, 2 * np.pi, 49)
     >>> loop = np.column_stack((8e-3 * np.cos(angle), 8e-3 * np.sin(angle), 0 * angle))
     >>> coin = FinitePlate("coin", Disc(5e-3), (0, 0, 3e-3), 0.5e-3, MATERIALS["aluminium"])
-    >>> change = moving_plate([loop], coin, [[0, 0, 3e-3], [8e-3, 0, 3e-3]], [1e6])
+    >>> change = moving_plate([loop], coin, [[0, 0, 3e-3], [8e-3, 0, 3e-3]], [1e6]).change
     >>> bool((change.real < 0).all() and (change.imag < 0).all())
     True
     """
-    return moving_plate_error(
-        source, plate, positions, frequencies, sheets, beside, fineness=fineness, progress=progress
-    ).change
-
-
-def moving_plate_error(
-    source: Source,
-    plate: FinitePlate,
-    positions: npt.ArrayLike,
-    frequencies: npt.ArrayLike,
-    sheets: Sequence[Sheet] = (),
-    beside: Sequence[Plate | FinitePlate] = (),
-    *,
-    fineness: float = 1.0,
-    progress: Progress | None = None,
-) -> PlateError:
-    """Compute `moving_plate` together with its error.
-
-    Arguments and exceptions are the same. The error of the mesh is the correction by which the finer of two meshes was
-    extrapolated. It covers orders of convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model has
-    two parts. The impedance is taken at one wavenumber for all patterns of the current. The rim
-    (`coilarray.metal.surface_impedance.with_rim`) is approximate, and a plate within the coils has most of its losses
-    there.
-    """
     paths = as_conductors(source)
-    where, f = _checked_positions(positions), _checked_frequencies(frequencies)
+    where, f = _checked_positions(positions), checked_frequencies(frequencies, positive=True)
     _require_free(plate, where, beside)
     around = PlatesInAir(paths, LayeredAir.between([one for one in beside if isinstance(one, Plate)], sheets, f))
     magnetic = _magnetic_plate([plate, *beside], f) is not None
     model = _whole_model_error(paths, plate, where, f, sheets)
-    bodies = _meshed(paths, plate, where, f, sheets, fineness)
-    others = [one for one in beside if isinstance(one, FinitePlate)]
-    fixed = [_posed(paths, one, f, sheets, fineness) for one in others]
+    posed = _posed(paths, plate, where, f, sheets, fineness)
     edges = np.zeros((len(where), len(f), len(paths)))
     if magnetic:
-        both = [_magnetic_changes(around, PosedPlate(body, plate, where, ())) for body in bodies]
+        both = [_magnetic_changes(around, one) for one in posed]
         found, edges = [change for change, _ in both], both[1][1]
     else:
-        impedances = _impedances(plate, f, _field_scale(paths, plate, where))
-        posed = [PosedPlate(body, plate, where, impedances) for body in bodies]
+        others = [one for one in beside if isinstance(one, FinitePlate)]
+        fixed = [_posed(paths, one, np.array([one.centre]), f, sheets, fineness) for one in others]
         found = _changes(around, posed, fixed, progress)
     change, mesh = _extrapolated(*found)
     if not beside:
@@ -340,11 +317,12 @@ def outlined_inductance(
     are as in `moving_plate`. Infinite plates are computed by `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
-    f = _checked_frequencies(frequencies)
+    f = checked_frequencies(frequencies, positive=True)
     magnetic = _magnetic_plate(plates, f)
     if magnetic is not None:
         beside = [one for one in plates if one is not magnetic]
-        return np.asarray(moving_plate(paths, magnetic, [magnetic.centre], f, sheets, beside, fineness=fineness)[0])
+        moved = moving_plate(paths, magnetic, [magnetic.centre], f, sheets, beside, fineness=fineness)
+        return np.asarray(moved.change[0])
     found: list[ComplexArray] = []
     for around, posed in _all_posed(paths, plates, f, sheets, fineness):
         solved = around.solved(posed)
@@ -360,67 +338,27 @@ def outlined_inductance(
 def eddy_currents(
     source: Source,
     plates: Sequence[Plate | FinitePlate],
-    frequency: float,
-    sheets: Sequence[Sheet] = (),
-    *,
-    fineness: float = 1.0,
-) -> list[EddyCurrents]:
-    """Compute the eddy currents in all finite plates at a frequency in Hz.
-
-    The plates are at their own centres, and each path in turn carries 1 A. Arguments and errors are as in
-    `outlined_inductance`.
-    """
-    return eddy_currents_over(source, plates, [frequency], sheets, fineness=fineness)[0]
-
-
-def eddy_currents_over(
-    source: Source,
-    plates: Sequence[Plate | FinitePlate],
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
     *,
     fineness: float = 1.0,
-) -> list[list[EddyCurrents]]:
-    """Compute `eddy_currents` at frequencies (f,) in Hz."""
-    return _currents(source, plates, frequencies, sheets, fineness)
-
-
-def currents_alone(
-    source: Source,
-    plates: Sequence[Plate | FinitePlate],
-    frequencies: npt.ArrayLike,
-    sheets: Sequence[Sheet] = (),
-    *,
-    fineness: float = 1.0,
-) -> list[list[EddyCurrents]]:
-    """Return currents whose field outside finite plates is that of the plates.
-
-    For plates that are not magnetic they are the eddy currents. For magnetic plates other currents take the place of
-    the magnetic charges. Arguments and errors are as in `eddy_currents_over`.
-    """
-    return _currents(source, plates, frequencies, sheets, fineness, alone=True)
-
-
-def _currents(
-    source: Source,
-    plates: Sequence[Plate | FinitePlate],
-    frequencies: npt.ArrayLike,
-    sheets: Sequence[Sheet],
-    fineness: float,
-    *,
     alone: bool = False,
 ) -> list[list[EddyCurrents]]:
-    """Currents on finite plates, or on a single magnetic plate."""
-    paths, f = as_conductors(source), _checked_frequencies(frequencies)
-    if _magnetic_plate(plates, f) is None:
+    """Compute the eddy currents in all finite plates, one list for each frequency (f,) in Hz.
+
+    The plates are at their own centres, and each path in turn carries 1 A. Arguments and errors are as in
+    `outlined_inductance`. With `alone` they are the currents whose field outside the plates is that of the plates: in
+    magnetic plates other currents then take the place of the magnetic charges.
+    """
+    paths, f = as_conductors(source), checked_frequencies(frequencies, positive=True)
+    magnetic = _magnetic_plate(plates, f)
+    if magnetic is None:
         return solve_outlined(paths, plates, f, sheets, fineness=fineness).eddy_currents()
     endless = [one for one in plates if isinstance(one, Plate)]
-    (magnetic,) = (one for one in plates if isinstance(one, FinitePlate))
     where = np.array([magnetic.centre])
     _require_free(magnetic, where, endless)
     around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
-    _, body = _meshed(paths, magnetic, where, f, sheets, _ALONE * fineness)
-    posed = PosedPlate(body, magnetic, where, ())
+    posed = _posed(paths, magnetic, where, f, sheets, _ALONE * fineness)[1]
     return [[EddyCurrents(posed.corners, density)] for density in magnetic_currents(around, posed, alone=alone)]
 
 
@@ -472,9 +410,11 @@ def solve_outlined(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates:
-    """Solve all finite plates, none of them magnetic, for `eddy_currents_over`."""
+    """Solve all finite plates, none of them magnetic, for `eddy_currents`."""
     paths = as_conductors(source)
-    _, (around, posed) = _all_posed(paths, plates, _checked_frequencies(frequencies), sheets, _ALONE * fineness)
+    _, (around, posed) = _all_posed(
+        paths, plates, checked_frequencies(frequencies, positive=True), sheets, _ALONE * fineness
+    )
     return OutlinedPlates(around, posed, around.solved(posed))
 
 
@@ -504,38 +444,27 @@ def _checked_positions(positions: npt.ArrayLike) -> FloatArray:
     return where
 
 
-def _checked_frequencies(frequencies: npt.ArrayLike) -> FloatArray:
-    f = np.asarray(frequencies, dtype=np.float64)
-    if f.ndim != 1 or not f.size or not (np.isfinite(f) & (f > 0)).all():
-        raise GeometryError(f"frequencies must be positive and finite, of shape (n,) in Hz, at least one; got {f}.")
-    return f
-
-
-def _impedances(plate: FinitePlate, frequencies: FloatArray, scale: float) -> list[SurfaceImpedance]:
-    """Return a plate's impedances at frequencies in Hz.
-
-    `scale` in m is the sum of the coils' radius and distance.
-    """
-    return [surface_impedance(plate.material, plate.thickness, f, 2 / scale) for f in frequencies.tolist()]
-
-
-def _meshed(
+def _posed(
     paths: Sequence[Conductor],
     plate: FinitePlate,
     where: FloatArray,
     frequencies: FloatArray,
     sheets: Sequence[Sheet],
     fineness: float,
-) -> tuple[EddyBody, EddyBody]:
-    """Return the two meshes of an allowed plate for all its positions."""
-    nearest = _distance(paths, plate, where, sheets)
-    _model_error(plate, frequencies, _field_scale(paths, plate, where), math.inf)
+) -> list[PosedPlate]:
+    """Place an allowed plate at centres (n, 3) in m, with its coarser and its finer mesh."""
+    nearest, scale = _distance(paths, plate, where, sheets), _field_scale(paths, plate, where)
+    _model_error(plate, frequencies, scale, math.inf)
     area = shapely.union_all([translate(hull, -x, -y) for hull in _hulls(paths) for x, y in where[:, :2].tolist()])
-    coarse, mesh = plate_meshes(
-        plate.outline, plate.thickness, fineness, Footprint(area, nearest, _least_spread(paths))
-    )
+    footprint = Footprint(area, nearest, _least_spread(paths))
+    coarse, mesh = plate_meshes(plate.outline, plate.thickness, fineness, footprint)
     fine = EddyBody(mesh)
-    return EddyBody(coarse, fine), fine
+    impedances = [
+        surface_impedance(plate.material, plate.thickness, f, 2 / scale)
+        for f in frequencies.tolist()
+        if plate.material.relative_permeability == 1  # magnetic plates have another condition
+    ]
+    return [PosedPlate(body, plate, where, impedances) for body in (EddyBody(coarse, fine), fine)]
 
 
 def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
@@ -627,16 +556,6 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shor
     return largest
 
 
-def _posed(
-    paths: Sequence[Conductor], plate: FinitePlate, frequencies: FloatArray, sheets: Sequence[Sheet], fineness: float
-) -> list[PosedPlate]:
-    """Place a plate at its own centre, with both meshes."""
-    where = np.array([plate.centre])
-    bodies = _meshed(paths, plate, where, frequencies, sheets, fineness)
-    impedances = _impedances(plate, frequencies, _field_scale(paths, plate, where))
-    return [PosedPlate(body, plate, where, impedances) for body in bodies]
-
-
 def _all_posed(
     paths: Sequence[Conductor],
     plates: Sequence[Plate | FinitePlate],
@@ -649,7 +568,7 @@ def _all_posed(
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
     air = LayeredAir.between([one for one in plates if isinstance(one, Plate)], sheets, frequencies)
-    both = [_posed(paths, one, frequencies, sheets, fineness) for one in outlined]
+    both = [_posed(paths, one, np.array([one.centre]), frequencies, sheets, fineness) for one in outlined]
     return [(PlatesInAir(paths, air), [one[number] for one in both]) for number in (0, 1)]
 
 

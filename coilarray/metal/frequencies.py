@@ -13,17 +13,18 @@ from scipy.interpolate import BarycentricInterpolator
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.errors import MetalError
 
-
-def checked_frequencies(frequencies: npt.ArrayLike) -> FloatArray:
-    """Return frequencies (f,) in Hz of at least 0, or raise MetalError."""
-    found = np.asarray(frequencies, dtype=np.float64)
-    if found.ndim != 1 or not found.size or not (np.isfinite(found) & (found >= 0)).all():
-        raise MetalError(f"frequencies must be one row of finite numbers of at least 0; got {found} Hz.")
-    return found
-
-
 _INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
 _ROUNDING = 1e-9  # of a frequency
+
+
+def checked_frequencies(frequencies: npt.ArrayLike, *, positive: bool = False) -> FloatArray:
+    """Return frequencies (f,) in Hz of at least 0 or, if `positive`, above, or raise MetalError."""
+    found = np.asarray(frequencies, dtype=np.float64)
+    allowed = np.isfinite(found) & ((found > 0) if positive else (found >= 0))
+    if found.ndim != 1 or not found.size or not allowed.all():
+        least = "positive and finite numbers" if positive else "finite numbers of at least 0"
+        raise MetalError(f"frequencies must be one row of {least}; got {found} Hz.")
+    return found
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -47,6 +47,8 @@ _TRIED = (1.0, 1.3, 1.7, 2.2)  # of the fineness, if triangles of the coarser me
 _COARSEST = 0.5  # fineness by which pieces of curves and narrow places are never longer
 _SAGITTA = 2e-4  # of the inscribed radius: allowed deviation from the outline
 _MOST_NODES = 6000
+Number = TypeVar("Number", np.float64, np.int64)
+Sizes: TypeAlias = Callable[[FloatArray], FloatArray]  # required side of a triangle in m at points (n, 2) in m
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +92,6 @@ class Footprint:
     def distances(self, points: FloatArray) -> FloatArray:
         """Distances in m of points (n, 2) to the copper."""
         return np.asarray(np.hypot(shapely.distance(self.area, shapely.points(points)), self.height))
-
-
-Number = TypeVar("Number", np.float64, np.int64)
-Sizes: TypeAlias = Callable[[FloatArray], FloatArray]  # required side of a triangle in m at points (n, 2) in m
 
 
 def inscribed_radius(outline: Outline) -> float:
@@ -188,11 +186,12 @@ class _Layout:
         number[on_rings:] += on_rings
         sides = np.sort(np.stack((self.core, np.roll(self.core, -1, axis=1)), axis=-1), axis=-1)
         edges, which = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
-        middles = np.full(len(edges), -1)
-        along = {tuple(sorted(pair)): 2 * pair[0] + 1 for loop in self.order for pair in
-                 zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)}  # fmt: skip
-        for k, edge in enumerate(map(tuple, edges.tolist())):
-            middles[k] = along.get(edge, -1)
+        along = {
+            (min(start, stop), max(start, stop)): 2 * start + 1
+            for loop in self.order
+            for start, stop in zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)
+        }
+        middles = np.array([along.get((start, stop), -1) for start, stop in edges.tolist()])
         new = middles < 0
         middles[new] = 2 * on_rings + len(self.inner) + np.arange(new.sum())
         points = np.concatenate((self.levels[-1], self.inner))
@@ -202,11 +201,18 @@ class _Layout:
         core = np.concatenate(
             [np.column_stack(three) for three in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
         )
-        return _Layout(
-            self.rims, tuple(places), tuple(ways), _with_middles(self.depths), inner, core,
-            _with_middles(self.heights), self.thickness, self.inscribed, self.step / 2,
-            lambda points: self.sizes(points) / 2, self._parents(edges[new]),
-        )  # fmt: skip
+        return replace(
+            self,
+            places=tuple(places),
+            ways=tuple(ways),
+            depths=_with_middles(self.depths),
+            inner=inner,
+            core=core,
+            heights=_with_middles(self.heights),
+            step=self.step / 2,
+            sizes=lambda points: self.sizes(points) / 2,
+            parents=self._parents(edges[new]),
+        )
 
     def _parents(self, edges: IntArray) -> IntArray:
         """Nodes between which each node of the body lies after refinement.
@@ -270,33 +276,44 @@ class _Layout:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Required:
+    """Sides of triangles that the distance of the `copper` requires, at most a `step` in m."""
+
+    step: float
+    fineness: float
+    copper: Footprint | None
+
+    def least(self, area: float) -> float:
+        """Smallest side in m that is required on an area in m²."""
+        if self.copper is None:
+            return self.step
+        smallest = math.sqrt(min(area, self.copper.area.area) / _MOST_BELOW)
+        near = max(_NEAR_COILS * max(self.copper.spread, self.copper.height), smallest)
+        return min(self.step, near / self.fineness)
+
+    def sides(self, points: FloatArray, finest: float, largest: float) -> FloatArray:
+        """Sides in m at points (n, 2) in m, from `finest` to `largest`."""
+        if self.copper is None or finest == self.step:
+            return np.full(len(points), largest)
+        return np.clip(_OF_DISTANCE / self.fineness * self.copper.distances(points), finest, largest)
+
+
 def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: Footprint | None) -> _Layout:
-    """Lay out the coarser of two meshes."""
+    """Lay out the coarser of two meshes: nodes of the rims, strips inwards, and the lattice inside."""
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
     outer, *holes = (ring.simplify(_SAGITTA * inscribed).coords for ring in (plane.exterior, *plane.interiors))
     plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
     along, height = max(plane.length / _ALONG, _FINEST * inscribed), 0.0 if above is None else above.height
     step = min(_WIDEST * inscribed, along) / fineness
-
-    def least(area: float) -> float:
-        """Smallest size in m that the copper's distance requires."""
-        if above is None:
-            return step
-        smallest = math.sqrt(min(area, above.area.area) / _MOST_BELOW)
-        return min(step, max(_NEAR_COILS * max(above.spread, above.height), smallest) / fineness)
-
-    def wanted(points: FloatArray, finest: float, largest: float = step) -> FloatArray:
-        if above is None or finest == step:
-            return np.full(len(points), largest)
-        return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, largest)
-
-    finest = least(plane.area)
-
-    def wanted_along(points: FloatArray) -> FloatArray:
-        return wanted(points, finest, min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness)
+    required = _Required(step, fineness, above)
+    finest = required.least(plane.area)
 
     rims = [_Rim.of(ring) for ring in (plane.exterior, *plane.interiors)]
-    places, apart = _divided(rims, wanted_along, max(fineness, _COARSEST), height)
+    largest = min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness
+    sides = partial(required.sides, finest=finest, largest=largest)
+    places, apart = _divided(rims, sides, max(fineness, _COARSEST), height)
+
     nodes = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
     points, normals = (np.concatenate(part) for part in zip(*nodes, strict=True))
     samples = np.concatenate([rim.at(rim.samples(plane.length / _SAMPLES))[0] for rim in rims])
@@ -304,28 +321,38 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     strips = max(round(_STRIPS * fineness), 2)
     depths = _DEPTH * (np.arange(strips + 1) / strips) ** 2
     for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than required
-        radii = np.minimum(radii, wanted(points + share * radii[:, None] * normals, finest) / (depths[-1] - depths[-2]))
+        widest = required.sides(points + share * radii[:, None] * normals, finest, step)
+        radii = np.minimum(radii, widest / (depths[-1] - depths[-2]))
     radii = _graded(points, radii, 1.0)
-    ends = np.cumsum([len(place) for place in places])[:-1]
-    ways = np.split(radii[:, None] * normals, ends)
+    ways = np.split(radii[:, None] * normals, np.cumsum([len(place) for place in places])[:-1])
     loops = [rim.chords(place) for rim, place in zip(rims, places, strict=True)]
     while len(depths) > 1 and not _has_room(loops, ways, depths[-1]):
         depths = depths[:-1]
+
     last = [loop + depths[-1] * way for loop, way in zip(loops, ways, strict=True)]
     edge = np.concatenate(last)
     local = np.maximum(_LATTICE / fineness * radii, np.concatenate([_spacing(loop) for loop in last]))
 
-    def inside(places: FloatArray) -> FloatArray:
-        return np.minimum(wanted(places, finest), _cone(places, edge, local, _GRADING))
+    def inside(points: FloatArray) -> FloatArray:
+        return np.minimum(required.sides(points, finest, step), _cone(points, edge, local, _GRADING))
 
     smallest = max(min(float(inside(edge).min()), finest), float(np.ptp(edge, axis=0).max()) / 400)
     inner, core = _lattice(last, step, min(smallest, step), inside)
-    heights = [1.0, 0.0] if thickness / 2 <= _THIN * inscribed / fineness else [1.0, 1 - _UPPER, 0.0]
-    of_holes = least(max((shapely.Polygon(hole).area for hole in plane.interiors), default=plane.area))
+    on_rim = [1.0, 0.0] if thickness / 2 <= _THIN * inscribed / fineness else [1.0, 1 - _UPPER, 0.0]
+    of_holes = required.least(max((shapely.Polygon(hole).area for hole in plane.interiors), default=plane.area))
     return _Layout(
-        tuple(rims), tuple(places), tuple(ways), depths, inner, core, np.array(heights), thickness, inscribed, step,
-        lambda points: wanted(points, of_holes),
-    )  # fmt: skip
+        rims=tuple(rims),
+        places=tuple(places),
+        ways=tuple(ways),
+        depths=depths,
+        inner=inner,
+        core=core,
+        heights=np.array(on_rim),
+        thickness=thickness,
+        inscribed=inscribed,
+        step=step,
+        sizes=partial(required.sides, finest=of_holes, largest=step),
+    )
 
 
 def _plane(outline: Outline) -> shapely.Polygon:

@@ -15,7 +15,7 @@ from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.geometry.target import Body
 from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance
-from coilarray.metal.finite_plates import PlateError, moving_plate_error, outlined_inductance
+from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
 
 
@@ -57,9 +57,7 @@ def target_inductance(
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     error = None
     if isinstance(body, FinitePlate):
-        error = moving_plate_error(
-            source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
-        )
+        error = moving_plate(source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress)
         change = error.change
     else:
         change = ball_inductance(

@@ -340,7 +340,7 @@ def _kept_contact(
     """Solve a contact, or return it from the disk."""
 
     def solve() -> xr.Dataset:
-        return indent(sheets, indenter, depths, base=base, radius=radius, strain=strain, mesh=mesh)
+        return indent(sheets, indenter, depths, base=base, radius=radius, strain=strain, accuracy=mesh)
 
     if strain == "linear":
         return solve()

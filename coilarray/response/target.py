@@ -152,7 +152,7 @@ def target_map(
           by mesh and model, the largest of the target and of the fixed plates. ``plate_skin_depths`` is the thickness
           of that plate in skin depths.
         - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ due to the errors of
-          ΔL and ΔR, see `coilarray.metal.finite_plates.moving_plate_error`.
+          ΔL and ΔR, see `coilarray.metal.finite_plates.moving_plate`.
 
     Raises
     ------

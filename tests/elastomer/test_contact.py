@@ -42,7 +42,7 @@ PAPER = [sheet(6e-3, 1e5, 0.4999, "base"), sheet(2e-3, 3e5, 0.4999, "magnetic")]
 
 
 def force_of(sheets, indenter, depth, mesh=COARSE, **how):
-    return float(indent(sheets, indenter, depth, mesh=mesh, **how).force[0])
+    return float(indent(sheets, indenter, depth, accuracy=mesh, **how).force[0])
 
 
 def over_area(field, symmetry="axial"):
@@ -61,7 +61,7 @@ def over_area(field, symmetry="axial"):
 def test_uniform_compression_of_a_disc_is_exact(nu, cuts):
     h, R, E, depth = 4e-3, 5e-3, 2e5, 1e-4
     sheets = [sheet(h / cuts, E, nu, str(k)) for k in range(cuts)]
-    found = indent(sheets, FlatPunch(R), depth, base="frictionless", radius=R, mesh=COARSE).isel(depth=0)
+    found = indent(sheets, FlatPunch(R), depth, base="frictionless", radius=R, accuracy=COARSE).isel(depth=0)
     # the elements hold linear displacements exactly: roundings of the factorisation are left
     assert float(found.force) == pytest.approx(E * math.pi * R**2 * depth / h, rel=1e-9)
     assert found.pressure.values == pytest.approx(np.full(found.r.size, E * depth / h), rel=1e-7)
@@ -74,7 +74,7 @@ def test_uniform_compression_of_a_disc_is_exact(nu, cuts):
 def test_cone_on_a_thick_layer(nu):
     """Sneddon, Int. J. Engng Sci. 3 (1965) 47: a = (2/π) δ tan α and F = (2/π) E* tan α δ²."""
     E, depth, angle = 1e5, 1e-5, 1.2
-    found = indent([sheet(0.05, E, nu)], Cone(angle), depth, mesh=ContactMesh(24, 1.6)).isel(depth=0)
+    found = indent([sheet(0.05, E, nu)], Cone(angle), depth, accuracy=ContactMesh(24, 1.6)).isel(depth=0)
     a = 2 / math.pi * depth * math.tan(angle)
     # the layer of 3000 a stiffens by about a/h = 3e-4; the mesh leaves 1e-3 of the force and 3e-3 of the radius
     assert float(found.force) == pytest.approx(2 / math.pi * E / (1 - nu**2) * math.tan(angle) * depth**2, rel=2e-3)
@@ -86,7 +86,7 @@ def test_cone_on_a_thick_layer(nu):
 def test_cylinder_on_a_thick_layer(base, nu):
     """Line contact of Hertz, a² = 4 F R (1 − ν²)/(π E), F per length: K. L. Johnson, Contact Mechanics, eq. 4.43."""
     R, E = 0.1, 1e5
-    found = indent([sheet(0.2, E, nu)], CylinderEdge(R), [2e-5, 4e-5], base=base, mesh=ContactMesh(24, 1.6))
+    found = indent([sheet(0.2, E, nu)], CylinderEdge(R), [2e-5, 4e-5], base=base, accuracy=ContactMesh(24, 1.6))
     a = np.sqrt(4 * found.force * R * (1 - nu**2) / (math.pi * E))
     assert float(a[0]) < 0.02 * 0.2  # corrections of order (a/h)² = 4e-4, and (a/R)²/4 = 1e-4 for the round profile
     assert found.contact_radius.values == pytest.approx(a.values, rel=4e-3)
@@ -110,7 +110,7 @@ def paraboloid_errors(mesh):
     errors = []
     for row in [row for row in group if 0.4 <= float(row["a_over_h"]) <= 1.5][::2]:
         a = float(row["a_over_h"])
-        found = indent([sheet(1.0, 1.0)], Paraboloid(100.0), float(row["deltaR_over_h2"]) / 100, mesh=mesh)
+        found = indent([sheet(1.0, 1.0)], Paraboloid(100.0), float(row["deltaR_over_h2"]) / 100, accuracy=mesh)
         force = float(row["P_dimless"]) / 0.75 * a**3 / 100
         errors.append((float(found.force[0]) / force - 1, float(found.contact_radius[0]) / a - 1))
     return np.sqrt(np.mean(np.square(errors), axis=0))
@@ -158,7 +158,7 @@ ROUND = [(BALL, 1e-3), (Paraboloid(2.5e-3), 1e-3), (Cone(1.2), 5e-4), (CylinderE
 
 @pytest.mark.parametrize(("indenter", "depth"), [*ROUND, (FlatPunch(1e-3), 2e-4)])
 def test_pressure_and_gap_exclude_each_other(indenter, depth):
-    one = indent(PAPER, indenter, depth, mesh=ContactMesh(24, 1.6)).isel(depth=0)
+    one = indent(PAPER, indenter, depth, accuracy=ContactMesh(24, 1.6)).isel(depth=0)
     a, top = float(one.contact_radius), one.isel(interface=-1)
     r, pressure = top.r.values, one.pressure.values
     with np.errstate(invalid="ignore"):
@@ -178,7 +178,7 @@ def test_pressure_and_gap_exclude_each_other(indenter, depth):
 
 def test_force_is_the_slope_of_the_energy():
     depths = np.linspace(0.4e-3, 0.8e-3, 21)
-    found = indent(PAPER, BALL, depths, mesh=COARSE)
+    found = indent(PAPER, BALL, depths, accuracy=COARSE)
     sinking = np.maximum(0.0, depths[:, None] - BALL.profile(np.minimum(found.r.values, BALL.radius)))
     work = (found.pressure * sinking).transpose("depth", "r")
     energy = np.array([over_area(work.isel(depth=k)) / 2 for k in range(len(depths))])
@@ -189,7 +189,7 @@ def test_force_is_the_slope_of_the_energy():
 @pytest.mark.parametrize("indenter", [BALL, CylinderEdge(2.5e-3)])
 def test_incompressible_bonded_layer_loses_no_volume(indenter):
     sheets = [sheet(6e-3, 1e5, 0.5, "base"), sheet(2e-3, 3e5, 0.5, "top")]
-    one = indent(sheets, indenter, 1e-3, mesh=COARSE).isel(depth=0)
+    one = indent(sheets, indenter, 1e-3, accuracy=COARSE).isel(depth=0)
     for name in ("base", "top"):
         u = one.displacement_z.sel(interface=name)
         assert float(u.max()) > 0.01 * 1e-3  # the raised ring takes it up
@@ -199,7 +199,7 @@ def test_incompressible_bonded_layer_loses_no_volume(indenter):
 
 def test_frictionless_base_gives_way():
     bonded, sliding = (
-        indent(PAPER, BALL, 1e-3, base=base, mesh=COARSE).isel(depth=0) for base in ("bonded", "frictionless")
+        indent(PAPER, BALL, 1e-3, base=base, accuracy=COARSE).isel(depth=0) for base in ("bonded", "frictionless")
     )
     assert float(sliding.force) < 0.9 * float(bonded.force)
     dents = [abs(over_area(one.displacement_z.sel(interface="base").clip(max=0))) for one in (bonded, sliding)]
@@ -214,7 +214,7 @@ def test_frictionless_base_gives_way():
 def test_scaling_of_lengths_and_moduli(length, stress):
     def pressed(by, times):
         sheets = [Sheet(one.name, one.thickness * by, 1.0, one.youngs_modulus * times, 0.5) for one in PAPER]
-        return indent(sheets, Hemisphere(2.5e-3 * by), 1e-3 * by, mesh=ContactMesh(6, 1.8))
+        return indent(sheets, Hemisphere(2.5e-3 * by), 1e-3 * by, accuracy=ContactMesh(6, 1.8))
 
     one, other = pressed(1.0, 1.0), pressed(length, stress)
     # the same numbers in the stack's own units; roundings of the factorisation, times its condition
@@ -225,8 +225,8 @@ def test_scaling_of_lengths_and_moduli(length, stress):
 
 @pytest.mark.parametrize("base", ["bonded", "frictionless"])
 def test_sheets_of_one_material_are_one_sheet(base):
-    whole = indent([sheet(8e-3)], BALL, 1e-3, base=base, mesh=ContactMesh(20))
-    cut = indent([sheet(t, name=str(t)) for t in (1e-3, 5e-3, 2e-3)], BALL, 1e-3, base=base, mesh=ContactMesh(20))
+    whole = indent([sheet(8e-3)], BALL, 1e-3, base=base, accuracy=ContactMesh(20))
+    cut = indent([sheet(t, name=str(t)) for t in (1e-3, 5e-3, 2e-3)], BALL, 1e-3, base=base, accuracy=ContactMesh(20))
     assert float(cut.force[0]) == pytest.approx(float(whole.force[0]), rel=2e-4)  # meshes differ in depth
     top = [one.displacement_z.isel(depth=0, interface=-1) for one in (whole, cut)]
     assert float(top[1].max()) == pytest.approx(float(top[0].max()), rel=2e-3)
@@ -275,7 +275,7 @@ def test_ball_is_a_paraboloid_at_small_depths():
 
 def test_cone_that_ends_becomes_a_punch():
     a, angle, mesh = 1e-3, 1.2, ContactMesh(16, 1.6)
-    found = indent([sheet()], Cone(angle, a), [1e-4, 1.2e-3, 1.3e-3], mesh=mesh)
+    found = indent([sheet()], Cone(angle, a), [1e-4, 1.2e-3, 1.3e-3], accuracy=mesh)
     assert float(found.force[0]) == pytest.approx(force_of([sheet()], Cone(angle), 1e-4, mesh), rel=2e-3)
     assert float(found.contact_radius[0]) < a
     assert found.contact_radius[1:].values.tolist() == [a, a]
@@ -295,7 +295,7 @@ def test_plane_indenter_works_on_finite_and_sliding_samples():
 
 
 def test_dataset():
-    found = indent(PAPER, BALL, [0.0, 5e-4, 1e-3], mesh=COARSE)
+    found = indent(PAPER, BALL, [0.0, 5e-4, 1e-3], accuracy=COARSE)
     assert found.displacement_r.dims == found.displacement_z.dims == ("depth", "interface", "r")
     assert found.pressure.dims == ("depth", "r")
     assert list(found.interface.values) == ["board", "base", "magnetic"]
@@ -308,17 +308,17 @@ def test_dataset():
     assert all({"units", "long_name"} <= set(found[name].attrs) for name in found.variables)
     assert all(np.isfinite(found[name].values).all() for name in found.data_vars)
     assert found.force.units == "N"
-    assert indent(PAPER, CylinderEdge(2.5e-3), 5e-4, mesh=COARSE).force.units == "N/m"
-    touch = indent(PAPER, BALL, 0.0, mesh=COARSE)  # moves nothing
+    assert indent(PAPER, CylinderEdge(2.5e-3), 5e-4, accuracy=COARSE).force.units == "N/m"
+    touch = indent(PAPER, BALL, 0.0, accuracy=COARSE)  # moves nothing
     assert not any(touch[name].values.any() for name in touch.data_vars)
     assert touch.sizes["depth"] == 1
 
 
 def test_depths_keep_their_order_and_accuracy():
     depths, mesh = [1e-3, 1e-5, 3e-4], ContactMesh(24, 1.8)
-    together = indent(PAPER, BALL, depths, mesh=mesh)
+    together = indent(PAPER, BALL, depths, accuracy=mesh)
     for k, depth in enumerate(depths):
-        alone = indent(PAPER, BALL, depth, mesh=mesh)
+        alone = indent(PAPER, BALL, depth, accuracy=mesh)
         assert float(together.force[k]) == pytest.approx(float(alone.force[0]), rel=3e-3)  # two meshes, 1e-3 each
         assert float(together.contact_radius[k]) == pytest.approx(float(alone.contact_radius[0]), rel=8e-3)
 
@@ -355,17 +355,17 @@ def test_depths_keep_their_order_and_accuracy():
 def test_bad_input(changes, message):
     given = {"sheets": [sheet()], "indenter": BALL, "depths": 5e-4, **changes}
     with pytest.raises(ElastomerError, match=message):
-        indent(given.pop("sheets"), given.pop("indenter"), given.pop("depths"), mesh=COARSE, **given)
+        indent(given.pop("sheets"), given.pop("indenter"), given.pop("depths"), accuracy=COARSE, **given)
 
 
 def test_contact_that_does_not_converge_is_reported(monkeypatch):
     monkeypatch.setattr(module, "_RESIDUAL", -1.0)  # below any; it is 1e-14 and less
     with pytest.raises(ElastomerError, match="does not converge: its residual must be at most"):
-        indent([sheet()], BALL, 5e-4, mesh=COARSE)
+        indent([sheet()], BALL, 5e-4, accuracy=COARSE)
 
     def failing(*_):
         raise RuntimeError("Maximum number of iterations reached")
 
     monkeypatch.setattr(module, "nnls", failing)
     with pytest.raises(ElastomerError, match="does not converge: Maximum number of iterations"):
-        indent([sheet()], BALL, 5e-4, mesh=COARSE)
+        indent([sheet()], BALL, 5e-4, accuracy=COARSE)

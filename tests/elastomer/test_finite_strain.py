@@ -143,7 +143,7 @@ def test_peaks_of_the_paper_board():
 
 
 def test_contact_radius_converges():
-    coarse, fine = (finite(PAPER, BALL, 1e-3, mesh=ContactMesh(n, 1.6, 15)).isel(depth=0) for n in (24, 64))
+    coarse, fine = (finite(PAPER, BALL, 1e-3, accuracy=ContactMesh(n, 1.6, 15)).isel(depth=0) for n in (24, 64))
     # n⁻¹: the pressure at the edge is known on hats; 1.4317, 1.4358 and 1.4355 mm for 24, 64 and 96 elements
     assert float(coarse.contact_radius) == pytest.approx(float(fine.contact_radius), rel=5e-3)
     # where the gap begins, which opens as (r − a)^(3/2), is where the pressure ends
@@ -186,8 +186,8 @@ def test_incompressible_sheets_keep_their_volume(base):
 def test_steps_do_not_matter():
     """The contact has no friction, so that the work does not depend on the steps in which it is done."""
     depths = np.linspace(0.1e-3, 1e-3, 10)
-    once = finite(PAPER, BALL, depths[[-1]], mesh=COARSE)
-    steps = finite(PAPER, BALL, depths, mesh=COARSE)
+    once = finite(PAPER, BALL, depths[[-1]], accuracy=COARSE)
+    steps = finite(PAPER, BALL, depths, accuracy=COARSE)
     # the meshes differ in the size of the elements at the tip
     assert float(steps.force[-1]) == pytest.approx(float(once.force[0]), rel=2e-3)
     assert (np.diff(steps.force) > 0).all()
@@ -216,7 +216,7 @@ def test_a_touch_is_linear(indenter, base):
 @pytest.mark.parametrize("half_angle", [75, 65])
 def test_a_cone_in_a_thick_sheet_is_the_same_at_every_depth(half_angle):
     cone, thick = Cone(math.radians(half_angle)), [sheet(60e-3)]
-    forces = [float(finite(thick, cone, depth, mesh=COARSE).force[0]) for depth in (0.4e-3, 0.8e-3)]
+    forces = [float(finite(thick, cone, depth, accuracy=COARSE).force[0]) for depth in (0.4e-3, 0.8e-3)]
     # nothing but the sheet has a length: F goes with the square of the depth, but for (contact radius)/60 mm
     assert forces[1] / forces[0] == pytest.approx(4.0, rel=0.05)
 
@@ -236,7 +236,7 @@ def test_force_converges_with_order_2():
     meshes = [ContactMesh(6, 2.0, 15)]
     for _ in range(2):
         meshes.append(meshes[-1].refined())
-    forces = [finite(PAPER, BALL, depths, mesh=mesh).force.values for mesh in meshes]
+    forces = [finite(PAPER, BALL, depths, accuracy=mesh).force.values for mesh in meshes]
     coarse, fine = (np.sqrt(np.mean((force / forces[-1] - 1) ** 2)) for force in forces[:-1])
     # the pressure's edge, √(a − r), falls inside an element of size h: its force is uncertain by h^1.5 to h^2.5; the
     # finest mesh stands for the exact one, which adds log2(1 + 1/4 …) = 0.3 to order 2
@@ -249,7 +249,7 @@ def test_force_converges_with_order_2():
 def test_no_point_is_inside_the_indenter(radius, share, ratio, nu):
     sheets = [sheet(5e-3, 1e5, nu, "a"), sheet(2e-3, 1e5 * ratio, nu, "b")]
     depth = share * radius
-    found = finite(sheets, Hemisphere(radius), depth, mesh=replace(COARSE, elements=14)).isel(depth=0)
+    found = finite(sheets, Hemisphere(radius), depth, accuracy=replace(COARSE, elements=14)).isel(depth=0)
     r = np.abs(found.r.values + found.displacement_r.values[-1])
     near = r < radius / 2
     gap = Hemisphere(radius).profile(r[near]) - depth - found.displacement_z.values[-1][near]
@@ -264,7 +264,7 @@ def test_no_point_is_inside_the_indenter(radius, share, ratio, nu):
 
 def test_a_disc_on_a_seat_is_two_springs():
     h, R, E, k, depth = 4e-3, 5e-3, 2e5, 2e7, 1e-4
-    found = indent([sheet(h, E, 0.4)], FlatPunch(R), depth, base=Seat(k), radius=R, strain="linear", mesh=COARSE)
+    found = indent([sheet(h, E, 0.4)], FlatPunch(R), depth, base=Seat(k), radius=R, strain="linear", accuracy=COARSE)
     assert float(found.force[0]) == pytest.approx(math.pi * R**2 * depth / (h / E + 1 / k), rel=1e-9)
 
 
@@ -272,8 +272,8 @@ def test_a_disc_on_a_seat_is_two_springs():
 @pytest.mark.parametrize(("shear", "base"), [(1e13, "bonded"), (0.0, "frictionless")])
 def test_a_stiff_seat_is_a_board(strain, shear, base):
     # springs of 1e13 Pa/m give by 1e-9 of what 8 mm of 100 kPa give
-    soft = indent(PAPER, BALL, 0.5e-3, base=Seat(1e13, shear), strain=strain, mesh=COARSE)
-    hard = indent(PAPER, BALL, 0.5e-3, base=base, strain=strain, mesh=COARSE)
+    soft = indent(PAPER, BALL, 0.5e-3, base=Seat(1e13, shear), strain=strain, accuracy=COARSE)
+    hard = indent(PAPER, BALL, 0.5e-3, base=base, strain=strain, accuracy=COARSE)
     assert float(soft.force[0]) == pytest.approx(float(hard.force[0]), rel=1e-6)
     assert soft.displacement_z.values == pytest.approx(hard.displacement_z.values, abs=1e-6 * 0.5e-3)
 
@@ -283,8 +283,8 @@ def test_a_thin_soft_film_is_a_seat(strain):
     """A film of thickness t, ν = 0 and modulus E: stiffness E/t, shear G/t = E/2t, to the order of t over the waves."""
     t, E, depth = 0.3e-3, 1290.0, 0.05e-3
     film = [sheet(t, E, 0.0, "film"), *PAPER]
-    soft = indent(film, BALL, depth, strain=strain, mesh=COARSE)
-    seat = indent(PAPER, BALL, depth, base=Seat(E / t, E / 2 / t), strain=strain, mesh=COARSE)
+    soft = indent(film, BALL, depth, strain=strain, accuracy=COARSE)
+    seat = indent(PAPER, BALL, depth, base=Seat(E / t, E / 2 / t), strain=strain, accuracy=COARSE)
     assert float(seat.force[0]) == pytest.approx(float(soft.force[0]), rel=0.02)
     assert seat.displacement_z.values[0, -1, 0] == pytest.approx(soft.displacement_z.values[0, -1, 0], rel=0.02)
     sinking = (seat.displacement_z[0, 0, 0], soft.displacement_z[0, 1, 0])
@@ -293,7 +293,7 @@ def test_a_thin_soft_film_is_a_seat(strain):
 
 def test_a_sheet_on_a_very_soft_seat_is_an_endless_plate():
     h, E, k = 8e-3, 1e5, 10.0
-    found = indent([sheet(h, E)], BALL, 1e-4, base=Seat(k), strain="linear", mesh=COARSE)
+    found = indent([sheet(h, E)], BALL, 1e-4, base=Seat(k), strain="linear", accuracy=COARSE)
     # D = Eh³/9 and F = 8 √(kD) w at the force; the plate is a 19th of (D/k)^¼ thick, and its shear worth (1/19)²
     plate = float(found.force[0]) / (8 * math.sqrt(k * E * h**3 / 9))
     assert -float(found.displacement_z[0, 0, 0]) == pytest.approx(plate, rel=1e-2)
@@ -330,4 +330,4 @@ def test_an_outline_follows_its_profile_and_its_derivatives(indenter):
 
 def test_a_depth_beyond_what_the_mesh_can_follow_is_refused():
     with pytest.raises(ElastomerError, match=r"the edge rounder \(edge_radius\)"):
-        finite([sheet(2e-3)], FlatPunch(0.3e-3), 1.9e-3, mesh=COARSE)
+        finite([sheet(2e-3)], FlatPunch(0.3e-3), 1.9e-3, accuracy=COARSE)

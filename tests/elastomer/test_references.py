@@ -45,7 +45,7 @@ def test_paraboloid_on_a_layer(key, part):
     a, delta = numbers(group, "a_over_h") * h, numbers(group, "deltaR_over_h2") * h**2 / R
     force = numbers(group, "P_dimless") * E / (1 - nu**2) * a**3 / R
     support = "bonded" if base == "bonded" else "frictionless"
-    found = indent([Sheet("layer", h, 1.0, E, nu)], Paraboloid(R), delta, base=support, mesh=COARSE)
+    found = indent([Sheet("layer", h, 1.0, E, nu)], Paraboloid(R), delta, base=support, accuracy=COARSE)
     assert found.force.values == pytest.approx(force, rel=3e-3)  # required 1e-2; n⁻² = 2.5e-3
     assert found.contact_radius.values == pytest.approx(a, rel=1e-2)  # required; measured 6e-3
 
@@ -57,7 +57,7 @@ def test_flat_punch_on_a_bonded_layer(row):
     depth = 1e-3 * a
     for nu in (0.30, 0.40, 0.49) if PUNCHES.index(row) % 2 else (0.35, 0.45, 0.50):  # every row, every column
         sheet = Sheet("layer", h, 1.0, E, nu)
-        found = indent([sheet], FlatPunch(a), depth, mesh=ContactMesh(elements=10, growth=1.5))
+        found = indent([sheet], FlatPunch(a), depth, accuracy=ContactMesh(elements=10, growth=1.5))
         kappa = float(found.force[0]) * (1 - nu) / (4 * E / (2 * (1 + nu)) * a * depth)
         assert kappa == pytest.approx(float(row[f"nu{nu:.2f}"]), rel=3e-3)  # required 1e-2; measured 1.5e-3
         assert found.contact_radius.values == pytest.approx([a], rel=1e-15)

@@ -22,10 +22,8 @@ from coilarray.geometry.material import MATERIALS, Material
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Rectangle, Ring
 from coilarray.metal.backing import _pieces
 from coilarray.metal.finite_plates import (
-    currents_alone,
     eddy_currents,
     moving_plate,
-    moving_plate_error,
     outlined_inductance,
 )
 from coilarray.metal.flat_plates import plate_inductance
@@ -64,9 +62,9 @@ def test_without_a_skin_it_is_a_perfect_conductor():
     loops = [loop(5e-3), loop(4e-3, -0.5e-3, 6, (2e-3, 0.0))]
     nearly = disc(6e-3, 1.5e-3, Material("nearly", 1e16, 1.0 + 1e-9))
     perfect = replace(nearly, material=Material("perfect", math.inf))
-    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.45) for plate in (nearly, perfect))
+    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.45).change for plate in (nearly, perfect))
     np.testing.assert_allclose(found.real, exact.real, rtol=2e-2)
-    one, other = (eddy_currents(loops, [plate], 1e6, fineness=0.45)[0] for plate in (nearly, perfect))
+    one, other = (eddy_currents(loops, [plate], [1e6], fineness=0.45)[0][0] for plate in (nearly, perfect))
     assert (np.ptp(one.corners - other.corners, axis=1) < 1e-12).all()
     # both faces carry n × H; the perfect conductor's currents have it as their jump, for there is no field inside
     size = np.linalg.norm(np.cross(*np.moveaxis(one.corners[:, 1:] - one.corners[:, :1], 1, 0)), axis=1) / 2
@@ -82,7 +80,7 @@ def test_without_a_skin_it_is_a_perfect_conductor_between_layers(sheets, beside)
     nearly = replace(disc(6e-3, 1.5e-3, Material("nearly", 1e16, 1.0 + 1e-9)), tilt=0.1)
     perfect = replace(nearly, material=Material("perfect", math.inf))
     alone, found, exact = (
-        moving_plate(loops, plate, COINS[1:], [1e6], *around, fineness=0.3)
+        moving_plate(loops, plate, COINS[1:], [1e6], *around, fineness=0.3).change
         for plate, around in ((perfect, ()), (nearly, (sheets, beside)), (perfect, (sheets, beside)))
     )
     assert np.abs(found - exact).max() < 1.5e-2 * np.abs(exact).max()
@@ -101,7 +99,7 @@ def test_a_wide_disc_over_sheets_is_as_near_to_an_infinite_plate_as_in_air():
     )  # fmt: skip
     assert air == pytest.approx(1, abs=0.12)
     assert abs(over - air) < 1e-2
-    (currents,) = eddy_currents(loops, [wide, BACK], f[0], SHEETS, fineness=0.3)
+    ((currents,),) = eddy_currents(loops, [wide, BACK], f[:1], SHEETS, fineness=0.3)
     assert np.isfinite(currents.density).all()
 
 
@@ -110,7 +108,7 @@ def test_currents_without_charges_have_the_flux_of_the_plate_through_the_other_c
     """By reciprocity that of the potentials' energy: 0.8 % by the mesh, of a tilted disc below two loops."""
     loops, f = [loop(5e-3, -0.2e-3, 24), loop(4e-3, -0.5e-3, 24, (2e-3, 0.0))], [2e4]
     below = replace(disc(8e-3), centre=(1e-3, 0.0, -4e-3), tilt=0.1, tilt_direction=0.4)
-    ((one,),) = currents_alone(loops, [below], f, fineness=0.6)
+    ((one,),) = eddy_currents(loops, [below], f, fineness=0.6, alone=True)
     pieces = _pieces(one)  # their weights: real parts by loop, then imaginary ones
     steps, middles = pieces.stop - pieces.start, (pieces.start + pieces.stop) / 2
     flux = np.zeros((2, 4))
@@ -130,7 +128,7 @@ def test_axisymmetric_finite_elements():
     metal = AxialPlate(0.0, 10e-3, -1e-3, 1e-3, STEEL.conductivity, STEEL.relative_permeability)
     reference = np.array([axial_change([(a, -3e-3)], metal, f) for a in radii])
     paths = [loop(a, sides=180) for a in radii]
-    error = moving_plate_error(paths, disc(), COINS[:1], [f], fineness=0.7)
+    error = moving_plate(paths, disc(), COINS[:1], [f], fineness=0.7)
     change, said = error.change[0, 0], error.absolute[0, 0].diagonal()
     assert (np.abs(change.diagonal().real - reference.real) < said.real).all()
     assert (np.abs(change.diagonal().imag - reference.imag) < said.imag).all()
@@ -145,7 +143,7 @@ def test_two_parts_that_nearly_cancel_in_the_inductance_have_the_error_of_both()
     """Steel of µr 200, 24 skin depths, before three rings: ΔL is a sixth of ΔR/ω, and errs by 14 % of itself."""
     paths = [loop(radius, sides=180) for radius in (9e-3, 7e-3, 5e-3)]
     steel = FinitePlate("steel", Disc(6e-3), (0.0, 0.0, 2.5e-3), 1e-3, Material("steel", 7e6, 200.0))
-    error = moving_plate_error(paths, steel, [steel.centre], [1e5], fineness=0.7)
+    error = moving_plate(paths, steel, [steel.centre], [1e5], fineness=0.7)
     change, said = error.change.sum(), error.absolute.sum()
     assert abs(change.real - 0.91096e-9) < said.real < 0.25 * 0.91096e-9
     assert abs(-2e5 * np.pi * change.imag - 3.39628e-3) < 2e5 * np.pi * said.imag < 0.05 * 3.39628e-3
@@ -154,7 +152,7 @@ def test_two_parts_that_nearly_cancel_in_the_inductance_have_the_error_of_both()
 def test_a_bar_whose_corners_are_triangles_on_its_edge():
     """Three corners equally far from the edge: no place between them is nearer to it."""
     bar = FinitePlate("bar", Rectangle(3e-3, 0.86e-3), (0.0, 0.0, 2.9e-3), 0.8e-3, Material("steel", 5.3e6, 27.0))
-    change = moving_plate([loop(9e-3)], bar, [bar.centre], [50e3], fineness=0.4)
+    change = moving_plate([loop(9e-3)], bar, [bar.centre], [50e3], fineness=0.4).change
     assert (change.imag < 0).all()  # resistance is added; a warning of a division is an error here
 
 
@@ -172,8 +170,8 @@ def test_refusals():
     plain = replace(disc(), name="plain", material=MATERIALS["aluminium"], centre=(0.0, 0.0, 9e-3))
     line = "must be the only one with an outline; beside 'disc' there are plain"
     refused(MetalError, line, moving_plate, coil, plain, [plain.centre], [2e4], (), [disc()])
-    refused(MetalError, line, eddy_currents, coil, [plain, disc()], 2e4)
+    refused(MetalError, line, eddy_currents, coil, [plain, disc()], [2e4])
     through = replace(BACK, z=2.5e-3)
     line = "'disc' at .* reaches into 'back'"
     refused(GeometryError, line, moving_plate, coil, disc(), COINS, [2e4], (), [through])
-    refused(GeometryError, line, eddy_currents, coil, [disc(), through], 2e4)
+    refused(GeometryError, line, eddy_currents, coil, [disc(), through], [2e4])

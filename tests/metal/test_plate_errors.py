@@ -16,7 +16,7 @@ from support.thin_plates import thin_truth
 
 from coilarray.geometry import Ball, Material, Plate
 from coilarray.metal.ball import ball_inductance
-from coilarray.metal.finite_plates import moving_plate_error
+from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductance
 
 # quick ones of several kinds: discs, rings, rectangles, holes and slots, thick and thin, tilted, and iron
@@ -67,7 +67,7 @@ def test_stated_errors_cover(row):
     """Of ΔL and of ΔR apart."""
     case = Case.of_row(row)
     plate, ohms = case.plate, 2e3 * np.pi * case.frequency
-    error = moving_plate_error(case.paths, plate, [plate.centre], [case.frequency])
+    error = moving_plate(case.paths, plate, [plate.centre], [case.frequency])
     found, stated = error.change.sum(), error.absolute.sum()
     assert abs(found.real * 1e9 - float(row["dL_nH"])) <= stated.real * 1e9
     assert abs(-found.imag * ohms - float(row["dR_mOhm"])) <= stated.imag * ohms

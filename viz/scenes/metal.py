@@ -220,9 +220,8 @@ def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: 
     if not outlined:
         return []
     found: list[Phasors] = []
-    for plate, one in zip(
-        outlined, eddy_currents(design.array, plates, operation.frequency, design.sheets), strict=True
-    ):
+    (currents,) = eddy_currents(design.array, plates, [operation.frequency], design.sheets)
+    for plate, one in zip(outlined, currents, strict=True):
         density = np.tensordot(operation.currents, one.density, axes=1)
         half = len(density) // 2  # the upper half, then its mirror image in the same order
         upper, through = one.corners[:half], density[:half] + density[half:]

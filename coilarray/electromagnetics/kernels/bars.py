@@ -30,6 +30,8 @@ _ON_LINE = 1e-32  # of the distances to the ends; least r1 + r2 − length, so t
 
 _GAUSS_12 = np.polynomial.legendre.leggauss(12)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAUSS_12[1])
+_GAUSS_16 = np.polynomial.legendre.leggauss(16)
+_NODES_16, _WEIGHTS_16 = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarray(_GAUSS_16[1])
 
 
 @kernel
@@ -292,10 +294,6 @@ def filament_pair_far(
             inner += weights[j] / math.sqrt(rx * rx + ry * ry + rz * rz)
         total += weights[i] * inner
     return cosine * h1 * h2 * total
-
-
-_GAUSS_16 = np.polynomial.legendre.leggauss(16)
-_NODES_16, _WEIGHTS_16 = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarray(_GAUSS_16[1])
 
 
 @kernel

@@ -26,7 +26,7 @@ KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
     (bars.parallel_bars, (float64,) * 9),
     (paths._touching_parallel_bars, (_ROW, _ROW, *(float64,) * 4)),
     (far_pairs.batch_sum, (_ROW, int64, _TABLE)),
-    (sections.transverse_fields, (_TABLE, _INDICES, _TABLE, _TABLE, _TABLE, _INDICES, float64[:, :, ::1])),
+    (sections.transverse_fields, (_TABLE, _INDICES, *(_TABLE,) * 4)),
     (far_pairs.add_node_sums, (*(_TABLE,) * 5, _ROW)),
     (segments.add_magnetic_field, (_ROW, _ROW, _ROW, _TABLE, _INDICES, *(_ROW,) * 5)),
     (bars.bar_self, (float64,) * 3),

@@ -17,6 +17,11 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
+MOST_NODES = 32  # along one segment; pairs that need more are left to the closed forms
+APART = 7.6  # distance in widths from which two nodes across suffice, for each width: ln ρ ≥ 3.45 in `kernels.paths`
+CAPACITY = 4096  # nodes that are evaluated together, whose four arrays fit the caches
+_LANES = 8
+
 
 @kernel
 def add_node_sums(
@@ -48,12 +53,6 @@ def add_node_sums(
         for q in range(x.shape[0]):
             total += wx[q] * ax[q] + wy[q] * ay[q] + wz[q] * az[q]
         sums[m] += total
-
-
-MOST_NODES = 32  # along one segment; pairs that need more are left to the closed forms
-APART = 7.6  # distance in widths from which two nodes across suffice, for each width: ln ρ ≥ 3.45 in `kernels.paths`
-CAPACITY = 4096  # nodes that are evaluated together, whose four arrays fit the caches
-_LANES = 8
 
 
 def gauss_tables(most: int) -> tuple[FloatArray, FloatArray]:

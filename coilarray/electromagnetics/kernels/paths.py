@@ -55,6 +55,7 @@ _LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant t
 _LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
 _NO_SHIFT = np.zeros(3)
 INNER = 0.5 / math.sqrt(3.0)  # of a width: nodes of the two-point Gauss rule across it
+_NODES, _WEIGHTS = gauss_tables(MAX_NODES)
 
 
 def _triangle_tables() -> tuple[FloatArray, FloatArray]:
@@ -78,7 +79,6 @@ def _triangle_tables() -> tuple[FloatArray, FloatArray]:
     return nodes, weights
 
 
-_NODES, _WEIGHTS = gauss_tables(MAX_NODES)
 _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
@@ -348,6 +348,38 @@ def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, to
 
 
 @kernel
+def _offsets(
+    a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float, centre_distance: float,
+    near_widths: float, extra: int, rule: FloatArray,
+) -> int:  # fmt: skip
+    """Write the offsets of two bars by how they lie, none for parallel bars that touch.
+
+    (dx, dy, dz) leads from start to start. The centre lines alone are one offset of zero.
+    """
+    rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
+    size = max(a[10], b[10], a[11], b[11])
+    if size == 0.0 or centre_distance - 0.5 * (a[6] + b[6]) >= near_widths * size:
+        return 1
+    gx, gy, gz = closest_offset(dx, dy, dz, a, b)
+    distance = math.sqrt(gx * gx + gy * gy + gz * gz)
+    if distance >= near_widths * size:
+        return 1
+    parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
+    level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
+    if parallel and a[10] == b[10] and a[11] == b[11]:
+        if distance > NODE_PAIR * size:
+            return _two_node_rule(a, b, rule)
+        return _parallel_rule(a, b, gx, gy, gz, level, extra, rule)
+    if parallel and distance < size:
+        return 0
+    if distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
+        if abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size:
+            return _wide_corner_rule(a, b, cosine, level, extra, rule)
+        return _corner_rule(a, b, level, extra, rule)
+    return _angled_rule(a, b, distance, level, extra, rule)
+
+
+@kernel
 def bar_pair(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, rule: FloatArray
 ) -> float:
@@ -362,37 +394,15 @@ def bar_pair(
     if abs(cosine) < 1e-15:
         return 0.0
     dx, dy, dz, centre_distance = _between(a, b, shift)
+    count = _offsets(a, b, dx, dy, dz, cosine, centre_distance, near_widths, extra, rule)
+    if count == 0:
+        return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
     longest = max(a[6], b[6])
-    size = max(a[10], b[10], a[11], b[11])
-    nodes = 0
+    nodes = 0  # along distant filaments
     if centre_distance > 2.0 * longest:
         log_rho = _log_bernstein(2.0 * centre_distance / longest - 1.0, 0.0)
-        tolerance = _LOG_TOLERANCE_FILAMENTS if size == 0.0 else _LOG_TOLERANCE
+        tolerance = _LOG_TOLERANCE_FILAMENTS if max(a[10], b[10], a[11], b[11]) == 0.0 else _LOG_TOLERANCE
         nodes = min(math.ceil(-tolerance / (2.0 * log_rho)) + extra, MAX_NODES)
-    count = 1
-    rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
-    if size > 0.0 and centre_distance - 0.5 * (a[6] + b[6]) < near_widths * size:
-        gx, gy, gz = closest_offset(dx, dy, dz, a, b)
-        distance = math.sqrt(gx * gx + gy * gy + gz * gz)
-        if distance < near_widths * size:
-            parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
-            level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
-            if parallel and a[10] == b[10] and a[11] == b[11]:
-                if distance > NODE_PAIR * size:
-                    count = _two_node_rule(a, b, rule)
-                else:
-                    count = _parallel_rule(a, b, gx, gy, gz, level, extra, rule)
-            elif parallel and distance < size:
-                count = 0
-            elif distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
-                if abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size:
-                    count = _wide_corner_rule(a, b, cosine, level, extra, rule)
-                else:
-                    count = _corner_rule(a, b, level, extra, rule)
-            else:
-                count = _angled_rule(a, b, distance, level, extra, rule)
-            if count == 0:
-                return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
     total = 0.0
     weights = 0.0
     for k in range(count):

@@ -32,6 +32,10 @@ from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray, IntArr
 from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
+NEAR = 6.0  # sides of the larger cell up to which the closed form is used
+Trace = tuple[float, float, float, float]  # centre x and z, width and thickness
+Basis = tuple[FloatArray, FloatArray, FloatArray]  # cells, √area and currents of one trace (`response_basis`)
+
 
 def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Horizontal unit vectors u × z across segments (n, 3), and a mask of them.
@@ -62,9 +66,6 @@ def gauss_points(
     weight = 0.5 * np.concatenate([gauss[count][1] for count in counts]) * lengths[of_point]
     node = np.concatenate([gauss[count][0] for count in counts]) * np.maximum(1.0 - 1.0 / slender[of_point], 0.0)
     return of_point, weight, vertices[of_point] + 0.5 * (1.0 + node)[:, None] * steps[of_point]
-
-
-NEAR = 6.0  # sides of the larger cell up to which the closed form is used
 
 
 @kernel
@@ -140,47 +141,40 @@ def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: Fl
 
 @kernel
 def transverse_fields(
-    points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, starts: IntArray,
-    out: FloatArray,
-) -> None:  # fmt: skip
-    """Field H of unit current in every polyline along two axes, in 1/m.
+    points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, out: FloatArray
+) -> None:
+    """Field H of unit current in a polyline along two axes, in 1/m.
 
-    `points` on segments, `lateral` and `normal` have shape (n, 3). `own` (n,) is the row of `vertices` where the
-    point's own segment begins, which adds nothing. `vertices` (m, 3) holds all polylines, polyline c being rows
-    starts[c]:starts[c + 1]. `out` (n, polylines, 2) receives H·lateral and H·normal. The formula is from
+    `points` on segments, `lateral` and `normal` have shape (n, 3). `own` (n,) is the row of `vertices` (m, 3) where the
+    point's own segment begins, which adds nothing. `out` (n, 2) receives H·lateral and H·normal. The formula is from
     `kernels.segments`.
     """
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for c in range(starts.shape[0] - 1):
-            hx, hy, hz = 0.0, 0.0, 0.0
-            vx, vy, vz = x - vertices[starts[c], 0], y - vertices[starts[c], 1], z - vertices[starts[c], 2]
+        hx, hy, hz = 0.0, 0.0, 0.0
+        vx, vy, vz = x - vertices[0, 0], y - vertices[0, 1], z - vertices[0, 2]
+        b = math.sqrt(vx * vx + vy * vy + vz * vz)
+        for s in range(vertices.shape[0] - 1):
+            ux, uy, uz, a = vx, vy, vz, b
+            vx, vy, vz = x - vertices[s + 1, 0], y - vertices[s + 1, 1], z - vertices[s + 1, 2]
             b = math.sqrt(vx * vx + vy * vy + vz * vz)
-            for s in range(starts[c], starts[c + 1] - 1):
-                ux, uy, uz, a = vx, vy, vz, b
-                vx, vy, vz = x - vertices[s + 1, 0], y - vertices[s + 1, 1], z - vertices[s + 1, 2]
-                b = math.sqrt(vx * vx + vy * vy + vz * vz)
-                if s == own[i]:
+            if s == own[i]:
+                continue
+            dot = ux * vx + uy * vy + uz * vz
+            cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # u × v = d × u
+            if dot < 0.0:
+                c2 = cx * cx + cy * cy + cz * cz
+                if c2 == 0.0:
                     continue
-                dot = ux * vx + uy * vy + uz * vz
-                cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # u × v = d × u
-                if dot < 0.0:
-                    c2 = cx * cx + cy * cy + cz * cz
-                    if c2 == 0.0:
-                        continue
-                    factor = (a + b) * (a * b - dot) / (a * b * c2)
-                else:
-                    factor = (a + b) / (a * b * (a * b + dot))
-                hx += factor * cx
-                hy += factor * cy
-                hz += factor * cz
-            scale = 1.0 / (4.0 * math.pi)
-            out[i, c, 0] = scale * (hx * lateral[i, 0] + hy * lateral[i, 1] + hz * lateral[i, 2])
-            out[i, c, 1] = scale * (hx * normal[i, 0] + hy * normal[i, 1] + hz * normal[i, 2])
-
-
-Trace = tuple[float, float, float, float]  # centre x and z, width and thickness
-Basis = tuple[FloatArray, FloatArray, FloatArray]  # cells, √area and currents of one trace (`response_basis`)
+                factor = (a + b) * (a * b - dot) / (a * b * c2)
+            else:
+                factor = (a + b) / (a * b * (a * b + dot))
+            hx += factor * cx
+            hy += factor * cy
+            hz += factor * cz
+        scale = 1.0 / (4.0 * math.pi)
+        out[i, 0] = scale * (hx * lateral[i, 0] + hy * lateral[i, 1] + hz * lateral[i, 2])
+        out[i, 1] = scale * (hx * normal[i, 0] + hy * normal[i, 1] + hz * normal[i, 2])
 
 
 def cosine_edges(size: float, count: int) -> FloatArray:
