@@ -310,10 +310,7 @@ def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:
 
 
 def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
-    """Stiffness ∫(k u_z v_z + s u_r v_r) w of the seat, a Winkler foundation.
-
-    `unit` is length/stress of the stack.
-    """
+    """Stiffness ∫(k u_z v_z + s u_r v_r) w of a Winkler foundation, `unit` length/stress."""
     bottom = basis.boundary("bottom")
     normal, shear = seat.stiffness * unit, seat.shear * unit
 

@@ -115,10 +115,7 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
 
 
 def _filled(dent: Dent, permittivity: float) -> Dent:
-    """Sheets of one permittivity on electrodes, at rest.
-
-    Of their faces only the top affects the electric field.
-    """
+    """Sheets of one permittivity on electrodes, at rest, of which only the top counts."""
     faces = dent.displacement[:, [0, -1]]
     return replace(
         dent,

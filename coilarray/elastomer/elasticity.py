@@ -90,10 +90,7 @@ def elastic_grid(grid: ContactGrid) -> ElasticBody:
 
 
 def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray) -> tuple[Any, Any]:
-    """Matrices ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w.
-
-    q = 1, ξ and η in every element.
-    """
+    """Matrices ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w with q = 1, ξ and η in every element."""
     strain = _strains(basis, symmetry)
     trace = strain[:, :3].sum(axis=1)
     strain[:, :3] -= trace[:, None] / 3

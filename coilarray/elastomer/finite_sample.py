@@ -346,10 +346,7 @@ def _rows(stack: Stack, rows: int) -> FloatArray:
 
 
 class _Lift:
-    """Seat that only pushes, with the state at rest.
-
-    It holds the response of the box to forces on its bottom.
-    """
+    """Seat that only pushes, with the response of its bottom to forces and the state at rest."""
 
     def __init__(self, problem: _Problem) -> None:
         self._problem = problem

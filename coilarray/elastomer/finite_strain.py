@@ -452,10 +452,7 @@ class SoftBody:
 
 
 def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
-    """Solver of a symmetric sparse system that is nearly definite.
-
-    A singular system raises a RuntimeError.
-    """
+    """Solver of a nearly definite symmetric sparse system, RuntimeError if it is singular."""
     how = {"SymmetricMode": True}
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
 

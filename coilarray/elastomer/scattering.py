@@ -300,10 +300,7 @@ class Waves:
 
 
 class DentedSpace:
-    """Elements of flat sheets and air, with the energies' changes by a dent.
-
-    `moved` are the indices of the nodes that the dent affects.
-    """
+    """Elements of flat sheets and air with a dent, which affects the nodes `moved`."""
 
     def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None, base: Base = "open") -> None:
         self.dent, self.base = dent, base
@@ -373,10 +370,7 @@ class DentedSpace:
         return self._blocks(air.gradient, air.around)
 
     def energies(self, m: int, forces: FloatArray, blocks: Blocks | None = None) -> FloatArray:
-        """fᵀ a⁻¹ f of forces (nodes, n) on one harmonic, (n, n).
-
-        a are the energies of the dent, or given energies.
-        """
+        """fᵀ a⁻¹ f of forces (nodes, n) on a harmonic, a the dent's or given energies."""
         gradient, around = blocks or self._dented
         # on the axis the potential is zero, unless it is the same all round
         parts = self._parted.forces(forces)[: self._parted.columns - 1 - min(m, 1)]
@@ -435,10 +429,7 @@ def _faces(basis: Basis, dent: Dent) -> _Faces:
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z).
-
-    The map moves the contrasts and nothing beyond the anchors.
-    """
+    """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z), which moves nothing beyond the anchors."""
     heights, faces = dent.anchors(deepest)
     w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
     stretch, shear = np.zeros_like(r), np.zeros_like(r)
@@ -454,10 +445,7 @@ def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -
 
 
 class _Forms:
-    """Energies of all harmonics.
-
-    ∫ μ (a ∂rU ∂rV + b (∂rU ∂zV + ∂zU ∂rV) + c ∂zU ∂zV + a m²/r² U V) r dr dz
-    """
+    """Energies ∫ μ (a ∂rU ∂rV + b (∂rU ∂zV + ∂zU ∂rV) + c ∂zU ∂zV + a m²/r² U V) r dr dz."""
 
     def __init__(
         self, basis: Basis, mu: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, symmetry: str
@@ -523,10 +511,7 @@ def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) 
 
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
-    """Rectangles in (r, Z), even over the dent and the moved heights.
-
-    They grow outside, and begin at z = 0 if it is grounded.
-    """
+    """Rectangles in (r, Z), even over the dent and the moved heights, which grow outside."""
     heights, _ = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
     around = np.flatnonzero(moved > moved.max() / 2)[-1] + np.arange(2)  # neighbours, for a smoothly changing mesh

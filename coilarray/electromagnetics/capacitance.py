@@ -317,10 +317,7 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
 
 
 def _clear(cut: Cut, width: FloatArray, layer: IntArray) -> bool:
-    """Check that the turns of a cut are apart on every copper layer.
-
-    Beside a corner this is not always true. Widths are in m.
-    """
+    """Check that the turns of a cut, widths in m, are apart on every copper layer."""
     for number in np.unique(layer):
         on = np.flatnonzero(layer == number)
         if (np.diff(cut.across[on]) <= 0.5 * (width[on][1:] + width[on][:-1])).any():
@@ -329,20 +326,14 @@ def _clear(cut: Cut, width: FloatArray, layer: IntArray) -> bool:
 
 
 def _basis(stackup: Stackup, coil: Coil) -> int:
-    """Count the functions per strip.
-
-    Three suffice for traces up to twice the gap and the thinnest dielectric.
-    """
+    """Count the functions per strip: three up to twice the gap and thinnest dielectric."""
     widest = max(float(widths.max()) for widths in coil.widths)
     nearest = min(coil.gap, *stackup.dielectric_thickness) if stackup.dielectric_thickness else coil.gap
     return max(3, math.ceil(2 * math.sqrt(widest / nearest)))
 
 
 def _shares(line: IntArray, along: FloatArray, turns: Turns) -> FloatArray:
-    """Length in m that each cut trace stands for on its line.
-
-    It reaches half-way to the next cut, and to the ends of the turns.
-    """
+    """Length in m of its line for each cut trace, half-way to the next cut."""
     shares = np.zeros_like(along)
     for i in np.unique(line):
         on = np.flatnonzero(line == i)

@@ -93,10 +93,7 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
 
 
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils at z ≤ 0, once for each shape.
-
-    The wavenumbers are positive, in 1/m.
-    """
+    """Compute the spectra of coils at z ≤ 0 at wavenumbers in 1/m, once for each shape."""
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []

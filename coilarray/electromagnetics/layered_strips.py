@@ -302,10 +302,7 @@ def _add_tail(
 
 
 def _maxwell(A: FloatArray, label: IntArray, basis: int, *, grounded: bool) -> FloatArray:
-    """Capacitance of conductors from the strips' potentials A q.
-
-    Without ground there is no net charge.
-    """
+    """Capacitance of conductors from the strips' potentials A q, for no net charge without ground."""
     n = int(label.max()) + 1
     B = np.zeros((len(A), n))
     B[np.arange(len(label)) * basis, label] = 1.0

@@ -103,10 +103,7 @@ def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float)
 
 
 def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
-    """Group turns of each layer into ribbons from ray to ray about a pole.
-
-    They are wires thinner than the distance of planes.
-    """
+    """Group turns of each layer into ribbons, thinner than the distance of planes, between rays."""
     path = turns.path
     most, total = _RIBBONS
     for pole in turns.poles:
@@ -183,9 +180,6 @@ def _potentials(medium: LayeredMedium, wires: Sequence[_Wire]) -> FloatArray:
 
 
 def _floating(A: FloatArray, V: FloatArray) -> float:
-    """Twice the energy in J of wires without net charge.
-
-    Their potentials are V up to a common constant.
-    """
+    """Twice the energy in J of wires without net charge at potentials V up to a constant."""
     charge, raised = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), np.column_stack((V, np.ones_like(V)))).T
     return float(V @ charge - charge.sum() ** 2 / raised.sum())

@@ -156,10 +156,7 @@ def path_sums(
 
 
 def _same(extent: float, own: FloatArray) -> FloatArray:
-    """Largest difference in m between equal shapes or offsets.
-
-    It holds for paths as large as `own` in an array as large as `extent`.
-    """
+    """Largest difference in m between equal paths as large as `own` in an array of an `extent`."""
     rounded = 2.0 ** np.round(np.log2(own))  # copies that differ by rounding then have the same
     return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
 
@@ -190,10 +187,7 @@ class _Shape:
 
     @cached_property
     def seen_from_afar(self) -> FloatArray:
-        """Segments (m, 2, 3) that share the current.
-
-        They are the centre lines, or two per bar if its width counts.
-        """
+        """Segments (m, 2, 3) that share the current, two per bar if its width counts."""
         start, step = self.table[:, :3], self.table[:, 3:6] * self.table[:, 6:7]
         lines = np.stack((start, start + step), axis=1)
         width = np.sqrt(np.average(self.table[:, 10] ** 2, weights=self.table[:, 6]))
@@ -235,10 +229,7 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
 
 
 def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
-    """Distinct triples (shape, shape, shift) of pairs, and each pair's triple.
-
-    M(a, b, d) = M(b, a, −d).
-    """
+    """Distinct triples (shape, shape, shift) of pairs, with M(a, b, d) = M(b, a, −d), and their numbers."""
     steps = np.round(shift / quantum).astype(np.int64)
     example, number, turn = pair_classes(np.column_stack((a, b, steps)), np.column_stack((b, a, -steps)))
     turned = turn[example]

@@ -97,10 +97,7 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
 
 
 def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
-    """Rows of a part whose coordinates get the given signs.
-
-    The lateral direction stays to the left of the current.
-    """
+    """Rows of a part with mirrored coordinates, the lateral direction left of the current."""
     image = table.copy()
     image[:, :3] *= mirror
     image[:, 3:6] *= mirror
@@ -211,10 +208,7 @@ def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Su
 
 
 def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
-    """Cut pairs of paths into pairs of parts.
-
-    The mirror of the first part turns both back.
-    """
+    """Cut pairs of paths into pairs of parts, turned back by the mirror of the first part."""
     rows = []
     for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         P, Q = np.mgrid[parts.first[a] : parts.first[a + 1], parts.first[b] : parts.first[b + 1]].reshape(2, -1)
@@ -294,10 +288,7 @@ def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
 def _pair_sum(
     a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
 ) -> Callable[[int, int], float]:
-    """Sum function of rows start:stop of a part with another part.
-
-    The second part is mirrored and moved.
-    """
+    """Sum function of rows start:stop of a part with another, mirrored and moved part."""
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
 
     def between(start: int, stop: int) -> float:
@@ -318,10 +309,7 @@ def _pair_sum(
 
 
 def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
-    """Check whether a flat part is straight above or below its copy.
-
-    Then row i relates to row j as row j relates to row i.
-    """
+    """Check for a flat part above its copy, where rows i, j relate as rows j, i."""
     flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
     return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
 

@@ -306,10 +306,7 @@ def _mean_wave(c2: FloatArray) -> FloatArray:
 
 
 def wave_count(highest: float, extent: float) -> int:
-    """Count the nodes up to `highest` in 1/m that resolve an extent in m.
-
-    The rule has two nodes per period of e^{ikx}, and some more to converge.
-    """
+    """Count the nodes up to `highest` in 1/m, two per period, that resolve an extent in m."""
     return math.ceil(highest * extent / np.pi) + 20
 
 

@@ -304,7 +304,7 @@ class _Points:
     weight: FloatArray
 
     def field(self, vertices: FloatArray, *, own: bool) -> FloatArray:
-        """Field H of a polyline's unit current along width and thickness, (n, 2) in 1/m.
+        """Field H (n, 2) in 1/m of a unit current along width and thickness.
 
         The field of the path's `own` current leaves out the segment of the point.
         """

@@ -73,10 +73,7 @@ def outlined_below(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates | None:
-    """Solve the finite plates below the coils, or return None.
-
-    None without finite plates, or if one is magnetic. Arguments and errors are those of `backings_of`.
-    """
+    """Solve the finite plates below the coils, None without them or if one is magnetic."""
     require_below(plates, "an indentation or a sphere")
     outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
     if not outlines or any(plate.material.relative_permeability != 1 for plate in outlines):
@@ -122,10 +119,7 @@ def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple
 
 
 def _pieces(currents: EddyCurrents) -> Segments:
-    """Short pieces along x and y in the middles of all edges.
-
-    Their rule integrates quadratic fields exactly.
-    """
+    """Short pieces along x and y in the middles of edges, exact for quadratic fields."""
     corners = currents.corners
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     points = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2

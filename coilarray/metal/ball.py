@@ -307,10 +307,7 @@ def with_mirrored(
     thicknesses: Sequence[float],
     permeabilities: Sequence[float],
 ) -> FloatArray | ComplexArray:
-    """Multipoles (orders, k) of the coils' waves and their images.
-
-    Over a backing the multipoles of each `Backing.seen` lie beside each other.
-    """
+    """Multipoles (orders, k) of the coils' waves beside those of each `Backing.seen`."""
     if backing is None or not backing.layers:
         return field
     arriving = backing.arriving(wavenumbers, thicknesses, permeabilities)
@@ -318,10 +315,7 @@ def with_mirrored(
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:
-    """Strengths (1 − αS)⁻¹ α of the multipoles, (f, orders, orders).
-
-    S couples the multipoles by the reflection at the sheets.
-    """
+    """Strengths (1 − αS)⁻¹ α of the multipoles with reflections S, (f, orders, orders)."""
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
 

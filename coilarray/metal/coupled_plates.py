@@ -119,10 +119,7 @@ def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Ima
 
 @dataclass(frozen=True, eq=False)
 class PosedPlate:
-    """Plate on the board, with its impedances by frequency.
-
-    Its centres (places, 3) in m are all at one height.
-    """
+    """Plate at centres (places, 3) in m of one height, with its impedances by frequency."""
 
     body: EddyBody
     plate: FinitePlate
@@ -222,10 +219,7 @@ class PlatesInAir:
         return self.linked_with((plate,))[0]
 
     def linked_with(self, meshes: Sequence[PosedPlate]) -> list[ComplexArray]:
-        """Fluxes of the coils in several meshes of a plate.
-
-        Each has the shape (f, u, places, paths), in Wb/A.
-        """
+        """Fluxes (f, u, places, paths) in Wb/A of the coils in meshes of a plate."""
         plate, bodies = meshes[-1], [one.body for one in meshes]
         images = self.images_of_coils(plate)
         counts = [sum(parity.unknowns.shape[1] for parity in body.parities) for body in bodies]
@@ -268,10 +262,7 @@ class PlatesInAir:
         return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
 
     def images_of(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
-        """Images of a plate's currents as another or the same plate sees them.
-
-        Images whose field arrives directly are left out.
-        """
+        """Images of a plate's currents as a plate sees them, without direct fields."""
         wide = max(self._wide(source), self._wide(place))
         return self.air.images(self._gap(source), self._gap(place), wide)
 

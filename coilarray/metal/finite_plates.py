@@ -225,19 +225,13 @@ def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArra
 
 
 def _by_pairs(values: FloatArray) -> FloatArray:
-    """Products of the roots of the diagonals of matrices (…, n, n).
-
-    They are the sizes of entries that may be small by chance.
-    """
+    """Products of the diagonals' roots, the sizes of entries (…, n, n) small by chance."""
     root = np.sqrt(np.abs(np.diagonal(values, axis1=-2, axis2=-1)))
     return np.asarray(root[..., :, None] * root[..., None, :])
 
 
 def _negative(matrices: FloatArray) -> FloatArray:
-    """Remove the positive part that an extrapolation left.
-
-    The true matrices (…, n, n) are negative semidefinite.
-    """
+    """Remove the positive part that an extrapolation of negative semidefinite matrices left."""
     values, vectors = np.linalg.eigh(matrices)
     if values.max() <= 0:
         return matrices
@@ -258,10 +252,7 @@ def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexAr
 def _changes(
     around: PlatesInAir, meshes: Sequence[PosedPlate], fixed: Sequence[Sequence[PosedPlate]], progress: Progress | None
 ) -> list[ComplexArray]:
-    """ΔZ/jω in H by a non-magnetic plate, (positions, f, paths, paths) per mesh.
-
-    `fixed` are plates that do not move, each with as many meshes.
-    """
+    """ΔZ/jω in H by a non-magnetic plate beside `fixed` plates, for each of its meshes."""
     where, count = meshes[0].where, len(around.air.frequencies)
     shape = (len(where), count, len(around.paths), len(around.paths))
     found = [np.zeros(shape, dtype=np.complex128) for _ in meshes]
@@ -507,10 +498,7 @@ def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray,
 
 
 def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray) -> float:
-    """Length in m over which a plate's exciting field varies.
-
-    It is the least radius of the coils plus the least distance.
-    """
+    """Length in m over which a plate's field varies: least radius plus least distance."""
     radii = [np.sqrt(((path.vertices - path.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) for path in paths]
     heights = np.concatenate([path.vertices for path in paths]) @ plate.axes[2]
     away = np.abs(heights[:, None] - where @ plate.axes[2]).min() - plate.thickness / 2

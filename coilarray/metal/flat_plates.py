@@ -182,10 +182,7 @@ class _Around:
         return np.array([ways.get(kind, 2 * across - (self.top - self.bottom)) for kind in self.kinds])
 
     def damping(self, k: FloatArray) -> FloatArray:
-        """Decay of each kind of waves between both faces, (kinds, k).
-
-        The decay from path to face is not included.
-        """
+        """Decay of each kind of waves from face to face, (kinds, k)."""
         distances = [self.faces[0] - self.faces[1] if kind == (0, 1) else 0.0 for kind in self.kinds]
         return np.asarray(np.exp(-np.outer(distances, k)))
 
@@ -268,10 +265,7 @@ def _around(
 
 
 def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
-    """Return the upper face in m of plates below z = 0, and their layers.
-
-    The layers go downwards. Plates of air are left out.
-    """
+    """Return the upper face in m and the layers downwards of plates below z = 0."""
     stack = _below(plates, 0.0)
     return stack.face, stack.layers
 
@@ -292,10 +286,7 @@ def _below(plates: Sequence[Plate], top: float) -> _Stack:
 
 
 def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
-    """Combine layers at the heights of their faces in m, with the air between.
-
-    Air alone gives no layers.
-    """
+    """Combine layers at the heights of their faces in m, with the air between, none of air."""
     found = sorted(
         ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
     )
@@ -339,10 +330,7 @@ def _images(
 
 
 def _reflection(k: FloatArray, omega: FloatArray, stack: _Stack, distance: float) -> ComplexArray:
-    """Reflected part of waves, shape (f, n), at a distance in m from the face.
-
-    The wavenumbers k (n,) are in 1/m and the angular frequencies ω (f,) in 1/s.
-    """
+    """Reflected part of waves (f, n) at a distance in m from the face."""
     if not stack.layers:
         return np.zeros((len(omega), len(k)), dtype=np.complex128)
     return layer_waves(stack.layers, k, omega[:, None]).reflection * np.exp(-2 * k * distance)

@@ -98,10 +98,7 @@ class EddyBody:
 
     @cached_property
     def _edges(self) -> tuple[IntArray, IntArray]:
-        """Nodes at the ends of all edges (e, 2), and edges of triangles (k, 3).
-
-        The edges are opposite to the corners of each triangle.
-        """
+        """Ends of all edges (e, 2), and edges (k, 3) opposite to each triangle's corners."""
         ends = np.stack((np.roll(self.mesh.triangles, -1, axis=1), np.roll(self.mesh.triangles, -2, axis=1)), axis=-1)
         edges, number = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
         return edges, number.reshape(-1, 3)
@@ -199,10 +196,7 @@ class EddyBody:
 
     @property
     def points(self) -> FloatArray:
-        """Points in m about the centre at which a field is needed.
-
-        They are nodes and middles of the edges, the mirror images of both, and the points of the holes.
-        """
+        """Points in m about the centre of nodes, middles of edges, their images, and holes."""
         mesh, edges = self.finest.mesh, self.finest._edges[0]
         caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in mesh.caps]
         half = np.concatenate((mesh.nodes, mesh.nodes[edges].mean(axis=1)))
@@ -214,10 +208,7 @@ class EddyBody:
         return np.concatenate((self.mesh.corners, self.mesh.corners * MIRROR))
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
-        """Fluxes b of even and of odd currents, (u, fields), for B at `points`.
-
-        B (fields, points, 3) is in T.
-        """
+        """Fluxes b of even and of odd currents, (u, fields), for B (fields, points, 3) in T."""
         fluxes, caps = self.finest.fluxes, self.finest.mesh.caps
         n = fluxes[0].shape[1]
         starts = np.cumsum([2 * n, *(len(weights) for _, weights in caps)])

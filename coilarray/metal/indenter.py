@@ -51,10 +51,7 @@ class SphereInDent:
 def sphere_in_dent(
     dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
 ) -> SphereInDent:
-    """Solve the dented sheets for a sphere about the dent's axis.
-
-    Its radius and height are in m, the `wavenumbers` (k,) of the coils' field in 1/m.
-    """
+    """Solve the dented sheets for a sphere on the dent's axis, lengths in m, k in 1/m."""
     space = DentedSpace(dent, mesh)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes

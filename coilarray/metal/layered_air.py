@@ -92,10 +92,7 @@ ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))  # the source itself, in
 
 @dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Infinite layers upwards and the air between them, at frequencies (f,) in Hz.
-
-    Their lower and upper faces (n, 2) are in m.
-    """
+    """Infinite layers upwards, faces (n, 2) in m, and the air between, frequencies in Hz."""
 
     layers: tuple[Layer, ...]
     faces: FloatArray
@@ -109,10 +106,7 @@ class LayeredAir:
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
-        """Find the gap, from below, that contains heights from `low` to `high` in m.
-
-        Raises MetalError if there is none.
-        """
+        """Find the gap, from below, that contains all heights in m, or raise MetalError."""
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
         if low < floor - TOUCHING or high > roof + TOUCHING:

@@ -59,10 +59,7 @@ _AT_EDGE = 0.5  # skin depths on either side of an edge
 
 
 def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[FinitePlate]) -> None:
-    """Raise MetalError for magnetic plates that are not computed.
-
-    `others` are the finite plates beside.
-    """
+    """Raise MetalError for a magnetic plate, beside others, that is not computed."""
     depth = max(plate.material.skin_depth(f) for f in frequencies.tolist())
     if plate.thickness < _DEPTHS * depth:
         raise MetalError(
@@ -166,10 +163,7 @@ class Potentials:
         return found
 
     def energy(self, stiff: sp.csr_array, outside: ComplexArray) -> FloatArray:
-        """µ0 ∫ |H_t|² in H/m, (places, paths), on a part of the surface.
-
-        It follows from the `stiffness` of the part and φ in A.
-        """
+        """µ0 ∫ |H_t|² (places, paths) in H/m on a part of given `stiffness`, for φ in A."""
         total, n = self.u + outside, stiff.shape[0]
         on_nodes = np.asarray(self.basis @ total.reshape(len(total), -1))
         halves = (on_nodes[:n], on_nodes[n:])
@@ -186,10 +180,7 @@ class Potentials:
 
 
 def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potentials:
-    """Even (sign 1) or odd potentials on a body in air.
-
-    `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths), come from `EddyBody.linked_to`.
-    """
+    """Even (sign 1) or odd potentials in air, for loads of `EddyBody.linked_to`."""
     used, basis = _basis(body, sign)
     V, rest, W = exterior(body, sign)
     S = stiffness(body)[used][:, used]
@@ -216,10 +207,7 @@ def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
 
 
 def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
-    """∫ ∇v·∇v' over a share of each triangle of both halves, (n, n).
-
-    The potentials on both halves are equal.
-    """
+    """∫ ∇v·∇v' over a share of each triangle of both halves, (n, n), equal on both."""
     areas = sp.diags_array(2 * body.areas * shares)
     return sp.csr_array(sum(G.T @ areas @ G for G in body.gradients))
 
@@ -247,10 +235,7 @@ def _means(body: EddyBody) -> sp.csr_array:
 
 
 def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
-    """Potentials at every frequency.
-
-    Even and odd potentials are separate, but together between layers, which couple them.
-    """
+    """Potentials at every frequency, even and odd separately unless layers couple them."""
     body, count = plate.body, len(around.air.frequencies)
     if not around.air.layers:
         loads = _loads(around.paths, plate, [ITSELF], ALONE)
@@ -296,10 +281,7 @@ def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
 
 
 def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
-    """Return the upper half's free nodes and their map to both halves.
-
-    An odd potential is 0 on the rim.
-    """
+    """Return the upper half's free nodes, without the rim if odd, and their map to both halves."""
     n = len(body.mesh.nodes)
     used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
     upper = sp.eye_array(n, format="csr")[:, used]
@@ -390,10 +372,7 @@ def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, coun
 def _loads(
     paths: Sequence[Conductor], plate: PosedPlate, images: Sequence[Image], weights: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """`EddyBody.linked_to` for even and odd potentials, (sums, nodes, places, paths).
-
-    The fields are sums of the images of the paths with `weights` (sums, images).
-    """
+    """`EddyBody.linked_to` (sums, nodes, places, paths) of images' sums, by parity."""
     body, n = plate.body, len(plate.body.mesh.nodes)
     count = len(weights) * len(plate.where) * len(paths)
     require_memory(8.0 * 8 * n * count, f"a plate at {len(plate.where)} places", "compute fewer")

@@ -215,10 +215,7 @@ class _Layout:
         )
 
     def _parents(self, edges: IntArray) -> IntArray:
-        """Nodes between which each node of the body lies after refinement.
-
-        `edges` has the pairs of new inner nodes.
-        """
+        """Nodes between which each refined node lies, `edges` of new inner nodes."""
         width, levels = sum(map(len, self.places)), len(self.depths)
         column = np.concatenate([_interleaved(loop, loop) for loop in self.order])
         after = np.concatenate([_interleaved(loop, np.roll(loop, -1)) for loop in self.order])
@@ -410,10 +407,7 @@ class _Rim:
         return points, normals / np.hypot(*normals.T)[:, None]
 
     def chords(self, places: FloatArray) -> FloatArray:
-        """Corners (n, 2) in m of a polygon at places (n,) in m.
-
-        It has about the same area as the ring, so that the corners lie outside a curve.
-        """
+        """Corners (n, 2) in m at places (n,) in m of a polygon of the ring's area."""
         points, normals = self.at(places)
         side = np.searchsorted(self.ends, places % self.length, side="right") - 1
         start = self.corners[side]
@@ -428,10 +422,7 @@ class _Rim:
         return np.asarray(points - np.where(turned, 0.0, out)[:, None] * normals)
 
     def samples(self, step: float) -> FloatArray:
-        """Places in m at most a `step` apart, with the corners.
-
-        Some places are between two sharp corners.
-        """
+        """Places in m at most a `step` apart, with the corners and some between sharp ones."""
         sharp = self.ends[self.sharp]
         between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
         steps = np.minimum(step, (between / 6)[np.searchsorted(sharp, self.ends[:-1], side="right") - 1])
@@ -445,10 +436,7 @@ class _Rim:
 def _divided(
     rims: Sequence[_Rim], wanted: Sizes, fineness: float, height: float
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Places in m of the nodes on all rims, and distances to their own rim.
-
-    They follow from the local width, the corners and the required sizes.
-    """
+    """Places in m of the nodes on all rims, and distances to their own rim."""
     whole = sum(rim.length for rim in rims)
     places = [rim.samples(whole / _SAMPLES) for rim in rims]
     found = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
@@ -503,10 +491,7 @@ def _section(
     fewest: int,
     fineness: float,
 ) -> FloatArray:
-    """Divide a rim between two places in m.
-
-    The pieces follow from sizes and radii (n,) in m at `places`, and from its turns.
-    """
+    """Divide a rim between two places in m by sizes, radii and turns."""
     fine = np.linspace(start, stop, 1 + max(64, 4 * math.ceil((stop - start) / float(sizes.min()))))
     middles = (fine[1:] + fine[:-1]) / 2
     pieces = np.diff(fine) / np.interp(middles, places, sizes, period=rim.length)
@@ -614,10 +599,7 @@ def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Si
 
 
 def _with_sides(points: FloatArray, triangles: IntArray, sides: Sequence[tuple[int, int]]) -> IntArray:
-    """Exchange diagonals of a triangulation until it has all `sides`.
-
-    The method is S. W. Sloan's (1993).
-    """
+    """Exchange diagonals of a triangulation until it has all `sides` (S. W. Sloan, 1993)."""
     found = [tuple(three) for three in triangles.tolist()]
     beside: dict[tuple[int, int], set[int]] = {}
     for k, three in enumerate(found):
@@ -671,10 +653,7 @@ def _with_middles(values: FloatArray) -> FloatArray:
 
 
 def _band(upper: IntArray, lower: IntArray) -> IntArray:
-    """Triangles between two closed rows of as many nodes.
-
-    `lower` is to the right of `upper` in its direction.
-    """
+    """Triangles between two closed rows of as many nodes, `lower` right of `upper`."""
     after, below = np.roll(upper, -1), np.roll(lower, -1)
     return np.concatenate((np.column_stack((upper, lower, below)), np.column_stack((upper, below, after))))
 

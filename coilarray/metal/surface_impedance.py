@@ -47,10 +47,7 @@ _DEEP = 20.0  # real part of γt/2, beyond which tanh is 1
 
 @dataclass(frozen=True)
 class SurfaceImpedance:
-    """λ = Z/jω in H of faces and rim.
-
-    The faces have values for even and odd fields, the rim for currents along it and across it.
-    """
+    """λ = Z/jω in H of faces for even and odd fields, and of the rim along and across."""
 
     even: complex
     odd: complex
@@ -59,10 +56,7 @@ class SurfaceImpedance:
 
 
 def surface_impedance(material: Material, thickness: float, frequency: float, kappa: float) -> SurfaceImpedance:
-    """Compute the impedances of a plate that is not magnetic.
-
-    Thickness in m and frequency in Hz, positive, κ in 1/m.
-    """
+    """Compute the impedances of a plate that is not magnetic, in m, Hz and 1/m."""
     if math.isinf(material.conductivity):
         return SurfaceImpedance(0, 0, 0, 0)
     even, odd = _faces(material, thickness, frequency, kappa)
@@ -132,10 +126,7 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
 
 
 def own_share(material: Material, thickness: float, frequency: float, kappa: float) -> float:
-    """Share of the field of currents at κ in 1/m in their driving field.
-
-    The share is 1 for a perfect conductor.
-    """
+    """Share of currents' own field at κ in 1/m in their driving field, 1 in perfect conductors."""
     if math.isinf(material.conductivity):
         return 1.0
     even, _ = _faces(material, thickness, frequency, kappa)

@@ -36,10 +36,7 @@ _NODES_16, _WEIGHTS_16 = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarra
 
 @kernel
 def _second_integral(z: float, rho2: float) -> float:
-    """Second antiderivative of 1/√(z² + ρ²), even in z.
-
-    It is z asinh(z/ρ) − √(z² + ρ²) for z ≥ 0 and ρ > 0.
-    """
+    """Second antiderivative z asinh(z/ρ) − √(z² + ρ²) of 1/√(z² + ρ²), for z ≥ 0, ρ > 0."""
     r = math.sqrt(z * z + rho2)
     return 0.5 * z * log_of_ratio((r + z) * (r + z), rho2, z / r) - r
 
@@ -52,10 +49,7 @@ def _second_integral_on_the_line(z: float) -> float:
 
 @kernel
 def parallel_filaments(rho: float, offset: float, length_1: float, length_2: float) -> float:
-    """Neumann's integral ∬ dz dz'/R of two parallel filaments.
-
-    They lie along z, at [0, length_1] and [offset, offset + length_2], a distance `rho` apart.
-    """
+    """Integral ∬ dz dz'/R over [0, length_1] and `offset` + [0, length_2], `rho` apart."""
     z0, z1, z2, z3 = offset + length_2, offset, offset + length_2 - length_1, offset - length_1
     if rho == 0.0:
         return (
@@ -274,10 +268,7 @@ def filament_pair_far(
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
     nodes: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip
-    """Compute `filament_pair` by a Gauss rule on [−1, 1] along both.
-
-    The filaments must be farther apart than they are long.
-    """
+    """Compute `filament_pair` by a Gauss rule along both, at distances above their lengths."""
     cosine = ux * vx + uy * vy + uz * vz
     h1, h2 = 0.5 * length_1, 0.5 * length_2
     dx = q0x + h2 * vx - p0x - h1 * ux
@@ -370,10 +361,7 @@ def _cell(
 def _offset_density(
     start_1: float, size_1: float, start_2: float, size_2: float, edges: FloatArray, lines: FloatArray
 ) -> None:
-    """Density of x2 − x1 for variables that are uniform on two intervals.
-
-    It has 4 edges and the 3 lines a + b x between them.
-    """
+    """Density of x2 − x1 for variables uniform on intervals: 4 edges and 3 lines a + b x."""
     d = start_2 - start_1
     small, large = min(size_1, size_2), max(size_1, size_2)
     edges[0] = d - size_1

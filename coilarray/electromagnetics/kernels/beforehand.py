@@ -38,10 +38,7 @@ KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
 
 
 def compile_kernels() -> None:
-    """Compile each kernel for the argument types of a report.
-
-    Nothing is done if numba is switched off.
-    """
+    """Compile each kernel for the argument types of a report."""
     for made, arguments in KERNELS:
         if isinstance(made, CPUDispatcher):
             made.compile(tuple(arguments))

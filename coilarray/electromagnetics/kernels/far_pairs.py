@@ -67,20 +67,14 @@ _NODES, _WEIGHTS = gauss_tables(MOST_NODES)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:
-    """Least distances in segment lengths for n nodes, entry n.
-
-    From there n nodes along a segment keep an error of e^`log_tolerance`.
-    """
+    """Least distances in segment lengths at which n nodes, entry n, err by e^`log_tolerance`."""
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
 
 
 @kernel
 def node_count(distance: float, length: float, least: FloatArray) -> int:
-    """Count the nodes along a segment by `least_distances`.
-
-    The count is MOST_NODES + 1 if they are too few.
-    """
+    """Count the nodes along a segment by `least_distances`, at most MOST_NODES + 1."""
     for n in range(2, MOST_NODES + 1):
         if distance >= least[n] * length:
             return n

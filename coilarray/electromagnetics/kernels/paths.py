@@ -59,10 +59,7 @@ _NODES, _WEIGHTS = gauss_tables(MAX_NODES)
 
 
 def _triangle_tables() -> tuple[FloatArray, FloatArray]:
-    """Gauss rules on [−1, 1] for the density 1 − |x|.
-
-    They follow from Stieltjes' recurrence and Golub & Welsch (1969).
-    """
+    """Gauss rules for 1 − |x| on [−1, 1] by Stieltjes' recurrence (Golub & Welsch 1969)."""
     half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for the integrands of the recurrence
     x = np.concatenate((0.5 * (half - 1.0), 0.5 * (half + 1.0)))
     density = np.tile(0.5 * weight, 2) * (1.0 - np.abs(x))
@@ -96,10 +93,7 @@ def _same_side(a: FloatArray, b: FloatArray) -> float:
 
 @kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
-    """Vector from start to start of two bars, and distance of their middles.
-
-    The second bar is moved.
-    """
+    """Vector from start to start of a bar and a moved bar, and distance of their middles."""
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
     first, second = 0.5 * a[6], 0.5 * b[6]
     mx, my, mz = dx + second * b[3] - first * a[3], dy + second * b[4] - first * a[4], dz + second * b[5] - first * a[5]
@@ -124,10 +118,7 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
 
 @kernel
 def _log_bernstein(x: float, y: float) -> float:
-    """Logarithm ln ρ of the Bernstein ellipse of [−1, 1] through x + iy.
-
-    A Gauss rule of n nodes errs like ρ^(−2n).
-    """
+    """Logarithm ln ρ of the Bernstein ellipse through x + iy, where n nodes err like ρ^(−2n)."""
     return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
         max(0.25 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) ** 2 - 1.0, 0.0)
     ))  # fmt: skip
@@ -137,10 +128,7 @@ def _log_bernstein(x: float, y: float) -> float:
 def _set_offset(
     rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
 ) -> None:
-    """Write row k of a rule.
-
-    The filaments are s and t to the side of the middles of two bars, and h above each other.
-    """
+    """Write row k: filaments s and t beside the middles of two bars, h above each other."""
     rule[k, 0] = weight
     rule[k, 1] = t * b[7] - s * a[7] + h * normal[0]
     rule[k, 2] = t * b[8] - s * a[8] + h * normal[1]
@@ -313,10 +301,7 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
 
 @kernel
 def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
-    """Exact integral of touching parallel bars, without their tilt.
-
-    (dx, dy, dz) leads from start to start.
-    """
+    """Exact integral of touching parallel bars without tilt, starts (dx, dy, dz) apart."""
     sign = 1.0 if cosine > 0.0 else -1.0
     # The start of the second bar that comes first along the first bar, and its middle.
     ex = dx + (0.0 if cosine > 0.0 else b[6] * b[3])
@@ -503,8 +488,5 @@ def mutual_sum(
 def own_mutual_sum(
     path: FloatArray, start: int, stop: int, near_widths: float, extra: int, shift: FloatArray = _NO_SHIFT
 ) -> float:
-    """Twice the sum of `bar_pair` over one path's pairs i < j.
-
-    start ≤ i < stop, and j is moved by `shift`.
-    """
+    """Twice the sum of `bar_pair` over pairs i < j of a path, j moved by `shift`."""
     return 2.0 * _rows_sum(path, path, shift, start, stop, near_widths, extra, True)

@@ -38,10 +38,7 @@ Basis = tuple[FloatArray, FloatArray, FloatArray]  # cells, √area and currents
 
 
 def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Horizontal unit vectors u × z across segments (n, 3), and a mask of them.
-
-    The mask (n,) is of the segments that are not vertical.
-    """
+    """Horizontal unit vectors u × z across segments (n, 3), and a mask of those not vertical."""
     steps = np.diff(vertices, axis=0)
     across = np.hypot(steps[:, 0], steps[:, 1])
     flat = across > 1e-9 * np.linalg.norm(steps, axis=1)
@@ -83,10 +80,7 @@ def _antiderivative(x: float, z: float) -> float:
 
 @kernel
 def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
-    """Moments of the offset between points of two cells.
-
-    They are the difference of the variances, halved, and the fourth cumulants, divided by four.
-    """
+    """Halved difference of the variances, and quarter of the cumulants, of two cells' offset."""
     a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
     sx, sz = (a1 + a2) / 12.0, (b1 + b2) / 12.0
     fourth = (a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2) / 80.0 + (a1 * a2 + b1 * b2) / 24.0 - 6.0 * sx * sz
@@ -95,10 +89,7 @@ def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
 
 @kernel
 def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
-    """Mean of ln r between distant cells (x, z) apart by `_moments`.
-
-    Without a branch, many are computed at once.
-    """
+    """Mean of ln r of cells (x, z) apart by `_moments`, without a branch."""
     r2 = x * x + z * z
     inverse = 1.0 / r2
     cosine, sine = (x * x - z * z) * inverse, 2.0 * x * z * inverse

@@ -84,10 +84,7 @@ def _area(t: FloatArray) -> float:
 
 @kernel
 def _moments(t: FloatArray, out: FloatArray) -> None:
-    """Centroid, second moments and radius of a triangle.
-
-    The second moments xx, yy, zz, xy, yz, zx are over the area, the radius is about the centroid.
-    """
+    """Centroid, second moments xx, yy, zz, xy, yz, zx over the area, and radius of a triangle."""
     for a in range(3):
         out[a] = (t[0, a] + t[1, a] + t[2, a]) / 3.0
     for a in range(3):
@@ -118,10 +115,7 @@ def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
 
 @kernel
 def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
-    """Potential ∫ dA'/|x − x'| of one triangle.
-
-    It is Σ over its edges of p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (their angles at x).
-    """
+    """Potential ∫ dA'/|x − x'|, Σ p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (angles) over edges."""
     nx, ny, nz, _ = _normal(t)
     d = abs((x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz)
     total = 0.0
@@ -159,10 +153,7 @@ def _edge(
 
 @kernel
 def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> float:
-    """Integrate dl/r along an edge.
-
-    Its ends are at `start` and `stop` on its line, and at `ra` and `rb` from the point.
-    """
+    """Integrate dl/r along an edge from `start` to `stop`, `ra` and `rb` from the point."""
     if start > 0.0:
         return math.log((rb + stop) / (ra + start))
     if stop < 0.0:
@@ -208,10 +199,7 @@ def double_layers(
 
 @kernel
 def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
-    """Double-layer integrals of a triangle's three linear functions.
-
-    They are ∫ λ_c n·(x − x')/|x − x'|³ dA', and 0 in the plane of the triangle.
-    """
+    """Integrals ∫ λ_c n·(x − x')/|x − x'|³ dA' of a triangle's linear functions, 0 in its plane."""
     nx, ny, nz, double = _normal(t)
     d = (x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz
     out[0] = out[1] = out[2] = 0.0
