@@ -30,10 +30,7 @@ def digest_of(*values: object) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value in the form of JSON.
-
-    Dataclasses become lists that begin with the name of the class.
-    """
+    """Return a value in the form of JSON. Dataclasses become lists that begin with the name of the class."""
     match value:
         case bool() | str() | None:
             return value

@@ -1,7 +1,4 @@
-"""Names of the export formats of a board.
-
-The module loads nothing else.
-"""
+"""Names of the export formats of a board. The module loads nothing else."""
 
 from __future__ import annotations
 

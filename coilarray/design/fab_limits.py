@@ -1,7 +1,4 @@
-"""The table ``[fab]`` of a design file.
-
-It names the bundled profiles of board houses.
-"""
+"""The table ``[fab]`` of a design file. It names the bundled profiles of board houses."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Read-out of a design: ``[readout]``.
-
-It has the settings that noise and drift of the readings depend on.
-"""
+"""Read-out of a design: ``[readout]``. It has the settings that noise and drift of the readings depend on."""
 
 from __future__ import annotations
 
@@ -186,10 +183,7 @@ class Readout:
 
     @property
     def frequency_noise(self) -> float:
-        """Relative standard deviation of one conversion's frequency.
-
-        The sensor's own noise is not included.
-        """
+        """Relative standard deviation of one conversion's frequency. The sensor's own noise is not included."""
         return math.hypot(self.resolution_noise, self.jitter_noise)
 
 

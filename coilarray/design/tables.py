@@ -215,10 +215,7 @@ class StateTable(Table):
     """Load resistance of a coil that is loaded."""
 
     def build(self, terminations: Mapping[str, Passive]) -> ScanState:
-        """Return the state.
-
-        Coils that it does not mention have their terminations from ``[circuit]``.
-        """
+        """Return the state. Coils that it does not mention have their terminations from ``[circuit]``."""
         measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
         if self.others is None:
             return terminated_state(self.name, measured, terminations, self.connection, self.exceptions, self.load_ohm)

@@ -1,7 +1,4 @@
-"""Search, reading and error messages of TOML files.
-
-Every error is described in one line.
-"""
+"""Search, reading and error messages of TOML files. Every error is described in one line."""
 
 from __future__ import annotations
 
@@ -48,19 +45,13 @@ class TomlFiles:
         return tuple(sorted(name.removesuffix(".toml") for name in found if name.endswith(".toml")))
 
     def read(self, name: str) -> str:
-        """Text of a file in the package.
-
-        Another name raises a KeyError.
-        """
+        """Text of a file in the package. Another name raises a KeyError."""
         if name not in self.names():
             raise KeyError(name)
         return resources.files(self.package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
 
     def text(self, name_or_path: str | Path) -> str:
-        """Text of a file or of a bundled file.
-
-        A file has priority over the name of a file in the package.
-        """
+        """Text of a file or of a bundled file. A file has priority over the name of a file in the package."""
         given = str(name_or_path)
         cut = given[:_LONGEST_NAME]
         if not given:
@@ -92,10 +83,7 @@ class TomlFiles:
         return f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:
-        """Return the tables of a file.
-
-        `origin` names it in messages.
-        """
+        """Return the tables of a file. `origin` names it in messages."""
         try:
             tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:

@@ -118,10 +118,7 @@ def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[
 
 
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
-    """Copy a table or list with one entry set.
-
-    Everything beside the entry is shared.
-    """
+    """Copy a table or list with one entry set. Everything beside the entry is shared."""
     if isinstance(table, list):
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
             numbers = "0" if len(table) == 1 else f"a number from 0 to {len(table) - 1}"
@@ -136,10 +133,7 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
-    """Return the new value of an entry.
-
-    The parts that are left of its key lead further into the entry.
-    """
+    """Return the new value of an entry. The parts that are left of its key lead further into the entry."""
     if parts:
         return _with_entry({} if present is None else present, parts, value, key)
     tables = present if isinstance(present, list) else [present]
@@ -149,20 +143,14 @@ def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _some_entry(table: Any) -> str:
-    """Return a possible end of the key of a table.
-
-    A list of tables works too.
-    """
+    """Return a possible end of the key of a table. A list of tables works too."""
     if isinstance(table, list):
         return f"0.{_some_entry(table[0])}"
     return next(iter(table), "…")
 
 
 def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
-    """Count the parts that make a key of the table.
-
-    The key may have dots itself. The result is 0 if no key matches.
-    """
+    """Count the parts that make a key of the table. The key may have dots itself. The result is 0 if no key matches."""
     return next((count for count in range(len(parts), 0, -1) if ".".join(parts[:count]) in table), 0)
 
 

@@ -30,10 +30,7 @@ def metal_words(design: Design) -> str:
 
 
 def design_facts(design: Design) -> list[tuple[str, str]]:
-    """Return a design as rows of names and values.
-
-    The values are in words. Missing parts are left out.
-    """
+    """Return a design as rows of names and values. The values are in words. Missing parts are left out."""
     setup, switches = design.indentation, design.circuit.switches
     tank = display_unit("F").text(switches.tank_capacitance, ".4")
     sheets = [f"{sheet.name} {MM.text(sheet.thickness, '.4')}" for sheet in design.sheets]
@@ -62,10 +59,7 @@ def file_facts(file: DesignFile) -> list[tuple[str, str]]:
 
 
 def design_html(design: Design, more: list[tuple[str, str]] | None = None) -> str:
-    """Return a design in the form of a notebook.
-
-    More rows may be added at the end.
-    """
+    """Return a design in the form of a notebook. More rows may be added at the end."""
     title = f"{design.name}: {design.title}" if design.title not in ("", design.name) else design.name
     rows = [*design_facts(design), *(more or [])]
     return html_card(title, array_picture(design.array, title), html_table((), rows))

@@ -335,10 +335,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return δ and its axes x, y and depth, checked.
-
-    δ has the axes x, y, depth, state.
-    """
+    """Return δ and its axes x, y and depth, checked. δ has the axes x, y, depth, state."""
     delta = response["delta"].transpose("x", "y", "depth", "state").values
     x, y, depth = (response[name].values for name in PARAMETERS)
     for name, axis in (("x", x), ("y", y)):

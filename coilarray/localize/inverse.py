@@ -95,18 +95,12 @@ class Mode:
 
     @property
     def covariance(self) -> FloatArray:
-        """Inverse of the information in m², see `covariance_of`.
-
-        It has the shape (unknowns, unknowns).
-        """
+        """Inverse of the information in m², see `covariance_of`. It has the shape (unknowns, unknowns)."""
         return covariance_of(self.information)
 
     @property
     def deviations(self) -> FloatArray:
-        """Standard deviations of x, y and depth in m.
-
-        They have the shape (unknowns,).
-        """
+        """Standard deviations of x, y and depth in m. They have the shape (unknowns,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
@@ -172,10 +166,7 @@ class Location:
 
     @property
     def best(self) -> Mode:
-        """Most likely mode.
-
-        Raises LocalizeError if there is none.
-        """
+        """Most likely mode. Raises LocalizeError if there is none."""
         if not self.modes:
             raise LocalizeError(f"there is no position: {self.reason}")
         return self.modes[0]
@@ -368,10 +359,7 @@ def _solve_block(
 
 @dataclass(frozen=True, eq=False)
 class _Minima:
-    """Minima of χ² in the likelihood region, a row each.
-
-    They are ordered by reading and then from the best.
-    """
+    """Minima of χ² in the likelihood region, a row each. They are ordered by reading and then from the best."""
 
     owner: IntArray
     points: FloatArray
@@ -497,10 +485,7 @@ def _quantile(freedom: int, confidence: float) -> float:
 
 
 def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
-    """Return δ of a reading in the states' order.
-
-    Shape (states,). Raises LocalizeError as `locate`.
-    """
+    """Return δ of a reading in the states' order. Shape (states,). Raises LocalizeError as `locate`."""
     if isinstance(reading, Mapping):
         for name in reading:
             if name not in states:

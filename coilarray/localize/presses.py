@@ -130,10 +130,7 @@ class PressDetector:
         return np.array([delta.get(name, math.nan) for name in self._names])
 
     def _deviation(self, line: _Line, values: FloatArray) -> tuple[FloatArray, float, float]:
-        """Return deviations from a line, their rms and its limit.
-
-        Noise does not reach the limit.
-        """
+        """Return deviations from a line, their rms and its limit. Noise does not reach the limit."""
         expected, uncertainty = line.now()
         known = np.isfinite(values) & np.isfinite(expected)
         off = (values - expected)[known]
@@ -155,10 +152,7 @@ class PressDetector:
             self._freedom = before + more
 
     def _begin_anew(self, time: float, values: FloatArray) -> None:
-        """Add a scan off the line to a new line.
-
-        The new line replaces the old line when it has enough scans.
-        """
+        """Add a scan off the line to a new line. The new line replaces the old line when it has enough scans."""
         self._fresh.advance(time)
         _, deviation, limit = self._deviation(self._fresh, values)
         if deviation > limit:
@@ -170,10 +164,7 @@ class PressDetector:
 
 
 class _Line:
-    """Weighted straight lines in time through δ of some states.
-
-    They are stored as sums about the present.
-    """
+    """Weighted straight lines in time through δ of some states. They are stored as sums about the present."""
 
     def __init__(self, states: int) -> None:
         self.count = 0

@@ -102,10 +102,7 @@ def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
 
 
 def _even(count: int) -> int:
-    """Make a number of cells even.
-
-    On the middle line a symmetric board has no slope across it.
-    """
+    """Make a number of cells even. On the middle line a symmetric board has no slope across it."""
     return count + count % 2
 
 
@@ -205,10 +202,7 @@ def _step(
 
 
 def _units(model: ForwardModel) -> FloatArray:
-    """Lengths in m in which the parameters are comparable.
-
-    x and y have the same length.
-    """
+    """Lengths in m in which the parameters are comparable. x and y have the same length."""
     span = model.upper - model.lower
     side = min((length for length in span[:2].tolist() if length), default=0.0)
     return _UNIT * np.array([side, side, span[2]])[model.free]
@@ -217,10 +211,7 @@ def _units(model: ForwardModel) -> FloatArray:
 def _residuals(
     model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening, unit: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Whitened residuals, and whitened slopes per unit.
-
-    They are multiplied by W. The slopes are the model's.
-    """
+    """Whitened residuals, and whitened slopes per unit. They are multiplied by W. The slopes are the model's."""
     delta, jacobian = model.linear(points)
     return weights.residuals(readings - delta), weights.slopes(jacobian) * unit
 

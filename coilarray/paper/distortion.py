@@ -303,10 +303,7 @@ class _Maps:
 
 
 def _axis(given: Sequence[float], more: float, parts: int) -> FloatArray:
-    """Extend and refine the positions of one axis.
-
-    They are extended on both sides and the step is divided.
-    """
+    """Extend and refine the positions of one axis. They are extended on both sides and the step is divided."""
     axis = np.asarray(given)
     if len(axis) < 2:
         return axis
@@ -439,9 +436,6 @@ def _published_undetermined(states: Sequence[str], levels: FloatArray) -> npt.ND
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    """Root mean square over δ, without NaN values.
-
-    It is NaN if nothing is left.
-    """
+    """Root mean square over δ, without NaN values. It is NaN if nothing is left."""
     count = np.isfinite(values).sum(axis=-1)
     return np.asarray(np.sqrt(np.nansum(values**2, axis=-1) / np.where(count > 0, count, np.nan)))

@@ -97,10 +97,7 @@ class Ellipse:
             )
 
     def distance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
-        """Distance of points from the curve in m.
-
-        It is along the ray from the centre and negative inside.
-        """
+        """Distance of points from the curve in m. It is along the ray from the centre and negative inside."""
         u, v = np.subtract(x, self.x0), np.asarray(y, dtype=np.float64)
         angle = np.arctan2(v, u)
         return np.asarray(np.hypot(u, v) - 1 / np.hypot(np.cos(angle) / self.A, np.sin(angle) / self.B))
@@ -283,10 +280,7 @@ def fit_ellipses(
 
 @dataclass(frozen=True)
 class _Level:
-    """Step of the sweep with its ellipse.
-
-    It holds the mean δ. If there is no ellipse it holds the reason.
-    """
+    """Step of the sweep with its ellipse. It holds the mean δ. If there is no ellipse it holds the reason."""
 
     points: int
     delta: float = np.nan
@@ -311,10 +305,7 @@ def _fit_levels(
     refinement: int,
     spacing: float,
 ) -> list[_Level]:
-    """Fit rising levels of the refined values (y, x).
-
-    The positions `along` x and `across`, along y, are in m.
-    """
+    """Fit rising levels of the refined values (y, x). The positions `along` x and `across`, along y, are in m."""
     peak = np.unravel_index(np.argmax(values), values.shape)
     top, left, part = 0, 0, values  # the window of the hill of the last level contains the hills of all higher levels
     found = []
@@ -342,10 +333,7 @@ def _fit_level(
     refinement: int,
     spacing: float,
 ) -> _Level:
-    """Fit the points of one level.
-
-    The points are (n,) rows and columns of the refined values.
-    """
+    """Fit the points of one level. The points are (n,) rows and columns of the refined values."""
     if len(rows) < LEAST_POINTS:
         return _Level(len(rows), refused="too few points")
     x, y = along[columns], across[rows]
@@ -397,10 +385,7 @@ def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
 
 
 def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
-    """States whose curves close within the map.
-
-    If they are required, all of them must close.
-    """
+    """States whose curves close within the map. If they are required, all of them must close."""
     largest = {state: float(delta.sel(state=state).max()) for state in delta.state.values.tolist()}
     closed = [state for state in largest if not _peaks_at_edge(delta.sel(state=state))]
     for state in largest:
@@ -424,10 +409,7 @@ def _peaks_at_edge(delta: xr.DataArray) -> bool:
 
 
 def _require_few_levels(largest: float, first: float, step: float, points: int) -> None:
-    """Refuse a sweep that needs too many points in all.
-
-    The sweep runs from `first` to the largest δ.
-    """
+    """Refuse a sweep that needs too many points in all. The sweep runs from `first` to the largest δ."""
     levels = (largest - first) / step + 1
     most = min(_MOST_LEVELS, _MOST_POINTS // points)
     if not levels <= most:

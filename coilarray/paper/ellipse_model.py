@@ -112,19 +112,13 @@ class CoilEllipses:
                 )
 
     def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return x0, A and B in m at any δ.
-
-        Each has the shape of `delta`. Nothing is checked.
-        """
+        """Return x0, A and B in m at any δ. Each has the shape of `delta`. Nothing is checked."""
         at = np.asarray(delta, dtype=np.float64)
         x0, A, B = (np.asarray(np.polyval(p, at)) for p in (self.x0, self.A, self.B))
         return x0, A, B
 
     def covers(self, delta: float) -> bool:
-        """Test whether a reading is within the range of δ.
-
-        NaN is not.
-        """
+        """Test whether a reading is within the range of δ. NaN is not."""
         return self.lowest <= delta <= self.highest
 
     def check(self, delta: float) -> None:
@@ -135,10 +129,7 @@ class CoilEllipses:
             )
 
     def ellipse(self, delta: float) -> Ellipse:
-        """Return the ellipse of a reading.
-
-        Raises LocalizeError beyond the range, or if a semi-axis is not positive.
-        """
+        """Return the ellipse of a reading. Raises LocalizeError beyond the range, or if a semi-axis is not positive."""
         self.check(delta)
         x0, A, B = (float(value) for value in self.curves(delta))
         if min(A, B) < _SHORTEST:
@@ -179,10 +170,7 @@ class EllipseModel:
         return tuple(coil.name for coil in self.coils)
 
     def __getitem__(self, name: str) -> CoilEllipses:
-        """Return the coil of a name.
-
-        Raises LocalizeError if there is none.
-        """
+        """Return the coil of a name. Raises LocalizeError if there is none."""
         for coil in self.coils:
             if coil.name == name:
                 return coil
@@ -425,10 +413,7 @@ def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:
 
 
 def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
-    """Return y² where both ellipses are at x.
-
-    None if one of them does not reach x, and 0 within rounding of it.
-    """
+    """Return y² where both ellipses are at x. None if one of them does not reach x, and 0 within rounding of it."""
     squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in (first, second)]
     rounding = _TOUCHING * max(first.B, second.B) ** 2
     if min(squares) < -rounding:

@@ -1,7 +1,4 @@
-"""Two-dimensional response of a coil, beside the full model.
-
-The model is from Gast and Zimmermann's FEM paper.
-"""
+"""Two-dimensional response of a coil, beside the full model. The model is from Gast and Zimmermann's FEM paper."""
 
 from __future__ import annotations
 

@@ -185,10 +185,7 @@ def _solve(
 
 
 def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Compute the standard deviations of the unknowns.
-
-    They are NaN if the places do not determine an unknown.
-    """
+    """Compute the standard deviations of the unknowns. They are NaN if the places do not determine an unknown."""
     result = np.full(jacobian.shape[1], np.nan)
     lengths = np.linalg.norm(jacobian, axis=0)
     known = np.flatnonzero(lengths > _FLAT * lengths.max())

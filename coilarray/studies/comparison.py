@@ -253,10 +253,7 @@ def _windows(
 
 
 def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Callable[..., LevelCurves]) -> xr.Dataset:
-    """Ellipses of every level of both maps.
-
-    The dimensions are source, depth, state, level.
-    """
+    """Ellipses of every level of both maps. The dimensions are source, depth, state, level."""
     dims = ("source", "depth", "state")
     shape = (len(windows), *(windows[0][0].sizes[name] for name in dims[1:]))
     curves = {}
@@ -284,18 +281,12 @@ def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Call
 
 
 def _measured(response: xr.Dataset) -> xr.Dataset:
-    """Check a response that may have gaps.
-
-    Its dimensions are put in the common order.
-    """
+    """Check a response that may have gaps. Its dimensions are put in the common order."""
     return RESPONSE.checked(response, "a measured response").transpose(*_DIMS, ...)
 
 
 def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
-    """States of both responses and states of only one.
-
-    The common states are in the measured order.
-    """
+    """States of both responses and states of only one. The common states are in the measured order."""
     first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
     common = [name for name in first if name in second]
     if not common:
@@ -358,10 +349,7 @@ def own_noise(response: xr.Dataset) -> FloatArray | None:
 
 
 def _largest_shifts(measured: xr.Dataset, largest_shift: float | None) -> tuple[float, float]:
-    """Largest shift along x and y in m.
-
-    It is 0 along an axis with too few positions.
-    """
+    """Largest shift along x and y in m. It is 0 along an axis with too few positions."""
     if largest_shift is not None and not (np.isfinite(largest_shift) and largest_shift >= 0):
         raise LocalizeError(f"largest_shift must be finite and not negative; got {largest_shift} m.")
     found = []

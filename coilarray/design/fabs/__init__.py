@@ -1,7 +1,4 @@
-"""Bundled profiles of board houses.
-
-Each has the stated limits with their source and the date it was read.
-"""
+"""Bundled profiles of board houses. Each has the stated limits with their source and the date it was read."""
 
 from __future__ import annotations
 
