@@ -183,6 +183,6 @@ class DesignPanel(Panel):
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:
     groups: dict[str, list[dict[str, Any]]] = {}
     for entry in entries:
-        row = {name: getattr(entry, name) for name in ("key", "label", "unit", "low", "high", "step")}
+        row = {name: getattr(entry, name) for name in ("key", "label", "meaning", "unit", "low", "high", "step")}
         groups.setdefault(entry.group, []).append(row)
     return [{"title": title, "entries": rows} for title, rows in groups.items()]

@@ -7,60 +7,48 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from coilarray.design.keys import entry_unit
+from coilarray.design.keys import entry_unit, key_in_si, keys_of
 from coilarray.design.model import DesignFile
+from coilarray.design.tables import Document
 from coilarray.errors import DesignError
 
 _SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}
 _WHOLE = ("columns", "rows", "sides", "winding_layers", "rings")
-_COIL = {
-    "turns_per_layer": "turns a layer", "winding_layers": "layers in series",
-    "outer_across_corners_mm": "outer size, corners", "outer_across_flats_mm": "outer size, flats",
-    "outer_diameter_mm": "outer diameter", "outer_width_mm": "outer width", "outer_height_mm": "outer height",
-    "corner_radius_mm": "corner radius", "trace_width_mm": "trace width", "gap_mm": "gap", "sides": "sides",
-    "first_corner_deg": "first corner",
-}  # fmt: skip
-_LEADS = {
-    "length_mm": "length of the leads", "spacing_mm": "distance of the terminals", "pad_mm": "pads of the terminals",
-    "drill_mm": "holes of the terminals",
-}  # fmt: skip
-_ARRAY = {
-    "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "rings": "rings",
-    "direction_deg": "direction of the rows", "rotation_deg": "rotation of each coil",
-}  # fmt: skip
-_NOT_OF = {
-    "single": ("rows", "direction_deg"),
-    "rings": ("rows",),
-    "triangle": ("rows",),
-}  # entries of _ARRAY that a lattice lacks
-_CONNECTOR = {
-    "pitch_mm": "distance of the holes", "distance_mm": "distance from the coils", "trace_width_mm": "traces to it",
-    "gap_mm": "gap between them",
-}  # fmt: skip
-_SHEET = {
-    "thickness_mm": "thickness", "relative_permeability": "relative permeability",
-    "youngs_modulus_kPa": "Young's modulus",
-}  # fmt: skip
-_INDENTER = {"radius_mm": "radius", "half_angle_deg": "half angle"}
-_BODY = {
-    "distance_mm": "distance", "z_mm": "height of the lower face", "thickness_mm": "thickness",
-    "diameter_mm": "diameter", "inner_diameter_mm": "inner diameter", "width_mm": "width", "height_mm": "height",
-    "tilt_deg": "tilt", "tilt_direction_deg": "direction of the tilt", "x_mm": "x", "y_mm": "y",
-    "conductivity_MS_per_m": "conductivity", "relative_permeability": "relative permeability",
-}  # fmt: skip
-_SEAT = {"seat_stiffness_kPa_per_mm": "stiffness", "seat_shear_kPa_per_mm": "stiffness along the board"}
-_CIRCUIT = {
-    "capacitance_pF": "tank capacitance", "short_resistance_ohm": "resistance to ground",
-    "switch_off_capacitance_pF": "open switch", "terminal_capacitance_pF": "terminal to ground",
-    "bus_capacitance_pF": "bus to ground",
-}  # fmt: skip
-_FAB = {
-    "min_trace_mm": "narrowest trace", "min_gap_mm": "least gap", "min_drill_mm": "smallest hole",
-    "min_annular_ring_mm": "narrowest ring", "min_edge_clearance_mm": "copper to edge",
-}  # fmt: skip
+_COIL = (
+    "turns_per_layer", "winding_layers", "outer_across_corners_mm", "outer_across_flats_mm", "outer_diameter_mm",
+    "outer_width_mm", "outer_height_mm", "corner_radius_mm", "trace_width_mm", "gap_mm", "sides", "first_corner_deg",
+)  # fmt: skip
+_BODY = (
+    "distance_mm", "z_mm", "thickness_mm", "diameter_mm", "inner_diameter_mm", "width_mm", "height_mm", "tilt_deg",
+    "tilt_direction_deg", "x_mm", "y_mm", "conductivity_MS_per_m", "relative_permeability",
+)  # fmt: skip
+_CIRCUIT = (
+    "capacitance_pF", "short_resistance_ohm", "switch_off_capacitance_pF", "terminal_capacitance_pF",
+    "bus_capacitance_pF",
+)  # fmt: skip
+_FAB = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "min_annular_ring_mm", "min_edge_clearance_mm")
+_SHOWN: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("coils.NAME", "Coil", _COIL),
+    ("coils.NAME.leads", "Leads", ("length_mm", "spacing_mm", "pad_mm", "drill_mm")),
+    ("array", "Array", ("pitch_mm", "columns", "rows", "rings", "direction_deg", "rotation_deg")),
+    ("connector", "Connector", ("pitch_mm", "distance_mm", "trace_width_mm", "gap_mm")),
+    ("elastomer.N", "Elastomer", ("thickness_mm", "relative_permeability", "youngs_modulus_kPa")),
+    ("plate.N", "Plate", _BODY),
+    ("target", "Target", _BODY),
+    ("indentation", "Seat", ("seat_stiffness_kPa_per_mm", "seat_shear_kPa_per_mm")),
+    ("indenter", "Indenter", ("radius_mm", "half_angle_deg")),
+    ("circuit", "Circuit", _CIRCUIT),
+    ("stackup", "Board", ("copper_thickness_um", "dielectric_thickness_mm")),
+    ("board", "Board", ("margin_mm",)),
+    ("field", "Field", ("height_mm",)),
+    ("fab", "Limits of the board house", _FAB),
+)
+"""Tables with their headings and the keys that have a slider, in the order of the panel."""
+_NOT_OF = {"single": ("rows", "direction_deg"), "rings": ("rows",), "triangle": ("rows",)}
+"""Keys of [array] that a lattice lacks."""
 _STEPS_IN_A_DECADE = 100
 _TURN = 180.0  # range of an angle in degrees to both sides
 _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
@@ -74,7 +62,8 @@ class Entry:
     """
 
     key: str  # dotted, as for `coilarray.design.vary.vary`
-    label: str  # without the unit
+    label: str  # key in words, without the unit
+    meaning: str  # sentence of the reference
     unit: str  # of all numbers, or empty
     group: str  # heading above the entry
     value: float
@@ -132,55 +121,53 @@ def text_of(value: float) -> str:
 
 def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     """Go through the entries of all tables."""
-    for name in dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils.")):
-        yield from _table(values, f"coils.{name}", f"Coil {name}", _COIL)
-        yield from _table(values, f"coils.{name}.leads", f"Coil {name}", _LEADS)
+    meanings = {key.dotted: key.meaning for key in reversed(keys_of(Document))}
     without = _NOT_OF.get(str(values.get("array.lattice")), ())
-    yield from _table(values, "array", "Array", {key: label for key, label in _ARRAY.items() if key not in without})
-    yield from _table(values, "connector", "Connector", _CONNECTOR)
-    for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
-        yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)
-    for k in itertools.takewhile(lambda k: f"plate.{k}.name" in values, itertools.count()):
-        yield from _table(values, f"plate.{k}", f"Plate {values[f'plate.{k}.name']}", _BODY)
-    yield from _table(values, "target", "Target", _BODY)
-    yield from _table(values, "indentation", "Seat", _SEAT)
-    yield from _table(values, "indenter", "Indenter", _INDENTER)
-    yield from _table(values, "circuit", "Circuit", _CIRCUIT)
-    yield from _stackup(values)
-    yield from _table(values, "board", "Board", {"margin_mm": "margin"})
-    yield from _table(values, "field", "Board", {"height_mm": "height of the field's plane"})
-    yield from _table(values, "fab", "Limits of the board house", _FAB)
+    names = dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils."))
+    for name in names:
+        for path, group, keys in _SHOWN[:2]:
+            yield from _table(values, path.replace("NAME", name), f"{group} {name}", keys, meanings, path)
+    for path, group, keys in _SHOWN[2:]:
+        table = path.removesuffix(".N")
+        if table != path:
+            for k in itertools.takewhile(lambda k, table=table: f"{table}.{k}.name" in values, itertools.count()):
+                heading = f"{group} {values[f'{table}.{k}.name']}"
+                yield from _table(values, f"{table}.{k}", heading, keys, meanings, path)
+        else:
+            chosen = tuple(key for key in keys if path != "array" or key not in without)
+            yield from _table(values, path, group, chosen, meanings, path)
 
 
-def _table(values: Mapping[str, object], table: str, group: str, named: Mapping[str, str]) -> Iterator[Entry]:
-    for name, label in named.items():
-        value = values.get(f"{table}.{name}")
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            yield _entry(f"{table}.{name}", name, label, group, float(value))
+def _table(
+    values: Mapping[str, object], table: str, group: str, keys: Sequence[str], meanings: Mapping[str, str], path: str
+) -> Iterator[Entry]:
+    """Entries of one table; of a list every number."""
+    for key in keys:
+        value = values.get(f"{table}.{key}")
+        words, meaning = key_in_si(key)[0].replace("_", " "), meanings.get(f"{path}.{key}", "")
+        if isinstance(value, list):
+            for k, number in enumerate(value):
+                yield _entry(f"{table}.{key}.{k}", key, f"{words} {k + 1}", meaning, group, float(number))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield _entry(f"{table}.{key}", key, words, meaning, group, float(value))
 
 
-def _stackup(values: Mapping[str, object]) -> Iterator[Entry]:
-    for name, label in (("copper_thickness_um", "copper"), ("dielectric_thickness_mm", "dielectric")):
-        numbers = values.get(f"stackup.{name}")
-        for k, value in enumerate(numbers if isinstance(numbers, list) else ()):
-            yield _entry(f"stackup.{name}.{k}", name, f"{label} {k + 1}", "Board", float(value))
-
-
-def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
+def _entry(key: str, name: str, label: str, meaning: str, group: str, value: float) -> Entry:
     """Make an entry with the range of its slider."""
     unit = entry_unit(name)
     unit = _SYMBOLS.get(unit, unit)
     if unit == "°" and name != "half_angle_deg":
-        return Entry(key, label, unit, group, value, min(-_TURN, value), max(_TURN, value), 1.0)
-    if name in _WHOLE:
+        low, high, step = min(-_TURN, value), max(_TURN, value), 1.0
+    elif name in _WHOLE:
         least = 3.0 if name == "sides" else 1.0
-        return Entry(key, label, unit, group, value, least, max(2 * value, least + 7), 1.0)
-    low, high, step = _range(value)
-    if name == "turns_per_layer":
-        return Entry(key, label, unit, group, value, max(math.floor(low), 1.0), math.ceil(high), 1.0)
-    if name == "relative_permeability":
-        low = max(low, 1.0)
-    return Entry(key, label, unit, group, value, low, high, step)
+        low, high, step = least, max(2 * value, least + 7), 1.0
+    else:
+        low, high, step = _range(value)
+        if name == "turns_per_layer":
+            low, high, step = max(math.floor(low), 1.0), math.ceil(high), 1.0
+        if name == "relative_permeability":
+            low = max(low, 1.0)
+    return Entry(key, label, meaning, unit, group, value, low, high, step)
 
 
 def _range(value: float) -> tuple[float, float, float]:
