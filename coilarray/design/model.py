@@ -225,10 +225,7 @@ class Indentation:
 
     @property
     def ball(self) -> Ball | None:
-        """Ball that represents the indenter in the field.
-
-        It is None without a material.
-        """
+        """Ball that represents the indenter in the field. It is None without a material."""
         return None if self.material is None else Ball(self.indenter.radius, self.material)
 
 
@@ -363,35 +360,23 @@ class Design:
 
     @property
     def top(self) -> float:
-        """Height of the upper face of all sheets in m.
-
-        Without sheets it is the height of the board, 0.
-        """
+        """Height of the upper face of all sheets in m. Without sheets it is the height of the board, 0."""
         return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
-        """Termination of each coil by name.
-
-        It holds while another coil is measured.
-        """
+        """Termination of each coil by name. It holds while another coil is measured."""
         circuit = self.circuit
         return {name: circuit.terminations.get(name, circuit.default_termination) for name in self.array.names}
 
     @cached_property
     def plan(self) -> tuple[ScanState, ...]:
-        """States of a scan.
-
-        They are the states of the circuit, or each coil in turn.
-        """
+        """States of a scan. They are the states of the circuit, or each coil in turn."""
         return self.circuit.scan or self.coils_in_turn
 
     @cached_property
     def coils_in_turn(self) -> tuple[ScanState, ...]:
-        """States that measure each coil in turn.
-
-        The other coils have their terminations.
-        """
+        """States that measure each coil in turn. The other coils have their terminations."""
         return tuple(terminated_state(name, ((name, 1),), self.terminations) for name in self.array.names)
 
     @cached_property
@@ -446,10 +431,7 @@ def _over_array(
 
 
 def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
-    """Edges in m that keep the contact on the sample.
-
-    They count from the origin, and are None for a wide sample.
-    """
+    """Edges in m that keep the contact on the sample. They count from the origin, and are None for a wide sample."""
     if setup.sample_bounds is None:
         return None
     (x_min, y_min), (x_max, y_max) = (edges.tolist() for edges in setup.reachable(setup.depths[-1]))
@@ -487,10 +469,7 @@ class DesignFile:
 
     @cached_property
     def unusual(self) -> tuple[str, ...]:
-        """Lines about unusual values in the order of the file.
-
-        Each line has the likely value too.
-        """
+        """Lines about unusual values in the order of the file. Each line has the likely value too."""
         return tuple(unusual_values(self.values))
 
     def conductors(self) -> tuple[Conductor, ...]:
@@ -608,10 +587,7 @@ def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
 
 
 def build_design_file(document: Mapping[str, Any], origin: str = "design", text: str = "") -> DesignFile:
-    """Check a document and store it with its design.
-
-    The text with its comments is stored too. See `build_design`.
-    """
+    """Check a document and store it with its design. The text with its comments is stored too. See `build_design`."""
     parsed = bundled.DESIGNS.check(Document, document, origin)
     try:
         with reading():
@@ -704,10 +680,7 @@ def _indentation(parsed: Document) -> Indentation | None:
 
 @contextmanager
 def _named(key: str) -> Iterator[None]:
-    """Prefix messages about an impossible geometry with a key.
-
-    It is the key of the geometry's table.
-    """
+    """Prefix messages about an impossible geometry with a key. It is the key of the geometry's table."""
     try:
         yield
     except GeometryError as error:
@@ -715,10 +688,7 @@ def _named(key: str) -> Iterator[None]:
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    """Return every value by its dotted key.
-
-    Tables in a list are numbered from 0. Plain lists stay whole.
-    """
+    """Return every value by its dotted key. Tables in a list are numbered from 0. Plain lists stay whole."""
     flat: dict[str, object] = {}
     for key, value in table.items():
         name = f"{prefix}{key}"

@@ -1,7 +1,4 @@
-"""Default positions of a response map.
-
-They follow from the array if a design gives no positions.
-"""
+"""Default positions of a response map. They follow from the array if a design gives no positions."""
 
 from __future__ import annotations
 
@@ -82,10 +79,7 @@ def array_window(
 
 
 def _default_step(array: Array, size: FloatArray, table: str) -> float:
-    """Return the default step of a map in m.
-
-    It resolves the response of the narrowest coil on a map of a size in m.
-    """
+    """Return the default step of a map in m. It resolves the response of the narrowest coil on a map of a size in m."""
     sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
     narrowest = float(min(sides))
     finest, coarsest = (narrowest / part for part in (_PARTS[table] if len(sides) > 1 else _PARTS_OF_ONE))
@@ -100,10 +94,7 @@ def _round(step: float) -> float:
 def _multiples(
     bounds: FloatArray, step: float, within: tuple[float, float, float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the first and last multiple of the step.
-
-    They are along x and y, for a map over the bounds.
-    """
+    """Return the first and last multiple of the step. They are along x and y, for a map over the bounds."""
     first, last = np.floor(bounds[0] / step + 1e-9), np.ceil(bounds[1] / step - 1e-9)
     if within is not None:
         first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))
