@@ -14,7 +14,7 @@ import numpy as np
 from speed import Speed, not_installed
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
-from coilarray.circuit.exchange import fasthenry_input, read_zc_matrix
+from coilarray.circuit.fasthenry import fasthenry_input, read_zc_matrix
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry import Conductor
 

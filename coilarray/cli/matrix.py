@@ -41,8 +41,9 @@ def matrix(
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.circuit.coupling import couple_design
-    from coilarray.circuit.exchange import exchange_frequencies, export_network, fasthenry_input
+    from coilarray.circuit.fasthenry import fasthenry_input
     from coilarray.circuit.network import checked_network
+    from coilarray.circuit.network_files import exchange_frequencies, export_network
     from coilarray.compute.files import write_text
     from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.report.tables import coil_table, pair_table

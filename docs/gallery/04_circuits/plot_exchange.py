@@ -15,7 +15,7 @@ import skrf
 
 import coilarray as ca
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.exchange.network_file import export_network
+from coilarray.circuit.network_files import export_network
 
 network = design_circuit(ca.load_design("starter"))
 with tempfile.TemporaryDirectory() as folder:

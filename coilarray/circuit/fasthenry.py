@@ -1,8 +1,7 @@
 """FastHenry input files and impedances.
 
-Current paths are written as an input file and read from it. FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750,
-1994) takes nodes, and between them straight segments of a width and a thickness, as `coilarray.geometry.Conductor`
-does. Its width also lies in the x-y plane across the segment.
+FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750, 1994) takes nodes, and between them straight segments of a
+width and a thickness, as `coilarray.geometry.Conductor` does. Its width also lies in the x-y plane across the segment.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.exchange.spice import plain_names
+from coilarray.circuit.network_files import plain_names
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.electromagnetics.source import Source, as_conductors
@@ -41,40 +40,15 @@ def fasthenry_input(
 ) -> str:
     """Write current paths as a FastHenry input file (.inp).
 
-    Parameters
-    ----------
-    source : Array, Conductor, polyline or sequence of them
-        Every segment needs a cross-section. The names of the paths become the names of the ports.
-    frequencies : array_like, shape (n,) or scalar
-        Frequencies in Hz, positive and rising by one factor, since FastHenry sweeps from fmin to fmax by a factor.
-    title : str
-        First line of the file.
-    resistivity : float
-        Resistivity in Ω·m. By default copper at 20 °C.
-    filaments_across : tuple of int
-        Filaments across the width and across the thickness of every segment (nwinc, nhinc). (1, 1) is direct current.
-        More filaments show the skin and proximity effects.
+    Every segment of the source needs a cross-section, else a GeometryError is raised. The names of the paths become the
+    names of the ports. The frequencies in Hz rise by one factor, since FastHenry sweeps from fmin to fmax by a factor.
+    The resistivity is in Ω·m. `filaments_across` the width and the thickness of every segment (nwinc, nhinc) show the
+    skin and proximity effects. (1, 1) is direct current. Lengths are in mm, with 17 digits.
 
-    Returns
-    -------
-    str
-        Lengths in mm, with 17 digits, and one ``.external`` per path, from its first vertex to its last.
-
-    Raises
-    ------
-    ValueError
-        Frequencies, resistivity or filaments that are not allowed, or names as in `plain_names`.
-    GeometryError
-        A segment without a cross-section.
-
-    Notes
-    -----
-    A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width × thickness,
+    A via is the square bar that `CoilArray.conductors` makes of it. If the conducting area is not width × thickness,
     the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
     names to lower case.
 
-    Examples
-    --------
     >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
     >>> text = fasthenry_input(Conductor(square, 0.15e-3, 35e-6, name="loop"), [1e5, 1e6])
     >>> text.splitlines()[-3:]
@@ -140,10 +114,7 @@ def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterat
 
 @dataclass(frozen=True)
 class _Segment:
-    """Segment line with lengths in m.
-
-    The conducting `area` is in m².
-    """
+    """Segment line with lengths in m, and the conducting area in m²."""
 
     line: int
     nodes: tuple[str, str]
@@ -153,27 +124,14 @@ class _Segment:
 
 
 def read_fasthenry_input(text: str) -> tuple[Conductor, ...]:
-    """Read the current paths of a FastHenry input file.
+    """Read the current paths of a FastHenry input file, one per port.
 
-    Parameters
-    ----------
-    text : str
-        Text of the file. Nodes, segments, ``.units``, ``.default``, ``.external``, ``.freq`` and ``.end`` are known.
+    The paths are in the order of the ``.external`` lines, named as the port or ``NODE to NODE``. A resistivity of a
+    segment other than the default becomes a conducting area. Nodes, segments, ``.units``, ``.default``, ``.external``,
+    ``.freq`` and ``.end`` are known. A line that cannot be read or is not known (planes, ``.equiv``), a width direction
+    out of the x-y plane, ports that are not a single unbranched path, a segment on no path, or no port raises a
+    ValueError that names the line.
 
-    Returns
-    -------
-    tuple of Conductor
-        One path per port, in the order of the ``.external`` lines, named as the port or, without a name, ``NODE to
-        NODE``. A resistivity of a segment other than the default becomes a conducting area.
-
-    Raises
-    ------
-    ValueError
-        A line that cannot be read or is not known (planes, ``.equiv``), by its number, a width direction out of the x-y
-        plane, ports that are not a single unbranched path, a segment on no path, or no port at all.
-
-    Examples
-    --------
     >>> wire = Conductor([[0, 0, 0], [1e-2, 0, 0]], 0.15e-3, 35e-6, name="wire")
     >>> (again,) = read_fasthenry_input(fasthenry_input(wire, 1e6))
     >>> again.name, again.lengths
@@ -221,10 +179,7 @@ def read_fasthenry_input(text: str) -> tuple[Conductor, ...]:
 
 
 def _logical_lines(text: str) -> list[tuple[int, str]]:
-    """Return number and text of every logical line.
-
-    Continuations are joined. The title, comments and blank lines are left out.
-    """
+    """Return number and text of every logical line, without title, comments and blank lines."""
     lines: list[tuple[int, str]] = []
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
@@ -253,10 +208,7 @@ def _assignments(number: int, text: str, known: str) -> dict[str, float]:
 
 
 def _resistivity(given: dict[str, float], unit: float, default: float) -> float:
-    """Resistivity in Ω·m.
-
-    Files have it per unit of length.
-    """
+    """Resistivity in Ω·m from a value per unit of length."""
     if "rho" in given:
         return given["rho"] * unit
     return unit / given["sigma"] if given.get("sigma") else default
@@ -342,32 +294,12 @@ def _paths(
 def read_zc_matrix(text: str) -> tuple[FloatArray, tuple[str, ...], ComplexArray]:
     """Read the impedance matrices that FastHenry writes (Zc.mat).
 
-    Parameters
-    ----------
-    text : str
-        Text of the file: a line ``Row k:  node  to  node, port name: name`` for every port, then for every frequency
-        ``Impedance matrix for frequency = f n x n`` and n rows of ``real +imagj``.
+    The file has a line ``Row k:  node  to  node, port name: name`` for every port, then for every frequency ``Impedance
+    matrix for frequency = f n x n`` and n rows of ``real +imagj``. The result is the frequencies (f,) in Hz, the names
+    of the ports, or ``node to node`` without a name, and the impedances (f, n, n) in Ω. A file without a matrix, with
+    an admittance matrix, or with rows that are missing or cannot be read raises a ValueError. FastHenry prints six
+    digits.
 
-    Returns
-    -------
-    frequencies : ndarray, shape (frequencies,)
-        Frequencies in Hz.
-    names : tuple of str, length n
-        Names of the ports in the order of the rows, or ``node to node`` for a port without a name.
-    impedance : ndarray of complex, shape (frequencies, n, n)
-        Impedance in Ω.
-
-    Raises
-    ------
-    ValueError
-        A file without a matrix, with an admittance matrix, or with rows that are missing or cannot be read.
-
-    Notes
-    -----
-    FastHenry prints six digits, of frequencies too, and names in lower case.
-
-    Examples
-    --------
     >>> f, names, Z = read_zc_matrix(
     ...     '''Row 1:  n1_1  to  n1_5, port name: loop
     ... Impedance matrix for frequency = 1e+06 1 x 1

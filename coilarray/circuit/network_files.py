@@ -1,0 +1,329 @@
+"""Files of a network: SPICE subcircuits and Touchstone files, chosen by the suffix."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from coilarray.circuit.network import Network, SampledMatrix, checked_network
+from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.extras import import_extra
+from coilarray.compute.files import write_text
+from coilarray.design.scan_states import paper_plan
+from coilarray.electromagnetics.inductance import coupling_matrix
+from coilarray.errors import OutputError
+
+_POINTS = 201  # frequencies of a Touchstone file
+_NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes
+_CORNERS_A_DECADE = 4
+_ABOVE = 30.0  # reach of the corners over the highest frequency; eddy currents begin with the frequency squared
+
+
+def export_network(
+    network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
+) -> None:
+    """Write the coils of a network to a file, without its switches.
+
+    The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is the `title`,
+    ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil. `frequencies` (f,) in Hz of a
+    Touchstone file are those of `exchange_frequencies` by default. Another suffix, or a file that cannot be written,
+    raises an OutputError, a coil without a resonance a NetworkError.
+
+    Notes
+    -----
+    A subcircuit has the inductance matrix and the capacitances across and between the coils. For every coil it has a
+    ladder of positive elements fitted to its resistance at the network's own frequencies (`fit_ladder`), or one
+    resistor if there is only one frequency. Its comments give the quality of the fit. A ladder loses inductance as its
+    resistance grows, as eddy currents do and the package's L does not. The coil's own inductor is therefore less by the
+    ladder's inductance at the coil's resonance, where both agree. The contribution of the coils' eddy currents to each
+    other's resistance (1 % of it) is left out. The impedance matrix of a Touchstone file has all of it, every coil
+    floating, with the resistance matrix of the network at each frequency.
+
+    Examples
+    --------
+    >>> from coilarray.circuit.board_circuit import bare_network
+    >>> from coilarray.design.scan_states import Switches
+    >>> pair = bare_network(("A", "B"), np.array([[2e-6, 1e-6], [1e-6, 2e-6]]), np.ones(2), Switches())
+    >>> export_network(pair, "array.txt")
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: a network of 2 coils is written as .cir, .sub or .s2p; got array.txt.
+    """
+    target, names, L = Path(path), network.names, network.inductance
+    suffix = target.suffix.lower()
+    if suffix not in (".cir", ".sub") and not re.fullmatch(r"\.s\d+p", suffix):
+        raise OutputError(
+            f"a network of {len(names)} coil{'s' * (len(names) > 1)} is written as .cir, .sub or .s{len(names)}p; "
+            f"got {target.name}."
+        )
+    across, between = network.winding_capacitance, network.mutual_capacitance
+    if suffix in (".cir", ".sub"):
+        write_text(target, _subcircuit(network, title))
+        return
+    f = exchange_frequencies(network) if frequencies is None else np.asarray(frequencies, dtype=np.float64)
+    # For floating coils, a capacitance between two adds a twelfth across each, see `Network`.
+    apart = between - np.diag(np.diag(between))
+    Y_C = np.diag(across + apart.sum(axis=1) / 12)
+    R_f = np.array([network.resistance(one) for one in f.ravel().tolist()]).reshape(*f.shape, *L.shape)
+    omega = 2 * np.pi * f[..., None, None]
+    L_f = L if network.dispersion is None else L + np.array([network.dispersion(one) for one in f.tolist()])
+    Z = R_f + 1j * omega * L_f
+    touchstone(names, np.linalg.solve(np.eye(len(L)) + 1j * omega * Z @ Y_C, Z), f, target)
+
+
+def exchange_frequencies(network: Network) -> FloatArray:
+    """Return 201 frequencies in Hz for a file.
+
+    They reach from a tenth of the lowest resonance to ten times the highest, each coil in turn with all others
+    grounded.
+    """
+    found = _grounded_resonances(network)
+    return np.geomspace(found.min() / 10, found.max() * 10, _POINTS)
+
+
+def _grounded_resonances(network: Network) -> FloatArray:
+    """Resonance frequency (n,) of each coil in Hz, all others grounded."""
+    return np.array([one.frequency for one in resonances(network, paper_plan(network.names))])
+
+
+def _subcircuit(network: Network, title: str) -> str:
+    """Write the coils of a network as a SPICE subcircuit."""
+    L, found = network.inductance, _grounded_resonances(network)
+    middle = network.resistance(float(np.exp(np.log(found).mean())))
+    if not isinstance(network.resistance, SampledMatrix) or len(network.resistance.frequencies) == 1:
+        ladders, comments = [], []
+        resistance, inductance = np.diag(middle), L
+    else:
+        f, R = network.resistance.frequencies, np.diagonal(network.resistance.matrices, axis1=1, axis2=2)
+        ladders = [fit_ladder(f, own) for own in R.T]
+        resistance = np.array([ladder.direct for ladder in ladders])
+        extra = np.array([ladder.inductance(at) for ladder, at in zip(ladders, found, strict=True)])
+        inductance = L - np.diag(extra)
+        misfit = max(np.abs(ladder.resistance(f) / own - 1).max() for ladder, own in zip(ladders, R.T, strict=True))
+        drift = max(
+            np.abs(ladder.inductance(f) - at_rest).max() / own
+            for ladder, at_rest, own in zip(ladders, extra, np.diag(L), strict=True)
+        )
+        own = np.sqrt(np.diag(middle))
+        others = np.abs(middle / np.outer(own, own) - np.eye(len(L))).max()
+        comments = [
+            f"R(f) of each coil is a ladder of positive elements: from {f[0] / 1e6:.4g} to {f[-1] / 1e6:.4g} MHz "
+            f"within {100 * misfit:.2g} %; it changes L by at most {100 * drift:.2g} %, by nothing at the coil's "
+            "resonance"
+        ]
+        if len(L) > 1:
+            comments.append(
+                f"without what the eddy currents make of each other's resistance, at most {100 * others:.2g} % of it"
+            )
+    if network.dispersion is not None:
+        changes = np.diagonal(network.dispersion.matrices, axis1=1, axis2=2) / np.diag(L)
+        span = network.dispersion.frequencies
+        comments.append(
+            f"L is that at the working frequency; the plates change it by up to {100 * np.abs(changes).max():.2g} % "
+            f"from {span[0] / 1e6:.4g} to {span[-1] / 1e6:.4g} MHz"
+        )
+    comments += [f"without {part}" for part in network.left_out]
+    return spice_subcircuit(
+        network.names,
+        inductance,
+        resistance,
+        capacitance=network.winding_capacitance,
+        mutual_capacitance=network.mutual_capacitance,
+        sections=[list(zip(one.resistances.tolist(), one.inductances.tolist(), strict=True)) for one in ladders],
+        title=title,
+        comments=comments,
+    )
+
+
+def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
+    """Return distinct names of letters, digits and underscores, whatever the case.
+
+    Every other character becomes ``_``. A name that is taken then gets ``_2``, ``_3``, … The wrong `count` of names, no
+    name, an empty name, or a name given twice raises a ValueError.
+
+    >>> plain_names(["coil 1", "coil-1", "COIL_1"])
+    ('coil_1', 'coil_1_2', 'COIL_1_3')
+    """
+    given = list(names)
+    if not given or (count is not None and len(given) != count):
+        raise ValueError(f"names must be {count or 'one or more'}; got {len(given)}.")
+    taken: set[str] = set()
+    result: list[str] = []
+    for name in given:
+        if not name.strip():
+            raise ValueError("every coil needs a name; got an empty one.")
+        if given.count(name) > 1:
+            raise ValueError(f"names must be different; got {name!r} more than once.")
+        stem = re.sub(r"[^A-Za-z0-9_]", "_", name.strip())[:_NAME_LENGTH]
+        candidates = itertools.chain([stem], (f"{stem}_{k}" for k in itertools.count(2)))
+        plain = next(candidate for candidate in candidates if candidate.lower() not in taken)
+        taken.add(plain.lower())
+        result.append(plain)
+    return tuple(result)
+
+
+def spice_subcircuit(
+    names: Sequence[str],
+    inductance: npt.ArrayLike,
+    resistance: npt.ArrayLike,
+    *,
+    capacitance: npt.ArrayLike | None = None,
+    mutual_capacitance: npt.ArrayLike | None = None,
+    sections: Sequence[Sequence[tuple[float, float]]] = (),
+    title: str = "",
+    comments: Sequence[str] = (),
+) -> str:
+    """Write coils as a SPICE subcircuit with the pins ``NAME_1 NAME_2`` of every coil in order.
+
+    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω, the capacitance across each coil (n,) or
+    scalar and between two coils (n, n) in F. `sections` are, for each coil, pairs of a resistor in Ω and an inductor in
+    H in parallel, in series with the coil (`Ladder`). The `title` is the first comment and the subcircuit's name.
+
+    Notes
+    -----
+    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into NAME_1 is positive. All n
+    (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits. A set without the small
+    couplings need not be positive definite, and the simulation would diverge. A resistance or capacitance of zero is
+    not an element, since SPICE replaces R = 0 by a default. Between two coils there are four capacitors C_ij/4, from
+    each pin of the first to each pin of the second, and C_ij/6 less across each coil.
+
+    A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it floats. A coil of no
+    resistance has no operating point across a voltage source or an ideal short: drive it by a current source, and short
+    it through a resistance.
+
+    Examples
+    --------
+    >>> print(spice_subcircuit(["A", "B"], [[2e-6, 1e-6], [1e-6, 2e-6]], [3.0, 0.0], capacitance=[0, 4e-12]))
+    * coilarray: 2 coils; H, ohm, F
+    .subckt coilarray A_1 A_2 B_1 B_2
+    LA A_1 A_m 1.9999999999999999e-06
+    RA A_m A_2 3.0000000000000000e+00
+    LB B_1 B_2 1.9999999999999999e-06
+    CB B_1 B_2 3.9999999999999999e-12
+    K1_2 LA LB 5.0000000000000000e-01
+    .ends coilarray
+    <BLANKLINE>
+    """
+    L, R = checked_network(inductance, resistance)
+    coils = plain_names(names, len(L))
+    between = np.broadcast_to(np.asarray(0.0 if mutual_capacitance is None else mutual_capacitance), L.shape)
+    between = between - np.diag(np.diag(between))
+    C = np.broadcast_to(0.0 if capacitance is None else capacitance, (len(L),)) - between.sum(axis=1) / 6
+    k = coupling_matrix(L)
+    heading = " ".join(title.split())
+    subcircuit = plain_names([heading or "coilarray"])[0]
+    lines = [
+        f"* {heading or 'coilarray'}: {len(L)} coil{'s' * (len(L) > 1)}; H, ohm, F",
+        *(f"* {' '.join(comment.split())}" for comment in comments),
+        " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
+    ]
+    ladders = sections or [()] * len(L)
+    stem = "s"  # of the sections' names; no coil's name begins with it
+    while any(coil.lower().startswith(stem) for coil in coils):
+        stem += "s"
+    own = zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), ladders, strict=True)
+    for number, (coil, L_own, R_own, C_own, ladder) in enumerate(own, start=1):
+        parts = [[(f"L{coil}", L_own)], *([(f"R{coil}", R_own)] for _ in range(bool(R_own)))]
+        parts += [
+            [(f"{letter}{stem}{number}_{k}", value) for letter, value in zip("RL", pair, strict=True)]
+            for k, pair in enumerate(ladder, start=1)
+        ]
+        inner = [f"{coil}_m", *(f"{coil}_m{k}" for k in range(2, len(parts)))][: len(parts) - 1]
+        for part, nodes in zip(parts, itertools.pairwise([f"{coil}_1", *inner, f"{coil}_2"]), strict=True):
+            lines += [f"{name} {' '.join(nodes)} {value:.16e}" for name, value in part]
+        if C_own:
+            lines.append(f"C{coil} {coil}_1 {coil}_2 {C_own:.16e}")
+    for i, j in itertools.combinations(range(len(L)), 2):
+        lines.append(f"K{i + 1}_{j + 1} L{coils[i]} L{coils[j]} {k[i, j]:.16e}")
+    for i, j in np.argwhere(np.triu(between)).tolist():
+        for a, b in itertools.product((1, 2), (1, 2)):
+            lines.append(f"C{i + 1}_{j + 1}_{a}{b} {coils[i]}_{a} {coils[j]}_{b} {between[i, j] / 4:.16e}")
+    return "\n".join([*lines, f".ends {subcircuit}", ""])
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """Resistance over frequency as a resistor in series with sections of R and L in parallel.
+
+    No element is negative. `direct` is the resistance at direct current in Ω. `resistances` and `inductances`
+    (sections,) are in Ω and H.
+    """
+
+    direct: float
+    resistances: FloatArray
+    inductances: FloatArray
+
+    def resistance(self, frequencies: npt.ArrayLike) -> FloatArray:
+        """Real part (f,) of the impedance in Ω at frequencies in Hz."""
+        square = self._corner_ratio(frequencies) ** 2
+        return np.asarray(self.direct + (self.resistances * square / (1 + square)).sum(axis=-1))
+
+    def inductance(self, frequencies: npt.ArrayLike) -> FloatArray:
+        """Imaginary part (f,) of the impedance over ω in H, which falls as the resistance grows."""
+        return np.asarray((self.inductances / (1 + self._corner_ratio(frequencies) ** 2)).sum(axis=-1))
+
+    def _corner_ratio(self, frequencies: npt.ArrayLike) -> FloatArray:
+        """Frequency over the corner of every section, ωL/R, (f, sections)."""
+        omega = 2 * np.pi * np.asarray(frequencies, dtype=np.float64)
+        return np.asarray(omega[..., None] * self.inductances / self.resistances)
+
+
+def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
+    """Fit a ladder to resistances (f,) in Ω at frequencies (f,) in Hz, by least squares of the relative error.
+
+    Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR. With corners on a
+    logarithmic grid the rest is a linear fit of numbers that are not negative (Lawson & Hanson, Solving Least Squares
+    Problems, 1974, ch. 23).
+
+    >>> f = np.geomspace(1e5, 1e7, 21)
+    >>> ladder = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
+    >>> round(ladder.direct, 1), round(float(ladder.resistance(3e6)), 1)
+    (10.0, 12.0)
+    """
+    low, high = frequencies[0], _ABOVE * frequencies[-1]
+    corners = np.geomspace(low, high, 1 + round(_CORNERS_A_DECADE * np.log10(high / low)))
+    square = (frequencies[:, None] / corners) ** 2
+    columns = np.column_stack((np.ones_like(frequencies), square / (1 + square))) / resistance[:, None]
+    scale = columns.max(axis=0)
+    found = nnls(columns / scale, np.ones_like(resistance))[0] / scale
+    used = found[1:] > 0
+    sections = found[1:][used]
+    return Ladder(float(found[0]), sections, sections / (2 * np.pi * corners[used]))
+
+
+def touchstone(
+    names: Sequence[str],
+    impedance: npt.ArrayLike,
+    frequencies: npt.ArrayLike,
+    path: Path | str,
+    reference_resistance: float = 50.0,
+) -> None:
+    """Write an impedance matrix as scattering parameters, real and imaginary, in a Touchstone file of version 1.
+
+    The impedance (f, n, n) in Ω holds with all ports open but the driven port. The frequencies (f,) in Hz rise and may
+    begin at 0. The file ends in ``.sNp`` with the number of ports N, and its comments hold the names as `plain_names`.
+
+    S = (Z − R₀)(Z + R₀)⁻¹ (Kurokawa, IEEE Trans. MTT 13, 194, 1965, for one real R₀). A port far from R₀ has |S| near 1
+    and loses about max(|Z|/R₀, R₀/|Z|) in relative precision.
+    """
+    Z = np.asarray(impedance, dtype=np.complex128)
+    f = np.asarray(frequencies, dtype=np.float64)
+    if f.ndim != 1 or not f.size:
+        raise ValueError(f"at least one frequency is needed, as one row; got shape {f.shape}.")
+    if not (np.isfinite(f).all() and f[0] >= 0 and (np.diff(f) > 0).all()):
+        raise ValueError("frequencies must be finite, not negative and rising.")
+    ports = plain_names(names, Z.shape[1])
+    target = Path(path)
+    if target.suffix.lower() != f".s{len(ports)}p":
+        raise OutputError(f"a Touchstone file of {len(ports)} ports must end in .s{len(ports)}p; got {target.name}.")
+    skrf = import_extra("skrf", "Touchstone files", package="scikit-rf", extra="rf")
+    network = skrf.Network(frequency=skrf.Frequency.from_f(f, unit="hz"), z=Z, z0=reference_resistance)
+    network.port_names = list(ports)
+    write_text(target, network.write_touchstone(target.name, return_string=True, form="ri"))
