@@ -1,8 +1,7 @@
-"""Limits of converters of the LDC1614 family.
+"""Limits of converters of the LDC1614 family: frequency, losses and amplitude of the sensor, and its drive.
 
-They concern the frequency, losses and amplitude of the sensor, and its drive. Sources are Texas Instruments SNOSCY9A:
-electrical characteristics (R_p), table 42 (drive current), table 43 (frequencies), section 8.1.5 (amplitude, equation
-12). The FDC2214 has the same core (SNOSCZ5B).
+Sources are Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current), table 43
+(frequencies), section 8.1.5 (amplitude, equation 12). The FDC2214 has the same core (SNOSCZ5B).
 """
 
 from __future__ import annotations
@@ -18,33 +17,18 @@ from coilarray.compute.display_units import DisplayUnit, display_unit
 from coilarray.design.readout import INTERNAL_CLOCK
 
 REFERENCE = INTERNAL_CLOCK / 2
-"""Reference frequency in Hz.
-
-It is the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs.
-"""
+"""Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
-"""Allowed peak voltage of the sensor in V.
-
-Below it the sensor measures poorly, above it the input clamps act.
-"""
+"""Allowed peak voltage in V: the sensor measures poorly below it, the input clamps act above it."""
 _KILOHM, _KILOHERTZ = DisplayUnit("kΩ", 1e-3), DisplayUnit("kHz", 1e-3)
 DRIVE_WINDOW = "R_p (Ω)"
-"""Name of the limit for the parallel resistance.
-
-It is the limit of `check_channel` by `RESISTANCE`.
-"""
+"""Name of the limit of `check_channel` by `RESISTANCE`."""
 RESISTANCE = (1e3, 100e3)
-"""Allowed parallel resistance of a sensor in Ω.
-
-It is from the electrical characteristics. The rows of table 42 are for 0.6 to 90 kΩ.
-"""
+"""Allowed parallel resistance of a sensor in Ω. The rows of table 42 are for 0.6 to 90 kΩ."""
 SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 AMPLITUDES = (0.99 * AMPLITUDE_LOW, 1.02 * AMPLITUDE_HIGH)
-"""Allowed peak voltage in V with rounding of table 42.
-
-The rows of the table, which are rounded, exceed the allowed range by this.
-"""
+"""Allowed peak voltage in V with the rounding of table 42."""
 DIVIDED_FROM = 8.75e6
 """Sensor frequency in Hz that needs a FIN_DIVIDER of 2."""
 _LARGEST_SHARE_OF_REFERENCE = 0.25
@@ -69,17 +53,7 @@ DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
 
 @dataclass(frozen=True)
 class Drive:
-    """Setting of the sensor drive.
-
-    Parameters
-    ----------
-    code : int
-        IDRIVE code, 0 to 31.
-    current : float
-        Drive current in A.
-    amplitude : float
-        Peak voltage of the sensor in V, 4 R_p I/π.
-    """
+    """Setting of the sensor drive: IDRIVE code 0 to 31, current in A, and peak voltage 4 R_p I/π in V."""
 
     code: int
     current: float
@@ -88,15 +62,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit of the converter.
-
-    Parameters
-    ----------
-    name : str
-        Name of the limited quantity, with its unit.
-    value, low, high : float
-        Value, and the range it must be in.
-    """
+    """Limit of the converter: named quantity with its unit, value, and the range it must be in."""
 
     name: str
     value: float
@@ -120,7 +86,7 @@ class Limit:
 
     @property
     def refusal(self) -> str:
-        """Text of the limit as a sentence of an error.
+        """Text of the limit as the sentence of an error.
 
         >>> Limit("clock (Hz)", 30e6, 35e6, 55e6).refusal
         'clock must be 35 MHz to 55 MHz; got 30 MHz.'
@@ -141,33 +107,18 @@ class Limit:
 
 
 def shown_unit(unit: str, value: float) -> DisplayUnit:
-    """Return the customary unit of a value.
-
-    Frequencies below 1 MHz are in kHz, resistances in kΩ.
-    """
+    """Return the customary unit of a value: kHz below 1 MHz, kΩ for resistances."""
     if unit == "Ω":
         return _KILOHM
     return _KILOHERTZ if unit == "Hz" and value < 1e6 else display_unit(unit)
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Return the drive setting for a parallel resistance in Ω.
+    """Return the drive setting for a parallel resistance in Ω at resonance, None if no row of table 42 holds it.
 
-    The `parallel_resistance` R_p is of the tank at resonance.
+    It is the largest current whose row holds R_p and whose amplitude stays below the clamps. A resistance that is not
+    positive raises a ValueError.
 
-    Returns
-    -------
-    Drive or None
-        The largest current whose row of table 42 holds R_p and whose amplitude stays below the clamps. If no row holds
-        R_p, None.
-
-    Raises
-    ------
-    ValueError
-        A resistance that is not positive.
-
-    Examples
-    --------
     >>> drive_for(33e3).code
     6
     """
@@ -177,10 +128,7 @@ def drive_for(parallel_resistance: float) -> Drive | None:
 
 
 def drive_codes(parallel_resistance: FloatArray) -> IntArray:
-    """Return the IDRIVE codes of `drive_for` for an array.
-
-    The values of R_p in Ω may have any shape. The code is −1 if no row holds R_p.
-    """
+    """Return the IDRIVE codes of `drive_for` for an array of R_p in Ω, −1 if no row holds it."""
     within, any_row = (np.full(parallel_resistance.shape, -1) for _ in range(2))
     for code, (current, low, high) in enumerate(_DRIVE):
         held = (parallel_resistance >= low * 1e3) & (parallel_resistance <= high * 1e3)
@@ -191,9 +139,7 @@ def drive_codes(parallel_resistance: FloatArray) -> IntArray:
 
 
 def drive_of(code: int, parallel_resistance: float) -> Drive:
-    """Return the drive current and amplitude of an IDRIVE code.
-
-    The code is 0 to 31. The amplitude holds for an R_p in Ω (equation 12).
+    """Return the drive of an IDRIVE code 0 to 31 at an R_p in Ω.
 
     >>> round(drive_of(6, 33e3).amplitude, 2)
     1.68
@@ -216,10 +162,7 @@ def decisive_limits(
     quality_factor: npt.ArrayLike,
     code: int | None = None,
 ) -> list[tuple[FloatArray, FloatArray | float, FloatArray | float]]:
-    """Return values and ranges of the limits in `BROKEN`.
-
-    The limits count from 1 on. Each has the ends of its range. The parameters are as for `broken_limit`.
-    """
+    """Return values and ends of the ranges of the limits in `BROKEN` from 1 on. See `broken_limit`."""
     f, R_p, Q = (np.asarray(one, dtype=np.float64) for one in (frequency, parallel_resistance, quality_factor))
     codes = drive_codes(R_p) if code is None else np.asarray(code)
     amplitude = 4 * R_p * np.array(DRIVE_CURRENTS)[np.maximum(codes, 0)] / math.pi
@@ -237,25 +180,11 @@ def broken_limit(
     quality_factor: npt.ArrayLike,
     code: int | None = None,
 ) -> IntArray:
-    """Find the first limit of the converter that sensors break.
+    """Return the place in `BROKEN` of the first limit that sensors break, 0 for none, shape (…).
 
-    Sensors that the converter can read break none.
+    Frequencies in Hz, R_p at resonance in Ω and quality factors have shape (…). `code` is the IDRIVE of all sensors, 0
+    to 31, by default the code from `drive_for` for each, so that a limit is broken by any drive.
 
-    Parameters
-    ----------
-    frequency, parallel_resistance, quality_factor : array_like, shape (…)
-        Frequencies in Hz, parallel resistances R_p at resonance in Ω, and quality factors.
-    code : int, optional
-        IDRIVE of all sensors, 0 to 31. By default the code from `drive_for` for each, so that a limit is broken by any
-        drive.
-
-    Returns
-    -------
-    ndarray of int, shape (…)
-        0 if all limits are kept, else the place of the limit in `BROKEN`.
-
-    Examples
-    --------
     >>> [BROKEN[k] for k in broken_limit([2e6, 11.3e6, 2e6, 2e6], [8e3, 8e3, 512.0, 95e3], 30)]
     ['none', 'frequency', 'R_p', 'amplitude']
     >>> BROKEN[broken_limit(7.8e6, 1.89e3, 11, code=13)]  # 0.26 V
@@ -269,11 +198,10 @@ def broken_limit(
 
 
 def shared_drive(frequency: FloatArray, parallel_resistance: FloatArray, quality_factor: FloatArray) -> int:
-    """Return the IDRIVE code that reads most sensors.
+    """Return the IDRIVE code that reads most sensors (n,) of one channel in sequence, −1 if none reads any.
 
-    The converter reads the sensors of one channel in sequence. Of codes that read equally many, the code that exceeds
-    1.8 V at the fewest is taken, then the largest current. Above 1.8 V the clamps shift the frequency, below 0.6 V the
-    oscillation may stop. The result is −1 if no code reads any sensor. All arrays are of shape (n,), in Hz and Ω.
+    Of codes that read equally many, the code that exceeds 1.8 V at the fewest is taken, then the largest current. Above
+    1.8 V the clamps shift the frequency, below 0.6 V the oscillation may stop.
 
     >>> both = shared_drive(np.array([2e6, 2e6]), np.array([4e3, 5e3]), np.array([20.0, 20.0]))
     >>> [round(drive_of(both, R_p).amplitude, 2) for R_p in (4e3, 5e3)]
@@ -298,39 +226,14 @@ def check_channel(
     divider: int | None = None,
     code: int | None = None,
 ) -> tuple[Limit, ...]:
-    """Check every limit of one channel.
+    """Return every limit of one channel, kept or not.
 
-    Parameters
-    ----------
-    frequency : float
-        Frequency of the sensor in Hz.
-    parallel_resistance : float
-        Parallel resistance R_p of the sensor at resonance in Ω.
-    quality_factor : float
-        Quality factor of the sensor.
-    self_resonance : float
-        Self-resonance of the coil in Hz.
-    reference : float
-        Reference frequency f_ref in Hz.
-    divider : int, optional
-        FIN_DIVIDER, 1 to 15. By default the least allowed divider, as the driver sets it.
-    code : int, optional
-        IDRIVE, 0 to 31. By default the code from `drive_for`.
+    Sensor frequency, self-resonance and reference are in Hz, R_p at resonance in Ω. The FIN_DIVIDER, 1 to 15, is the
+    least allowed by default, and the IDRIVE `code`, 0 to 31, is from `drive_for`. An R_p that is allowed but too large
+    for every row of table 42 breaks the limit of the amplitude with the smallest drive current. Only channel 0 can be
+    driven harder than `DRIVE_WINDOW` allows, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may
+    be a fifth below `reference`. A value that is not positive raises a ValueError.
 
-    Returns
-    -------
-    tuple of Limit
-        All limits, kept or not. An R_p that is allowed but too large for every row of table 42 breaks the limit of the
-        amplitude with the smallest drive current. Only channel 0 can be driven harder than `DRIVE_WINDOW` allows, down
-        to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
-
-    Raises
-    ------
-    ValueError
-        A value that is not positive.
-
-    Examples
-    --------
     >>> all(limit.kept for limit in check_channel(1.9e6, 33e3, 48.0, 8e6))
     True
     >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0, divider=1) if not limit.kept]
@@ -364,19 +267,13 @@ def check_channel(
 
 
 def least_divider(frequency: float, reference: float) -> int:
-    """Return the least FIN_DIVIDER for a sensor and reference frequency.
-
-    Both are in Hz. The divider may have any size.
-    """
+    """Return the least FIN_DIVIDER of any size for a sensor and reference frequency in Hz."""
     least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
     return max(least, 2 if frequency >= DIVIDED_FROM else 1)
 
 
 def require_each_positive(**values: float) -> None:
-    """Refuse named values that are not positive.
-
-    The error is a ValueError.
-    """
+    """Refuse named values that are not positive with a ValueError."""
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name} must be positive; got {value}.")

@@ -156,18 +156,12 @@ def couple_design(
 
 
 def terminations_of(design: Design) -> list[str]:
-    """Return the termination of each coil while another is measured.
-
-    It is "short" if both ends are grounded, else as designed.
-    """
+    """Return the termination of each coil while another is measured, "short" if both ends are grounded."""
     return ["short" if passive == "ground" else passive for passive in design.terminations.values()]
 
 
 def provenance(design: Design) -> dict[str, str]:
-    """Return the attributes that identify the source of a result.
-
-    These are the design, its hash and the package's version.
-    """
+    """Return the attributes that identify the source of a result: design, hash, and the package's version."""
     return {"design": design.name, "design_hash": design.digest, "coilarray_version": metadata.version("coilarray")}
 
 
@@ -179,58 +173,22 @@ def couple(
     terminations: Sequence[Termination] | None = None,
     short_resistance: float = 0.0,
 ) -> xr.Dataset:
-    """Solve the network with each coil active in turn.
+    """Solve plain R and L matrices with each coil active in turn, the others closed by their terminations.
 
-    The other coils are closed by their terminations.
+    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω at all frequencies, the capacitance of the
+    tank in F. Terminations are "short", by default, or "open". `short_resistance` in Ω is of the two switches that
+    ground a coil. The measured coil has two of them as well. Every coil is solved where its Im Y = 0.
 
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Names of the coils.
-    inductance : array_like, shape (n, n)
-        Inductance matrix in H.
-    resistance : array_like, shape (n,) or scalar
-        Resistance of each coil in Ω, the same at all frequencies.
-    capacitance : float
-        Capacitance of the tank in F.
-    terminations : sequence of {"short", "open"}, length n, optional
-        Termination of each coil while it is passive. By default all are shorted (the plan of Gast & Zimmermann 2020).
-    short_resistance : float
-        Resistance in Ω of the two switches that ground a coil. The measured coil has two of them as well.
+    The result has the dimensions ``coil`` (the active coil) and ``other`` and units in the attributes. Over (coil,
+    other) ``inductance`` and ``coupling``, ``current_real`` and ``current_imag`` in A per A of the active coil, and
+    ``contribution``, the part of each other coil in the inductance of the active coil, Re(M i). Without losses and
+    strays the contributions add up to L_eff − L. Over (coil) ``resistance`` at direct current, ``open_inductance`` with
+    all others open, ``effective_inductance``, 1/(ω²C), and ``open_effective_inductance``, ``inductance_change`` by the
+    other coils, ``effective_resistance``, ``quality_factor``, ``frequency``, ``open_frequency``, and the
+    ``termination``. The attribute ``left_out`` lists the effects of the circuit that are not in these numbers.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions ``coil`` (the active coil) and ``other``, in SI units, which are in the attributes. Over (coil,
-        other)
-
-        - ``inductance`` and ``coupling``,
-        - ``current_real`` and ``current_imag``: in A per A of the active coil,
-        - ``contribution``: the part of each other coil in the inductance of the active coil, Re(M i).
-
-        Over (coil)
-
-        - ``resistance``: at direct current,
-        - ``open_inductance``: with all others open,
-        - ``effective_inductance``: 1/(ω²C),
-        - ``open_effective_inductance``: the same with all others open,
-        - ``inductance_change``: the change by the other coils,
-        - ``effective_resistance``: Re Z,
-        - ``quality_factor``: Im Z/Re Z,
-        - ``frequency`` and ``open_frequency``,
-        - ``termination`` of the coil while another coil is active.
-
-        The attribute ``left_out`` lists the effects of the circuit that are not in these numbers.
-
-    Raises
-    ------
-    NetworkError
-        Shapes that do not fit, a matrix of no real coils, a value that is not allowed, or a coil without a resonance.
-
-    Notes
-    -----
-    Every coil is solved where its Im Y = 0, see `coilarray.circuit.network.Resonance`. Without losses and strays the
-    contributions add up to L_eff − L.
+    Shapes that do not fit, a matrix of no real coils, a value that is not allowed, or a coil without a resonance raises
+    a NetworkError.
     """
     L, R = checked_network(inductance, resistance)
     if L.shape != (len(names), len(names)):
@@ -253,10 +211,7 @@ def _checked_terminations(n: int, terminations: Sequence[Termination] | None) ->
 
 
 def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequence[str], R: FloatArray) -> xr.Dataset:
-    """Solve a network in the states that measure each coil.
-
-    The result is the dataset of `couple`.
-    """
+    """Solve a network in the states that measure each coil, as the dataset of `couple`."""
     names, L = network.names, network.inductance
     solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])

@@ -35,10 +35,7 @@ from coilarray.electromagnetics.capacitance import elastomer_effect, self_resona
 from coilarray.electromagnetics.inductance import Accuracy
 
 CLOSE_CHANNELS = 0.03
-"""Relative frequency distance below which channels pull each other.
-
-This concerns channels that are active at the same time.
-"""
+"""Relative frequency distance below which channels that are active at the same time pull each other."""
 # Resonances without the tank beside plates are sought among samples this far around the last guess, this many times.
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`
@@ -47,9 +44,7 @@ _BYTES_A_RESISTANCE = 24.0  # per entry and frequency: as computed, as interpola
 
 
 def part_switches(design: Design) -> Switches:
-    """Return the switches with the capacitances of the named part.
-
-    If the design names no part, its own switches are returned.
+    """Return the switches with the capacitances of the named part, or the design's own if it names none.
 
     >>> from coilarray import load_design
     >>> round(part_switches(load_design("gast2020")).across_coil * 1e12)
@@ -195,10 +190,7 @@ def scan_design(
 
 
 def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> list[float]:
-    """Self-resonances of the states in Hz.
-
-    The effect of plates and copper is evaluated at these frequencies, not at the oscillation of the states.
-    """
+    """Self-resonances of the states in Hz, with plates and copper at these frequencies."""
     found = [self_resonance_of(circuit.network, one) for one in results]
     for _ in range(_ROUNDS if circuit.design.plates else 0):
         finite = [one for one in found if math.isfinite(one)]
@@ -214,12 +206,11 @@ def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> l
 
 @serial_algebra()
 def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
-    """Return the quantities that decide whether a converter reads.
+    """Return the quantities that decide whether a converter reads the flat board, over ``state``.
 
-    They hold for the flat board and take a part of the time of `scan_design`. The dimension is ``state``. The variables
-    are ``frequency``, ``parallel_resistance``, ``loaded_quality_factor``, and those from
-    `coilarray.circuit.readability.readability`, with the same meaning. ``state_self_resonance`` is infinite if it is
-    too far above the frequency to count, and leaves out the effect of plates there. NetworkError as in `scan_design`.
+    They are ``frequency``, ``parallel_resistance``, ``loaded_quality_factor``, and those of `readability`, with the
+    same meaning as in `scan_design`, which takes longer. ``state_self_resonance`` is infinite if it is too far above
+    the frequency to count, and leaves out the effect of plates there.
     """
     network = board_circuit(design, accuracy=accuracy).network
     results = [resonate(network, state) for state in design.plan]
@@ -295,11 +286,10 @@ def sweep_design(
 
 
 def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
-    """Range of frequencies in Hz to sweep a design.
+    """Return the range of frequencies in Hz in which to sweep a design, from its `scan_design`.
 
-    It follows from the frequencies of its `scan_design`. It reaches from a tenth of the resonance with the tank to four
-    times this resonance. It extends to 1.25 times the highest self-resonance if that is below ten times the resonance.
-    Nobody uses a coil above that frequency.
+    It reaches from a tenth of the resonance with the tank to four times this resonance, or to 1.25 times the highest
+    self-resonance if that is below ten times the resonance.
     """
     middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
     own = float(scan.state_self_resonance.max())
@@ -308,11 +298,10 @@ def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
 
 
 def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float] | None = None) -> FloatArray:
-    """Return rising frequencies in Hz for curves.
+    """Return rising frequencies in Hz for curves `between` two frequencies, by default those of `sweep_range`.
 
-    They lie `between` two frequencies, by default in the range of `sweep_range`. The number of `points` is spaced
-    evenly on a logarithmic scale. More points lie at the lowest and the highest self-resonance in the range and on both
-    sides of them, where a curve bends most.
+    The number of `points` is spaced evenly on a logarithmic scale. More lie around the lowest and the highest
+    self-resonance, where a curve bends most.
     """
     low, high = between or sweep_range(scan)
     own = scan.state_self_resonance.values
@@ -323,14 +312,8 @@ def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:
-    """Find pairs of states with close frequencies in Hz.
+    """Return pairs of states closer in frequency than `CLOSE_CHANNELS`, and their distance, closest first.
 
-    Their relative distance is below `CLOSE_CHANNELS`. It is returned as well, with the closest pair first. It matters
-    for channels that oscillate at the same time. A multiplexer that grounds all other channels has only a single active
-    channel.
-
-    Examples
-    --------
     >>> [(a, b) for a, b, _ in close_channels(["a", "b", "c"], [1.00e6, 1.02e6, 2e6])]
     [('a', 'b')]
     """

@@ -48,10 +48,7 @@ _ROUNDING = 1e-17  # error of the interpolated values
 _MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once; more do not fit into the caches of a processor
 _AT_ONCE = 16  # frequencies; many at once save time, but a search seldom needs all
 SLOPE_STEP = 1e-4
-"""Relative frequency step of the differences for a slope.
-
-Their error is 1e-8.
-"""
+"""Relative frequency step of the differences for a slope, whose error is 1e-8."""
 NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
 """Most Newton steps, and the relative step of convergence."""
 # Secant method: the least slope to follow, relative to the first slope, and the longest step, relative to the
@@ -64,19 +61,13 @@ _LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; entries are rounded to 1e-1
 
 @dataclass(frozen=True, eq=False)
 class SampledMatrix:
-    """Matrices in Ω or H at rising frequencies.
-
-    The frequencies (f,) are in Hz. The matrices (f, n, n) are linear between them and constant beyond.
-    """
+    """Matrices (f, n, n) in Ω or H at rising frequencies (f,) in Hz, linear between them and constant beyond."""
 
     frequencies: FloatArray
     matrices: FloatArray
 
     def __call__(self, frequency: float | FloatArray) -> FloatArray:
-        """Return the matrices at frequencies in Hz.
-
-        They have shape (…, n, n). A single sample holds for all frequencies.
-        """
+        """Return the matrices (…, n, n) at frequencies in Hz. A single sample holds for all frequencies."""
         f, values = self.frequencies, self.matrices
         if len(f) == 1:
             return np.asarray(values[0])
@@ -87,18 +78,15 @@ class SampledMatrix:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Coils and switches, to be solved at any frequency.
+    """Coils and switches, to be solved at any frequency in any state.
 
-    Any state can be solved. `names` are the names of the n coils. The inductance matrix (n, n) is in H. `resistance`
-    takes frequencies in Hz and returns the resistance matrices (…, n, n) in Ω, or a single matrix (n, n) for all.
-    `winding_capacitance` (n,) lies across each coil, in F. `mutual_capacitance` (n, n) C_ij in F between two coils,
-    each at one potential, is symmetric, and its diagonal is not used. `left_out` lists the parts of the board's circuit
-    that are not included. `dispersion` is the inductance at a frequency minus `inductance`, in H, or None if it is the
-    same at all frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, raise a
-    NetworkError.
+    `names` are the names of the n coils. The inductance matrix (n, n) is in H. `resistance` takes frequencies in Hz and
+    returns the resistance matrices (…, n, n) in Ω, or a single matrix (n, n) for all. `winding_capacitance` (n,) lies
+    across each coil, in F. `mutual_capacitance` (n, n) C_ij in F between two coils, each at one potential, is
+    symmetric, and its diagonal is not used. `left_out` lists the parts of the board's circuit that are not included.
+    `dispersion` is the inductance at a frequency less `inductance`, in H, or None. Shapes that do not fit, or a
+    capacitance that is negative or not finite, raise a NetworkError.
 
-    Notes
-    -----
     The voltage of a coil runs linearly from end to end. If two coils lie above each other, their turns cross in all
     combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12) with the mean m and the difference d of a
     coil's two ends. Four capacitors C_ij/4 from end to end have d²/4 in place of d²/12. Reducing the capacitance across
@@ -130,10 +118,7 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class PortImpedance:
-    """Impedance in Ω between two terminals at one frequency.
-
-    The frequency is in Hz.
-    """
+    """Impedance in Ω between two terminals at a frequency in Hz."""
 
     frequency: float
     impedance: complex
@@ -151,10 +136,10 @@ class PortImpedance:
 
 @dataclass(frozen=True, eq=False)
 class StateResult(PortImpedance):
-    """Impedance seen by the converter in one state.
+    """Impedance seen by the converter in one state at one frequency.
 
-    It holds for one frequency. The `impedance` in Ω is between the sides of the converter without the tank's capacitor.
-    The `admittance` in S includes it. `currents` (n,) flow through every coil in A per A in the first measured coil.
+    The `impedance` in Ω is between the sides of the converter without the tank's capacitor. The `admittance` in S
+    includes it. `currents` (n,) flow through every coil in A per A in the first measured coil.
     """
 
     state: ScanState
@@ -163,29 +148,19 @@ class StateResult(PortImpedance):
 
     @property
     def quality_factor(self) -> float:
-        """Q = Im Z/Re Z without the tank.
-
-        It is infinite without losses. See `loaded_quality`.
-        """
+        """Q = Im Z/Re Z without the tank, infinite without losses."""
         return self.impedance.imag / self.impedance.real if self.impedance.real > 0 else math.inf
 
     @property
     def parallel_resistance(self) -> float:
-        """Parallel resistance R_p = 1/Re Y in Ω.
-
-        It represents the loss that the converter compensates, and is infinite without losses.
-        """
+        """Parallel resistance R_p = 1/Re Y in Ω, the loss that the converter compensates."""
         return 1 / self.admittance.real if self.admittance.real > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Resonance(StateResult):
-    """State at the frequency where the converter oscillates.
+    """State at the frequency where the converter oscillates, Im Y = 0, with the capacitance of the tank in F.
 
-    There Im Y = 0. The capacitance of the tank is in F.
-
-    Notes
-    -----
     With the tank across the converter 1/Z = 1/R_p − jωC, so that Q = R_p/(ωL_eff) and R_eff = R_p/(1 + Q²) hold
     exactly. A coil L with a resistance R in series, alone across C, has L_eff = L + R²/(ω²L).
     """
@@ -194,18 +169,15 @@ class Resonance(StateResult):
 
     @property
     def effective_inductance(self) -> float:
-        """Effective inductance L_eff = 1/(ω²C) in H.
-
-        The converter takes it for the inductance.
-        """
+        """Effective inductance L_eff = 1/(ω²C) in H, as the converter takes it."""
         return 1 / ((2 * math.pi * self.frequency) ** 2 * self.tank_capacitance)
 
 
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return a valid inductance matrix and resistances.
+    """Return a valid inductance matrix (n, n) in H and resistances (n,) in Ω.
 
-    The matrix has shape (n, n) in H, the resistances shape (n,) in Ω. Shapes that do not fit, values that are not
-    finite, a diagonal that is not positive, or a negative resistance raise a NetworkError.
+    Shapes that do not fit, values that are not finite, a matrix that no real coils have, or a negative resistance raise
+    a NetworkError.
     """
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
@@ -250,8 +222,6 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     A coil that is unknown or occurs twice in the state, a frequency that is not positive and finite, or a singular
     network raises a NetworkError.
 
-    Examples
-    --------
     >>> from coilarray.design.scan_states import ScanState, Switches
     >>> L, R, C = np.array([[50e-6]]), np.array([[10.0]]), np.zeros((1, 1))
     >>> one = Network(("a",), L, lambda f: R, C[0], C, Switches(2.5))
@@ -269,10 +239,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
 
 
 def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> ComplexArray:
-    """Impedance (f,) of one state in Ω without the tank.
-
-    It is measured between the sides of the converter, at frequencies (f,) in Hz. The errors are as in `solve_state`.
-    """
+    """Return the impedance (f,) in Ω between the converter's sides without the tank, at frequencies (f,) in Hz."""
     check_state(state, network.names)
     check_frequency(frequencies)
     blocks, wiring = ranges(len(frequencies), _AT_ONCE), _wire(network, state)
@@ -282,11 +249,7 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
 
 
 def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Compute admittance and currents at one volt.
-
-    The volt drives the sides of the converter, the tank included, at frequencies (f,) in Hz. The result is the
-    admittance (f,) in S and the current (f, n) through every coil in A.
-    """
+    """Return the admittance (f,) in S with the tank and the currents (f, n) in A at one volt."""
     switches = network.switches
     at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
     across = network.winding_capacitance + at_coil
@@ -298,10 +261,7 @@ def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple
 
 
 def susceptance_slope(network: Network, state: ScanState, frequency: float) -> float:
-    """Slope of Im Y over the frequency in S/Hz.
-
-    The tank is included.
-    """
+    """Return the slope of Im Y over the frequency in S/Hz, the tank included."""
     low, high = frequency * (1 - SLOPE_STEP), frequency * (1 + SLOPE_STEP)
     below, above = driven(network, state, np.array([low, high]))[0].imag
     return float((above - below) / (high - low))
@@ -314,10 +274,7 @@ def _solve_with_tank(
     inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Solve a state with the tank's capacitor.
-
-    In addition to the results of `_solve`, return the admittances (f,) in S with the tank.
-    """
+    """Solve a state, and return also the admittances (f,) in S with the tank's capacitor, see `_solve`."""
     switches, state = network.switches, wiring.state
     measured = {name for name, _ in state.measured}
     winding = network.winding_capacitance if winding_capacitances is None else winding_capacitances
@@ -335,12 +292,11 @@ def _solve_with_tank(
 
 
 def resonate(network: Network, state: ScanState) -> Resonance:
-    """Solve one state where the converter oscillates.
+    """Solve one state where the converter oscillates, Im Y = 0.
 
-    This resonance, Im Y = 0, continues the resonance of the coils alone. Errors are as in `solve_state`. A NetworkError
-    is also raised if there is no resonance in a search range. The range begins at a thirtieth of the frequency of the
-    measured coils alone with one tank capacitor. It ends at thirty times the frequency with all other coils ideally
-    shorted.
+    The resonance continues the one of the coils alone. It is sought from a thirtieth of the frequency of the measured
+    coils alone with one tank capacitor to thirty times the frequency with all other coils ideally shorted. A
+    NetworkError is raised if there is none, and as in `solve_state`.
     """
     check_state(state, network.names)
     alone, least = _bare_inductances(network, state)
@@ -366,10 +322,9 @@ def resonate(network: Network, state: ScanState) -> Resonance:
 
 
 def loaded_quality(network: Network, result: StateResult) -> float:
-    """Quality factor of the whole resonator at a resonance.
+    """Return the quality factor of the whole resonator, (ω/2) (dB/dω)/G with Y = G + jB, infinite without losses.
 
-    It is (ω/2) (dB/dω)/G with Y = G + jB, and infinite without losses. It counts the energy in every inductance and
-    capacitance, switches and bus included. `StateResult.quality_factor` counts the coils without the tank.
+    It counts the energy in every inductance and capacitance, switches and bus included.
     """
     if result.admittance.real <= 0:
         return math.inf
@@ -377,10 +332,10 @@ def loaded_quality(network: Network, result: StateResult) -> float:
 
 
 def self_resonance_of(network: Network, result: StateResult, within: float = _SEARCH) -> float:
-    """Self-resonance in Hz of a state without its tank.
+    """Return the self-resonance in Hz of a state without its tank.
 
-    It is the lowest frequency above a resonance at which the state turns from coil to capacitor. It is infinite if
-    there is no such frequency below `within` times the resonance.
+    It is the lowest frequency above a resonance at which the state turns from coil to capacitor, or infinite if there
+    is none below `within` times the resonance.
     """
     wiring = _wire(network, result.state)
 
@@ -444,10 +399,7 @@ def changed_resonances(
 
 
 def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> float | None:
-    """Lowest upward zero crossing of a function.
-
-    It is sought between neighbours of a rising grid.
-    """
+    """Lowest upward zero crossing of a function between neighbours of a rising grid."""
 
     def at(point: float) -> float:
         return float(function(np.array([point]))[0])
@@ -463,10 +415,7 @@ def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatAr
 
 
 def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]:
-    """Inductance of the measured coils joined as in the state.
-
-    The first value has all other coils open, the second has all ideally shorted.
-    """
+    """Inductance of the measured coils joined as in the state, with all others open, and with all ideally shorted."""
     chosen = [network.names.index(name) for name, _ in state.measured]
     sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
     series = state.connection == "series"
@@ -483,8 +432,8 @@ class _Wiring:
     The terminals of coil k are the nodes 2k and 2k + 1. A switch or load joins each of the terminals `closed` (k,) to
     the node of `nets` (k,) with a `resistance` (k,) in Ω. `capacitance` (nodes, nodes) in F is the Maxwell matrix of
     all capacitors, with the tank's across every coil in place of the winding's own. `port` contains the nodes of the
-    converter. `kept` are the nodes after removing a reference from every part of the circuit that nothing joins to the
-    others. No current can leave such a part.
+    converter. `kept` are the nodes without a reference in every part of the circuit that nothing joins to the others,
+    as no current can leave such a part.
     """
 
     state: ScanState
@@ -504,11 +453,10 @@ def _solve(
     across: FloatArray,
     inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Impedances (f,) between the converter's sides in Ω.
+    """Return the impedances (f,) in Ω between the converter's sides, and the currents (f, n) per ampere there.
 
-    The coils' currents (f, n) in A per A fed in there are returned as well. `around` comes from `_around`.
-    `inductances` (n, n) and the capacitances `across` the coils (n,) may have a further axis (f,) in front. Imaginary
-    parts of the inductances are losses, −ΔR/ω.
+    `around` comes from `_around`. `inductances` (n, n) and the capacitances `across` the coils (n,) may have a further
+    axis (f,) in front. Imaginary parts of the inductances are losses, −ΔR/ω.
     """
     jw = 2j * math.pi * frequencies[:, None]
     L = inductances if network.dispersion is None else inductances + network.dispersion(frequencies)
@@ -525,10 +473,7 @@ def _solve(
 
 
 def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> ComplexArray:
-    """Impedances of the surroundings of the coils in Ω.
-
-    They have shape (f, n + 1, n + 1) and are between the coils' places and, last, the converter. See the module.
-    """
+    """Impedances (f, n + 1, n + 1) in Ω between the coils' places and, last, the converter. See the module."""
     n, nodes = len(network.names), len(wiring.capacitance)
     low, high = float(frequencies.min()), float(frequencies.max())
     half, middle = (high - low) / 2, (high + low) / 2
@@ -575,10 +520,7 @@ def _singular(wiring: _Wiring, frequencies: FloatArray) -> NetworkError:
 
 
 def _wire(network: Network, state: ScanState) -> _Wiring:
-    """Connect every element of the circuit except coil capacitances.
-
-    These lie across the coils.
-    """
+    """Connect every element of the circuit except the capacitances across the coils."""
     switches, n = network.switches, len(network.names)
     number = {_GROUND: 2 * n, _SIDE_A: 2 * n + 1, _SIDE_B: 2 * n + 2}
     nets = _nets(network.names, state)
@@ -611,10 +553,7 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
 
 
 def between_coils(mutual: FloatArray) -> FloatArray:
-    """Maxwell matrix of the capacitances between coils in F.
-
-    It has shape (2n, 2n), for the terminals. See `Network`.
-    """
+    """Maxwell matrix (2n, 2n) in F of the capacitances between coils, for the terminals. See `Network`."""
     apart = mutual - np.diag(np.diag(mutual))
     stamp = np.kron(np.diag(apart.sum(axis=1)), np.eye(2) / 2 - np.array([[1, -1], [-1, 1]]) / 6)
     return np.asarray(stamp - np.kron(apart, np.ones((2, 2)) / 4))
@@ -628,10 +567,7 @@ def _passive(state: ScanState, name: str) -> Passive | None:
 
 
 def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
-    """Nets of both terminals of every coil.
-
-    They are in the order of `names`, and empty for an open terminal.
-    """
+    """Nets of both terminals of every coil in the order of `names`, empty for an open terminal."""
     nets: dict[str, tuple[str, str]] = {}
     closed: dict[Passive, tuple[str, str]] = {
         "ground": (_GROUND, _GROUND),
@@ -654,10 +590,7 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
 
 
 def _references(pairs: IntArray, nodes: int, closed: IntArray, ground: int) -> list[int]:
-    """One node of every separate part of the circuit.
-
-    Pairs of nodes (k, 2) join the parts. The node is the ground or has no switch. See `_Wiring`.
-    """
+    """Return one node of every separate part of the circuit: the ground, or one without a switch."""
     ends = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
     parts, label = connected_components(ends, directed=False)
     free = np.setdiff1d(np.arange(nodes), closed)

@@ -31,25 +31,13 @@ _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """Cause of errors of δ.
+    """Cause of errors of δ. Arrays have shape (states,).
 
-    Parameters
-    ----------
-    name : str
-        Name of the cause.
-    noise : ndarray, shape (states,)
-        Standard deviation of L of one scan, relative to L, independent from scan to scan.
-    drift : ndarray, shape (states,)
-        Relative change of L with the board's temperature in 1/K, with its sign.
-    change : ndarray, shape (states,)
-        Standard deviation of the change of δ from L_0 to the reading by the temperature or the supply, with the sign of
-        the coefficient.
-    common : bool
-        Whether the cause is the same at all coils, so that a reference coil removes the equal part.
-    source : str
-        Source of its size.
-    assumed : bool
-        Whether no public source or device has confirmed it.
+    `noise` is the standard deviation of L of one scan, relative to L, independent from scan to scan. `drift` is the
+    relative change of L with the board's temperature in 1/K, with its sign. `change` is the standard deviation of the
+    change of δ from L_0 to the reading by the temperature or the supply, with the sign of the coefficient. A `common`
+    cause is the same at all coils, so that a reference coil removes the equal part. `source` is the source of its size,
+    `assumed` unless a public source or device has confirmed it.
     """
 
     name: str
@@ -67,29 +55,16 @@ class Cause:
 
     @property
     def size(self) -> str:
-        """Knowledge of the cause's size in a word.
-
-        It is "known", "assumed", or "none" if the cause has no size.
-        """
+        """Knowledge of the cause's size: "known", "assumed", or "none" if it has no size."""
         return "none" if not self.counted else "assumed" if self.assumed else "known"
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """Noise and drift of a board's readings by cause.
+    """Noise and drift of a board's readings by cause, for the `readout` settings.
 
-    Parameters
-    ----------
-    states : tuple of str
-        Names of the states in the order of every array.
-    causes : tuple of Cause
-        All causes that count.
-    readout : Readout
-        Settings for which it holds.
-    reference : tuple of str
-        Reference coils whose δ has been subtracted from the others. None by default.
-    unread : tuple of str
-        Names of the states, and reference coils, that no LDC1614 can read, so that their noise is of no use.
+    Arrays are in the order of `states`. `reference` are the reference coils whose δ has been subtracted from the
+    others. `unread` are the states, and reference coils, that no LDC1614 can read, so that their noise is of no use.
     """
 
     states: tuple[str, ...]
@@ -137,63 +112,39 @@ class NoiseBudget:
 
     @property
     def drift(self) -> FloatArray:
-        """Change of δ with temperature in 1/K, shape (states,).
-
-        All causes are added in quadrature, as some signs are unknown.
-        """
+        """Change of δ with temperature in 1/K, shape (states,), in quadrature, as some signs are unknown."""
         return _quadrature([cause.drift for cause in self.causes])
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviation of δ, shape (states,).
-
-        Noise and changes since L_0 are added.
-        """
+        """Standard deviation of δ by noise and changes since L_0, shape (states,)."""
         return _quadrature([self.noise, *(cause.change for cause in self.causes)])
 
     @property
     def largest(self) -> float:
-        """Largest `sigma` of all states.
-
-        It is the noise of δ of a single coil.
-        """
+        """Largest `sigma` of all states, the noise of δ of a single coil."""
         return float(self.sigma.max())
 
     @property
     def independent(self) -> FloatArray:
-        """Standard deviation of δ by each coil's own causes.
+        """Standard deviation of δ by each coil's own causes, shape (states,).
 
-        It has shape (states,) and contains noise, and changes not in common. With `common` it makes the covariance of
-        readings, diag(independent²) + Σ c cᵀ, whose diagonal is sigma².
+        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ, whose diagonal is sigma².
         """
         return np.hypot(self.noise, self.own_change)
 
     @property
     def own_change(self) -> FloatArray:
-        """Standard deviation of δ by own changes since L_0.
-
-        It has shape (states,). Common changes and noise are left out.
-        """
+        """Standard deviation of δ by own changes since L_0, shape (states,)."""
         return _quadrature([np.zeros(len(self.states)), *(one.change for one in self.causes if not one.common)])
 
     @property
     def common(self) -> dict[str, FloatArray]:
-        """Common changes c of δ, shape (states,) per cause.
-
-        Each is by a cause that is one random number at all coils, if it is not 0.
-        """
+        """Common changes c (states,) of δ by causes that are one random number at all coils."""
         return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """Return `common` as variables of a response dataset.
-
-        The variable is ``common_noise`` (drift_cause, state).
-
-        Returns
-        -------
-        dict
-            Name, dimensions, values (ratios) and attributes of the variable. It is empty without common causes.
-        """
+        """Return `common` as the variable ``common_noise`` (drift_cause, state) of a response dataset."""
         common = self.common
         if not common:
             return {}
@@ -203,15 +154,7 @@ class NoiseBudget:
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def select(self, states: Sequence[str]) -> NoiseBudget:
-        """Return the budget of some of the states.
-
-        They are in the given order. An unknown state raises a NetworkError.
-
-        Returns
-        -------
-        NoiseBudget
-            The smaller budget.
-        """
+        """Return the budget of some of the states in the given order. An unknown state raises a NetworkError."""
         if unknown := [name for name in states if name not in self.states]:
             raise NetworkError(f"the budget has no state {unknown[0]!r}; there are {', '.join(self.states)}.")
         kept = [self.states.index(name) for name in states]
@@ -221,17 +164,11 @@ class NoiseBudget:
         return replace(self, states=tuple(states), causes=causes)
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
-        """Return the budget with the mean of reference coils subtracted.
+        """Return the budget with the mean of reference coils subtracted from the other states.
 
-        It holds for δ of the other states less the mean δ of the reference coils. Common changes cancel as far as they
-        are equal at both, as in `coilarray.hardware.record.reference_coil`. The remaining errors of the references are
-        added in quadrature. A reference that is unknown or named twice, no reference, or no other state raises a
-        NetworkError.
-
-        Returns
-        -------
-        NoiseBudget
-            The budget of the other states.
+        Common changes cancel as far as they are equal at both, as in `coilarray.hardware.record.reference_coil`. The
+        remaining errors of the references are added in quadrature. A reference that is unknown or named twice, no
+        reference, or no other state raises a NetworkError.
         """
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -253,13 +190,7 @@ class NoiseBudget:
         return replace(self, states=others, causes=causes, reference=tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
-        """Return the budget as plain values in SI for JSON.
-
-        Returns
-        -------
-        dict
-            Numbers, texts and lists only.
-        """
+        """Return the budget as numbers, texts and lists in SI for JSON."""
         return {
             "states": list(self.states),
             "not_readable": list(self.unread),
@@ -343,19 +274,11 @@ def noise_budget(
 def budget_of(
     design: Design, frequency: npt.ArrayLike, quality_factor: npt.ArrayLike, *, switches: Switches | None = None
 ) -> NoiseBudget:
-    """Compute the budget of a design's states from their resonances.
+    """Return the budget of a design's states from their resonances.
 
-    Parameters
-    ----------
-    design : Design
-        Design, of which the read-out, the tank and the switches count.
-    frequency, quality_factor : array_like, shape (states,)
-        Resonance of every state in Hz and the quality factor of the whole resonator, infinite without losses.
-    switches : Switches, optional
-        Switches and tank of the board. By default from the design.
+    The read-out, the tank and the switches of the design count, unless `switches` are given. The resonances (states,)
+    are in Hz. The quality factors (states,) of the whole resonators are infinite without losses.
 
-    Notes
-    -----
     Noise of f in one conversion of the duration T:
 
     - resolution of the converter and jitter of its clock, as `Readout` has them,
@@ -450,10 +373,7 @@ def budget_of(
 
 @dataclass(frozen=True)
 class _Clock:
-    """Known temperature and supply coefficients of a clock.
-
-    They are relative changes in 1/K and 1/V, with their sources.
-    """
+    """Relative temperature and supply coefficients of a clock in 1/K and 1/V, with their sources."""
 
     name: str
     per_kelvin: float
@@ -482,10 +402,7 @@ _RESOLUTION = (
 
 
 def _closed_switches(state: ScanState) -> float:
-    """Return the number of closed switches in series.
-
-    They are between the sides of the converter.
-    """
+    """Count the closed switches in series between the sides of the converter."""
     coils = len(state.measured)
     return 2.0 * coils if state.connection == "series" else 2.0 / coils
 

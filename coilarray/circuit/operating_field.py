@@ -1,7 +1,4 @@
-"""Magnetic field of an array in operation.
-
-It is the field of one active coil and of the currents that it induces in the others.
-"""
+"""Magnetic field of one active coil and of the currents that it induces in the others."""
 
 from __future__ import annotations
 
@@ -61,10 +58,7 @@ def operating_currents(
 
 
 def require_endless(design: Design) -> tuple[Plate, ...]:
-    """Return the plates of a design, all infinite.
-
-    The field of a plate with an outline is not computed and raises a MetalError.
-    """
+    """Return the plates of a design, all infinite. A plate with an outline raises a MetalError."""
     for plate in design.plates:
         if isinstance(plate, FinitePlate):
             raise MetalError(

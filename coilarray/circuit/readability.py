@@ -1,6 +1,5 @@
-"""Readability of states and map positions by a converter.
+"""Readability of states and map positions by a converter: marks, drive currents and words.
 
-It has marks, amplitudes and words, and includes the drive. `coilarray.circuit.converter_limits.broken_limit` decides.
 Values that no converter can read stay in their dataset, marked. They are left out of ranges, deviations and largest
 values.
 """
@@ -39,27 +38,16 @@ RESONATOR = ("frequency", "parallel_resistance", "quality_factor")
 def readability(
     design: Design, over: tuple[str, ...], values: Mapping[str, FloatArray], base: Mapping[str, FloatArray]
 ) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-    """Return the variables for the readability by a converter.
+    """Return the variables for the readability by a converter, none without one.
 
-    Parameters
-    ----------
-    design : Design
-        Design, of which the read-out counts. Without a converter there are no variables.
-    over : tuple of str
-        Dimensions of the values, the states last.
-    values : mapping of str to ndarray, shape (…, states)
-        ``frequency`` in Hz, ``parallel_resistance`` in Ω and ``quality_factor`` at every position.
-    base : mapping of str to ndarray, shape (states,)
-        The same of the coils alone.
+    `values` and `base` hold the `RESONATOR` quantities at every position (…, states) and of the coils alone (states,).
+    `over` are the dimensions of the values, the states last.
 
-    Returns
-    -------
-    dict
-        Variables by name. At every position: ``readable``, ``broken_limit``, the number of the broken limit or 0,
-        ``amplitude`` in V with the drive current of the coil alone, or NaN if no current fits it, and
-        ``path_readable``, with the single drive current that reads the most. Of every state: ``drive_code``, the IDRIVE
-        of the coil alone, ``path_drive_code``, the IDRIVE that reads the most positions and the coil alone, and
-        ``alone_readable``, whether the latter reads the coil alone. A code of −1 stands for none.
+    At every position: ``readable``, ``broken_limit``, the number of the broken limit or 0, ``amplitude`` in V with the
+    drive current of the coil alone, or NaN if no current fits it, and ``path_readable``, with the single drive current
+    that reads the most. Of every state: ``drive_code``, the IDRIVE of the coil alone, ``path_drive_code``, the IDRIVE
+    that reads the most positions and the coil alone, and ``alone_readable``, whether the latter reads the coil alone. A
+    code of −1 stands for none.
     """
     if not design.readout.converter:
         return {}
@@ -88,10 +76,7 @@ def readability(
 
 
 def readable_of(response: xr.Dataset) -> xr.DataArray:
-    """Return where a converter reads a map.
-
-    The dimensions are those in its ``delta``. A map without this information counts as readable everywhere.
-    """
+    """Return where a converter reads a map, with the dimensions of ``delta``. It is everywhere by default."""
     delta = response["delta"]
     if "readable" not in response:
         return xr.ones_like(delta, dtype=bool)
@@ -99,11 +84,10 @@ def readable_of(response: xr.Dataset) -> xr.DataArray:
 
 
 def with_reasons(dataset: xr.Dataset, more: Sequence[str] = ()) -> tuple[xr.Dataset, tuple[str, ...]]:
-    """Return a dataset with ``broken_limit`` in words.
+    """Return a dataset with ``broken_limit`` in words, and the names of its marks for a table.
 
-    The words are empty for no broken limit. The names of its marks for a table are returned with it. `more` are further
-    variables of `readability`, which come first. Without a converter there are no names. Without a broken limit its
-    name is left out, and ``path_readable`` is present only if it differs from ``readable``.
+    `more` are further variables of `readability`, which come first. Without a converter there are no names. Marks that
+    are the same everywhere are left out.
     """
     if "broken_limit" not in dataset:
         return dataset, ()
@@ -118,22 +102,10 @@ def with_reasons(dataset: xr.Dataset, more: Sequence[str] = ()) -> tuple[xr.Data
 class PathDrive:
     """Drive of the sensor over all positions of one state.
 
-    Parameters
-    ----------
-    state : str
-        Name of the state.
-    code, path_code : int
-        IDRIVE of the coil alone, and the IDRIVE that reads the most positions and the coil alone. −1 for none.
-    least, most : float
-        Ends of the amplitude in V over all positions with `code`. NaN for none.
-    place : str
-        Place of the amplitude that is farthest from the allowed range.
-    read, positions : int
-        Positions that `path_code` reads, and all of them.
-    alone : bool
-        Whether `path_code` reads the coil alone as well.
-    heights : str
-        Distances or depths that `path_code` reads at the place of the least R_p.
+    `code` and `path_code` are the IDRIVE of the coil alone, and the one that reads the most positions and the coil
+    alone, −1 for none. `least` and `most` are the ends of the amplitude in V over all positions with `code`, NaN for
+    none, and `place` is where it is farthest from the allowed range. `read` of `positions` are read by `path_code`, and
+    the coil `alone` if true. `heights` are the distances or depths that it reads at the place of the least R_p.
     """
 
     state: str
@@ -154,18 +126,12 @@ class PathDrive:
 
     @property
     def kept(self) -> bool:
-        """Whether the coil's own drive keeps the amplitude everywhere.
-
-        This means the drive current of the coil alone, at every position.
-        """
+        """Whether the drive of the coil alone keeps the amplitude at every position."""
         return AMPLITUDES[0] <= self.least and self.most <= AMPLITUDES[1]
 
 
 def path_drives(response: xr.Dataset) -> list[PathDrive]:
-    """Return the drive over positions of every map state.
-
-    The list is empty without a converter.
-    """
+    """Return the drive over positions of every map state, none without a converter."""
     found: list[PathDrive] = []
     if "amplitude" not in response or "y" not in response.amplitude.dims:
         return found
@@ -187,14 +153,10 @@ def path_drives(response: xr.Dataset) -> list[PathDrive]:
 
 
 def reading_lines(response: xr.Dataset) -> list[str]:
-    """Describe the parts of a map that the converter misses.
+    """Return sentences on the parts of a map that the converter misses.
 
-    There is a line for each limit that prevents reading, and for the effect of the drive of the coils alone.
-
-    Returns
-    -------
-    list of str
-        Sentences. The list is empty if the drive of each coil alone reads every position, or there is no converter.
+    There is one for each limit that prevents reading, and for the drive of the coils alone, if it does not read
+    everything.
     """
     if "broken_limit" not in response:
         return []
@@ -242,10 +204,7 @@ def _place(values: xr.DataArray, index: Sequence[np.intp]) -> str:
 
 
 def _spans(values: FloatArray, chosen: BoolArray, what: str) -> str:
-    """Write the chosen lengths in m, neighbours as one span.
-
-    The lengths are rising.
-    """
+    """Write the chosen of rising lengths in m, neighbours as one span."""
     parts = []
     for read, group in groupby(zip(values.tolist(), chosen.tolist(), strict=True), key=lambda pair: pair[1]):
         inside = [MM.text(value) for value, _ in group]

@@ -67,23 +67,17 @@ class StateSensitivity:
     weights: ComplexArray
 
     def delta(self, change: FloatArray) -> FloatArray:
-        """Relative change of every state's inductance, shape (…, states).
-
-        The changes of the inductance matrix (…, coils, coils) are in H.
-        """
+        """Return δ (…, states) by changes of the inductance matrix (…, coils, coils) in H."""
         energy = np.einsum("pa,...pq,qa->...a", self.currents, change, self.currents, optimize=True)
         return np.asarray((self.weights * energy).real)
 
 
 @serial_algebra()
 def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
-    """Solve every state of a scan at its resonance.
+    """Solve states that measure one coil each at their resonances.
 
-    Each state measures one coil. A state that measures several coils or none, or a state without a resonance, raises a
-    NetworkError.
+    A state that measures several coils or none, or a state without a resonance, raises a NetworkError.
 
-    Examples
-    --------
     >>> from coilarray.circuit.board_circuit import bare_network
     >>> from coilarray.design.scan_states import Switches, paper_plan
     >>> L = np.array([[2e-6, 0.2e-6], [0.2e-6, 2e-6]])
@@ -117,10 +111,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
 
 @serial_algebra()
 def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
-    """Solve states where the converter oscillates.
-
-    The results are those from `coilarray.circuit.network.resonate`, faster for many coils.
-    """
+    """Solve states where the converter oscillates, as `resonate` does, but faster for many coils."""
     for state in states:
         check_state(state, network.names)
     C = network.switches.tank_capacitance
@@ -137,10 +128,7 @@ def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]
 
 
 class _States(NamedTuple):
-    """States at their resonances.
-
-    ω is in 1/s, and NaN without a resonance. Y is in S, dB/dω in F, and i (coils, states) in A/V.
-    """
+    """States at their resonances: ω in 1/s, NaN without one, Y in S, dB/dω in F, and i (coils, states) in A/V."""
 
     omega: FloatArray
     admittance: ComplexArray
@@ -155,10 +143,9 @@ def _measured(network: Network, states: Sequence[ScanState]) -> IntArray:
 
 
 def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW) -> Iterator[tuple[list[int], _States]]:
-    """Solve states of one measured coil in groups.
+    """Yield the numbers and the solution of the states for which a faster method exists, in groups.
 
-    It yields the numbers and the solution of the states for which a faster method exists. Coils alone (`_is_bare`) are
-    solved together from an array of `fewest` coils on, all others from `_FEW` coils on.
+    Coils alone (`_is_bare`) are solved together from an array of `fewest` coils on, all others from `_FEW` coils on.
     """
     n, bare = len(network.names), _is_bare(network)
     groups: dict[bytes, list[int]] = {}
@@ -180,10 +167,7 @@ def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW)
 
 
 def _is_bare(network: Network) -> bool:
-    """Check that a network has coils, switches and tank only.
-
-    The coils have constant R and L, the switches are closed, and the tank is at the converter.
-    """
+    """Whether a network has coils of constant R and L, closed switches and a tank at the converter only."""
     switches, resistance = network.switches, network.resistance
     strays = (switches.off_capacitance, switches.terminal_capacitance, switches.bus_capacitance)
     capacitance = any(strays) or network.winding_capacitance.any() or network.mutual_capacitance.any()
@@ -206,10 +190,7 @@ def _alone(network: Network, state: ScanState) -> tuple[float, float, ComplexArr
 
 
 def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:
-    """Solve some of the coils at once, without other elements.
-
-    Their resistances are constant.
-    """
+    """Solve some of the coils at once, of constant resistance and without other elements."""
     L = network.inductance[np.ix_(coils, coils)]
     R = np.diag(network.resistance(1.0))[coils] + 2 * network.switches.on_resistance
     capacitance = network.switches.tank_capacitance
@@ -229,10 +210,7 @@ def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _Stat
 
 
 def _sampled_states(network: Network, measured: IntArray) -> _States:
-    """Solve all coils with strays and any resistance.
-
-    All coils except the measured coil are grounded.
-    """
+    """Solve coils with strays and any resistance, all others grounded."""
     n, C, count = len(network.names), network.switches.tank_capacitance, len(measured)
     omega = 1 / np.sqrt(np.diag(network.inductance)[measured] * (C + network.winding_capacitance[measured]))
     K = _terminal_capacitance(network)
@@ -265,10 +243,7 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
 
 
 def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntArray]:
-    """Yield the indices of values that are close together.
-
-    The values of a group are on one side of every edge.
-    """
+    """Yield the indices of values that are close together and on one side of every edge."""
     order, segment = np.argsort(values), np.searchsorted(edges, values)
     while len(order):
         same = (values[order] <= values[order[0]] * (1 + span)) & (segment[order] == segment[order[0]])
@@ -279,10 +254,7 @@ def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntA
 def _interpolated(
     network: Network, K: csc_array, measured: IntArray, omega: FloatArray, low: float, high: float
 ) -> _States:
-    """Solve states with resonances between two angular frequencies.
-
-    The resonances are near those given.
-    """
+    """Solve states with resonances between two angular frequencies, near those given."""
     angle = np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
     nodes = (low + high) / 2 + (high - low) / 2 * np.cos(angle)
     admittances, currents = zip(*(_driven_together(network, K, measured, at) for at in nodes.tolist()), strict=True)
@@ -309,10 +281,7 @@ def _interpolated(
 
 
 def _terminal_capacitance(network: Network) -> csc_array:
-    """Maxwell matrix of the coils' terminals in F.
-
-    It includes all elements at the terminals except the converter. The shape is (2 coils, 2 coils).
-    """
+    """Maxwell matrix (2 coils, 2 coils) of the terminals in F, with all elements there except the converter."""
     switches = network.switches
     across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     ground = np.full(2 * len(across), 2 * switches.off_capacitance + switches.terminal_capacitance)
@@ -323,12 +292,8 @@ def _terminal_capacitance(network: Network) -> csc_array:
 def _driven_together(
     network: Network, K: csc_array, measured: IntArray, omega: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Admittances with the tank and coil currents for one volt.
+    """Admittances (states,) in S with the tank, and currents (coils, states) in A for one volt.
 
-    The admittances (states,) are in S, the currents (coils, states) in A. All other coils are grounded.
-
-    Notes
-    -----
     The terminals t have the voltages v = q − r (jωK v + A i). Here q are the voltages behind their closed switches of
     resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil currents that leave them. With the
     coils' Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the

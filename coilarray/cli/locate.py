@@ -179,7 +179,7 @@ def _ellipse_model(
     from coilarray.paper.ellipse import fit_ellipses
     from coilarray.paper.ellipse_model import ellipse_model
     from coilarray.paper.published import published_model
-    from coilarray.response.coordinates import origin_of
+    from coilarray.response.dataset import origin_of
 
     if source == _PUBLISHED:
         return published_model(), (0.0, 0.0)
@@ -213,7 +213,7 @@ def _with_all_coils(
     from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
     from coilarray.localize.inverse import checked_reading, locate_all
     from coilarray.report.localize_tables import location_record
-    from coilarray.response.coordinates import on_board
+    from coilarray.response.dataset import on_board
 
     every = response.states
     used = chosen_states(every, coils or every)

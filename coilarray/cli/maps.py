@@ -65,7 +65,7 @@ def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
     With `target` it may also be the map of a target, over its distance.
     """
     from coilarray.compute.netcdf import read_checked
-    from coilarray.response.schema import RESPONSE, TARGET_MAP
+    from coilarray.response.dataset import RESPONSE, TARGET_MAP
 
     return read_checked(path, RESPONSE, *([TARGET_MAP] if target else []))
 

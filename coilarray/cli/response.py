@@ -87,8 +87,7 @@ def response(
     from coilarray.report.figures import map_outlines
     from coilarray.report.indentation_tables import response_table
     from coilarray.report.target_tables import path_drive_table
-    from coilarray.response.answering import coils_outside
-    from coilarray.response.coordinates import on_board
+    from coilarray.response.dataset import coils_outside, on_board
     from coilarray.response.map import Imperfections, response_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)

@@ -234,7 +234,7 @@ def from_map_origin(
     setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
 ) -> tuple[tuple[float, ...] | None, ...]:
     """Return positions of options, in m on the board, as counted from the origin of the map of a setup."""
-    from coilarray.response.coordinates import from_board, map_origin
+    from coilarray.response.dataset import from_board, map_origin
 
     rows = zip((x, y), map_origin(setup), strict=True)
     return tuple(None if row is None else from_board(row, at) for row, at in rows)

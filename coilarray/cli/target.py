@@ -78,7 +78,7 @@ def target(
         target_table,
         values_table,
     )
-    from coilarray.response.coordinates import on_board
+    from coilarray.response.dataset import on_board
     from coilarray.response.target import target_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)

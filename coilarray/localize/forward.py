@@ -20,7 +20,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import referenced_names
 from coilarray.errors import LocalizeError, require_positive
 from coilarray.localize.whitening import Whitening, whitening
-from coilarray.response.coordinates import is_of_target, over_depth
+from coilarray.response.dataset import checked_response, is_of_target, over_depth
 from coilarray.response.interpolation import (
     LEAST_POSITIONS,
     PARAMETERS,
@@ -30,7 +30,6 @@ from coilarray.response.interpolation import (
     response_spline,
 )
 from coilarray.response.map import response_map
-from coilarray.response.schema import checked_response
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 

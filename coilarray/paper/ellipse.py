@@ -48,8 +48,7 @@ from scipy.ndimage import label
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.display_units import PER_MILLION
 from coilarray.errors import LocalizeError, require_positive
-from coilarray.response.coordinates import in_ellipse_window
-from coilarray.response.schema import RESPONSE
+from coilarray.response.dataset import RESPONSE, in_ellipse_window
 
 PARAMETERS = ("x0", "A", "B")
 """Names of the parameters of an ellipse, in the order of every row of them."""

@@ -22,7 +22,7 @@ from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Indenter
 from coilarray.paper.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
-from coilarray.response.answering import middle_state
+from coilarray.response.dataset import middle_state
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

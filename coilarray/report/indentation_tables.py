@@ -8,7 +8,7 @@ import xarray as xr
 from coilarray.circuit.readability import readable_of
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.table import Column, Table, Value, dataset_table
-from coilarray.response.answering import NO_ANSWER
+from coilarray.response.dataset import NO_ANSWER
 
 _NO_RING = 1e-6  # of the depth, below which a rise is rounding
 

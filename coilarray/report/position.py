@@ -12,7 +12,7 @@ from coilarray.compute.table import Column, Table, Value
 from coilarray.errors import LocalizeError
 from coilarray.paper.ellipse import Ellipse, fit_ellipses
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
-from coilarray.response.coordinates import axis_label, in_ellipse_window, origin_of
+from coilarray.response.dataset import axis_label, in_ellipse_window, origin_of
 
 Place = tuple[float, float]
 """Real x and y in m, as the map counts them."""

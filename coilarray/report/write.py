@@ -45,8 +45,7 @@ from coilarray.report.drawing import drawing_beside
 from coilarray.report.page import now, render_page, with_contents
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.report.summary import position_bounds, summary_table, verdicts
-from coilarray.response.answering import coils_outside
-from coilarray.response.coordinates import on_board, origin_of
+from coilarray.response.dataset import coils_outside, on_board, origin_of
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
 from coilarray.response.target import target_map

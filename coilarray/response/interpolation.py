@@ -23,10 +23,7 @@ from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
 
 PARAMETERS = ("x", "y", "depth")
-"""Unknowns of an indentation.
-
-They are in the order of the last axis of this package's arrays.
-"""
+"""Unknowns of an indentation in the order of the last axis of this package's arrays."""
 LEAST_POSITIONS = 4
 """Fewest positions along x and along y for a cubic."""
 
@@ -38,9 +35,9 @@ _ROUNDING = 1e-12  # m
 class ResponseSpline:
     """Values over position and depth, with derivatives.
 
-    `x`, `y` and `depth` are the coordinates in m, shape (n,) each, at which the response is known. A coordinate with a
-    single value is taken as known. Then only the others are unknown, and this coordinate of a point has no effect.
-    `spline` is over the coordinates with more values. It is over the root of the depth if `in_root` is set.
+    `x`, `y` and `depth` (n,) in m are the coordinates at which the response is known. A coordinate with a single value
+    is taken as known, and has no effect at a point. `spline` is over the coordinates with more values, and over the
+    root of the depth if `in_root` is set.
     """
 
     x: FloatArray
@@ -61,25 +58,18 @@ class ResponseSpline:
 
     @property
     def free(self) -> list[int]:
-        """Numbers of the unknown coordinates among x, y and depth.
-
-        These are the coordinates with more than one value.
-        """
+        """Numbers of the coordinates among x, y and depth with more than one value."""
         return [k for k, axis in enumerate((self.x, self.y, self.depth)) if len(axis) > 1]
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns.
-
-        It is 3 for x, y and depth, or 2 if the table has one depth.
-        """
+        """Number of unknowns: 3 for x, y and depth, or 2 if the table has one depth."""
         return len(self.free)
 
     def outside(self, points: FloatArray) -> tuple[int, float] | None:
-        """Return the first coordinate outside the table.
+        """Return number and value in m of the first coordinate of points (…, 3) outside the table, or None.
 
-        Its number and value in m are returned for points (…, 3), or None if no coordinate is outside. A picometre
-        beyond the edge counts as rounding, as for places counted from another origin.
+        A picometre beyond the edge counts as rounding, as for places counted from another origin.
         """
         free = self.free
         low, high = self.lower[free] - _ROUNDING, self.upper[free] + _ROUNDING
@@ -89,10 +79,7 @@ class ResponseSpline:
         return free[int(np.argwhere(~inside)[0][-1])], float(points[..., free][~inside][0])
 
     def values_at(self, points: FloatArray, axis: int | None = None) -> FloatArray:
-        """Interpolate at points (…, 3) in m, or differentiate there.
-
-        The derivative is the first by the unknown `axis`, as `free` counts them.
-        """
+        """Interpolate at points (…, 3) in m, or differentiate by the unknown `axis`, as `free` counts them."""
         orders = np.zeros(self.unknowns, dtype=int)
         if axis is not None:
             orders[axis] = 1
@@ -105,13 +92,12 @@ class ResponseSpline:
 def response_spline(
     x: FloatArray, y: FloatArray, depth: FloatArray, values: FloatArray, *, zero_plane: bool, in_root: bool = False
 ) -> ResponseSpline:
-    """Interpolate values (x, y, depth, …) by cubic splines.
+    """Interpolate values (x, y, depth, …) by cubic splines over rising coordinates (n,) in m.
 
-    The axes are treated in turn, at rising coordinates in m, shape (n,) each. In x and y, with one or at least 4
-    positions each, the spline is cubic with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch. IV). In
-    depth it is cubic from four planes on. With fewer planes it is the polynomial through them. `zero_plane` adds values
-    of 0 at the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the root of
-    the depth, with zero slope at the first root, which must be 0.
+    In x and y, with one or at least 4 positions each, the spline is cubic with C. de Boor's not-a-knot ends (A
+    Practical Guide to Splines, ch. IV). In depth it is cubic from four planes on, else the polynomial through them.
+    `zero_plane` adds values of 0 at the depth 0 to a table of more than one depth that has none. `in_root` interpolates
+    over the root of the depth, with zero slope at the first root, which must be 0.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
         depth = np.concatenate(([0.0], depth))
@@ -136,16 +122,10 @@ def response_spline(
 
 
 def coil_extent(design: Design) -> FloatArray:
-    """Extent of all coils' outlines in m.
-
-    These are the least and greatest x and y from the map's origin, shape (2, 2).
-    """
+    """Least and greatest x and y of all coils' outlines in m from the map's origin, shape (2, 2)."""
     return np.reshape(design.array.outline_bounds, (2, 2)) - indentation_of(design).origin_point
 
 
 def even_row(start: float, stop: float, step: float) -> FloatArray:
-    """Equal steps of at most `step` between two ends.
-
-    They give at least 4 positions.
-    """
+    """Return at least 4 positions in equal steps of at most `step` between two ends."""
     return np.linspace(start, stop, max(LEAST_POSITIONS, math.ceil((stop - start) / step - 1e-9) + 1))

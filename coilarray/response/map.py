@@ -43,7 +43,7 @@ from coilarray.response.changes import (
     plus,
     through_circuit,
 )
-from coilarray.response.coordinates import ELLIPSE_WINDOW, map_coordinates, origin_attributes
+from coilarray.response.dataset import ELLIPSE_WINDOW, map_coordinates, origin_attributes
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -155,7 +155,7 @@ def response_map(
         - ``inductance`` (coil, other): in H, with flat sheets,
         - ``force`` in N and ``contact_radius`` in m (depth),
         - ``coil_x`` and ``coil_y`` (coil): centres in m from the map's origin, which the attributes ``origin_x`` and
-          ``origin_y`` place on the board (`coilarray.response.coordinates.on_board`).
+          ``origin_y`` place on the board (`coilarray.response.dataset.on_board`).
 
         With every coil also
 
@@ -469,10 +469,9 @@ def response_dataset(
     variables: Mapping[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
-    """Assemble the dataset of a computed response.
+    """Assemble the dataset of a response δ (…, states) at the axes, for all coils and states or for the named.
 
-    It holds δ (…, states) at the axes, for all coils and states or for the named. With `per_length` inductances are in
-    H/m and forces in N/m. `variables` are additional variables: dimensions, values and attributes by name.
+    With `per_length` inductances are in H/m and forces in N/m. `variables` are additional variables.
     """
     setup, per = indentation_of(design), "/m" if per_length else ""
     names = list(design.array.names if coils is None else coils)
@@ -511,19 +510,13 @@ def response_dataset(
 
 
 def _ellipse_window(setup: Indentation, axes: MapAxes) -> dict[str, list[float]]:
-    """Return the ellipse attribute of a design's own map.
-
-    Some of the map's positions are for ellipses.
-    """
+    """Ellipse attribute of a design's own map, of which some positions are for ellipses."""
     own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
     return {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}
 
 
 def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool, metal: bool) -> float:
-    """Error of δ from near coils, relative to its peak.
-
-    The error is the allowed maximum. It is 0 for every coil.
-    """
+    """Return the allowed error of δ from near coils, relative to its peak, 0 for every coil."""
     if reach == "auto":
         return 0.0 if dielectric or metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
@@ -543,10 +536,7 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
 
 
 def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: float = 0.0) -> None:
-    """Refuse a map that is too large before any computation.
-
-    `more` are the bytes per value that metal takes.
-    """
+    """Refuse a map that is too large, with `more` bytes per value for metal."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
     if error:
@@ -630,10 +620,9 @@ def _sensors_of(flats: Sequence[Resonance]) -> FloatArray:
 def _readability(
     design: Design, network: Network, sensors: FloatArray, flat: FloatArray, shape: tuple[int, ...]
 ) -> dict[str, Variable]:
-    """Return the readability variables of a converter.
+    """Readability variables of a converter from `_sensors` at positions of a shape and of the flat board.
 
-    They follow from `_sensors` at positions of a shape and of the flat board. Here Q = R_p/(ω L_eff) = ω C R_p, as in
-    `Resonance`.
+    Here Q = R_p/(ω L_eff) = ω C R_p, as in `Resonance`.
     """
     at, base = (
         dict(zip(RESONATOR, (f, R_p, 2 * np.pi * f * network.switches.tank_capacitance * R_p), strict=True))
@@ -647,10 +636,7 @@ def _readability(
 
 
 def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
-    """Solve the states of a scan.
-
-    If a state measures several coils, raise a NetworkError, or return None unless required.
-    """
+    """Solve the states of a scan, or return None if a state measures several coils and none are required."""
     try:
         return state_sensitivity(network, plan)
     except NetworkError:
@@ -660,10 +646,7 @@ def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool)
 
 
 def _budget_of_states(design: Design, network: Network, states: StateSensitivity) -> tuple[NoiseBudget, FloatArray]:
-    """Noise budget with the losses of each state's own coil.
-
-    `_sensors` with these losses are returned as well.
-    """
+    """Noise budget with the losses of each state's own coil, and `_sensors` with these losses."""
     L = states.base_inductance
     frequency = 1 / (2 * np.pi * np.sqrt(L * network.switches.tank_capacitance))
     resistance = np.diagonal(network.resistance(float(frequency.mean())))[states.measured]

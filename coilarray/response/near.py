@@ -66,12 +66,11 @@ def near_response(
     *,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, Cutoff]:
-    """Compute δ of the states near the indenter.
+    """Compute δ (depths, positions, states) of the states near the indenter, 0 for all others.
 
-    The result has shape (depths, positions, states) and is 0 for all other states. δ_a = Re(w_a i_aᵀ ΔL i_a) with the
-    currents of the flat board, to first order in ΔL, see `coilarray.circuit.state_sensitivity`. The linear model leaves
-    out 4.5e-5 of the peak for 1 mm in gast2020. The distances are chosen for an error of δ relative to its peak. Too
-    many positions raise a MemoryLimitError.
+    δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
+    `coilarray.circuit.state_sensitivity`. The linear model leaves out 4.5e-5 of the peak for 1 mm in gast2020. The
+    distances are chosen for an error of δ relative to its peak. Too many positions raise a MemoryLimitError.
     """
     delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
     cutoff = Cutoff(0.0, 0.0)
@@ -92,10 +91,7 @@ def _add_levels(
     mesh: LayerMesh,
     progress: Progress | None,
 ) -> Cutoff:
-    """Add δ of some level samples to `delta`.
-
-    The shape is (depths, positions, states).
-    """
+    """Add δ of some level samples to `delta` (depths, positions, states)."""
     dents = [(k, level.shares[k], dent) for level in levels for k, dent in enumerate(level.dents)]
     moving = [one for one in dents if np.isfinite(one[2].clearance)]
     if not moving:
@@ -114,10 +110,7 @@ def _add_levels(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Solved dents, coil spectra and cutoff distances.
-
-    There is a spectrum for every slope of a motion.
-    """
+    """Solved dents, coil spectra for every slope of a motion, and cutoff distances."""
 
     scatterings: tuple[Scattering, ...]
     spectra: Mapping[tuple[float, float], CoilSpectra]
@@ -166,11 +159,10 @@ def _solve(
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """Fall of inductance changes with distance from the indenter.
+    """Fall of inductance changes with distance from the indenter, relative to the largest.
 
-    The changes are relative to the largest. `radius` are distances in m of a coil from the indenter's axis, rising from
-    0. `own` and `mutual`, of the same shape (n,), are the largest |ΔL_aa| of a coil there in any direction, and the
-    largest |ΔL_ab| of such a coil with a coil anywhere.
+    `radius` are distances in m of a coil from the indenter's axis, rising from 0. `own` and `mutual` (n,) are the
+    largest |ΔL_aa| of a coil there in any direction, and the largest |ΔL_ab| of such a coil with a coil anywhere.
     """
 
     radius: FloatArray
@@ -178,20 +170,16 @@ class _Profile:
     mutual: FloatArray
 
     def mutual_at(self, distance: FloatArray) -> FloatArray:
-        """Mutual change at distances in m.
-
-        Beyond the end of the profile it falls as for a dipole.
-        """
+        """Mutual change at distances in m. Beyond the end of the profile it falls as for a dipole."""
         end = self.radius[-1]
         far = np.maximum(distance, end)
         return np.asarray(np.interp(distance, self.radius, self.mutual) * (end / far) ** _DIPOLE)
 
 
 def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
-    """Measure the fall of a dent's changes with distance.
+    """Measure the fall of a dent's changes up to the distance `farthest` in m, which the wavenumbers must resolve.
 
-    The distance of a coil reaches up to `farthest` in m, and the wavenumbers must resolve it. The profile has the
-    largest values of all shapes of coils.
+    The profile has the largest values of all shapes of coils.
     """
     steps = max(int(np.ceil(_STEPS_PER_RADIUS * farthest / spectra.radius)), 1)
     radius = np.linspace(0, farthest, steps + 1)
@@ -209,12 +197,12 @@ def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _
 
 
 def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
-    """Choose the cutoff of states and coils.
+    """Choose the cutoff of states and coils from an error of δ relative to its largest value.
 
-    It follows from an error of δ relative to its largest value. A state that is left out would have responded by ΔL_aa
-    + 2 i_b ΔL_ab or less, with the dent under a coil b. The coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a
-    state with the dent under its own coil. They may be nearer to a dent beside it, so half of the error is reserved for
-    them. The cutoff is infinite if the profile ends before.
+    A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent under a coil b. The
+    coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the dent under its own coil. They may be
+    nearer to a dent beside it, so half of the error is reserved for them. The cutoff is infinite if the profile ends
+    before.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
     shared = 2 * np.abs(states.currents) * profile.mutual_at(distance)
@@ -225,10 +213,7 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
 
 
 def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, error: float) -> float:
-    """Distance in m beyond which no state responds.
-
-    It is infinite if the profile ends before.
-    """
+    """Distance in m beyond which no state responds, infinite if the profile ends before."""
     order = np.argsort(distance, axis=None)
     beyond = np.maximum.accumulate(shared.ravel()[order][::-1])[::-1]
     most_shared = np.append(beyond, 0.0)[np.searchsorted(distance.ravel()[order], profile.radius)]
@@ -238,10 +223,7 @@ def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, e
 
 
 def _coil_cutoff(distance: FloatArray, shared: FloatArray, error: float) -> float:
-    """Distance in m beyond which coils together are negligible.
-
-    They add less than the error to any state.
-    """
+    """Distance in m beyond which all coils together add less than the error to any state."""
     order = np.argsort(distance, axis=0)
     beyond = np.cumsum(np.take_along_axis(shared, order, axis=0)[::-1], axis=0)[::-1]
     needed = np.where(beyond > error, np.take_along_axis(distance, order, axis=0), 0.0)
@@ -249,10 +231,7 @@ def _coil_cutoff(distance: FloatArray, shared: FloatArray, error: float) -> floa
 
 
 def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray:
-    """Numbers of the places near every point.
-
-    The shape is (points, most). The number of places stands for no place.
-    """
+    """Numbers (points, most) of the places near every point. The number of places stands for no place."""
     tree = KDTree(places)
     most = max(int(tree.query_ball_point(points, distance, return_length=True).max()), 1)
     require_memory(16.0 * len(points) * most, f"the response at {len(points)} positions", "compute it in pieces")
@@ -263,10 +242,7 @@ def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray
 def _fields(
     solved: _Solved, scattering: Scattering, motion: Motion, points: FloatArray, coils: IntArray
 ) -> tuple[FloatArray, Callable[[slice], FloatArray]]:
-    """Dent strengths (n,) and the operator of coil amplitudes.
-
-    The operator gives the amplitudes of the coils near some points, (points, coils, n).
-    """
+    """Dent strengths (n,), and a function for the amplitudes (points, coils, n) of coils near points."""
     spectra = solved.spectra[motion.slope]
     shapes = range(len(spectra.series))
     shape_of = np.append(spectra.shape_of, -1)[coils]
@@ -289,10 +265,7 @@ def _fields(
 
 
 def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
-    """Assign the amplitudes of every shape to its coils.
-
-    The result has shape (points, coils, n).
-    """
+    """Assign the amplitudes of every shape to its coils, (points, coils, n)."""
     spread = np.zeros((*shape_of.shape, amplitudes[0].shape[1]))
     for shape, values in enumerate(amplitudes):
         spread[shape_of == shape] = values
@@ -300,10 +273,7 @@ def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
 
 
 def _padded(states: StateSensitivity) -> StateSensitivity:
-    """Add a coil without current and a state without response.
-
-    They stand for absent coils and states.
-    """
+    """Add a coil without current and a state without response, which stand for absent ones."""
     return replace(states, currents=np.pad(states.currents, ((0, 1), (0, 1))), weights=np.append(states.weights, 0))
 
 
@@ -317,10 +287,7 @@ def _add_delta(
     fields: Callable[[slice], FloatArray],
     rows: slice,
 ) -> None:
-    """Add δ of near states at some points.
-
-    It is added to `delta`. The fields of all near coils are squared. The shape is (points, states).
-    """
+    """Add δ of near states at some points to `delta` (points, states), from the squared fields of all near coils."""
     currents = states.currents[coils[rows, :, None], near[rows, None, :]]
     total = fields(rows).transpose(0, 2, 1) @ np.concatenate((currents.real, currents.imag), axis=2)
     real, imaginary = np.split(total, 2, axis=2)

@@ -1,7 +1,4 @@
-"""Setup of a response map.
-
-It contains the axes, the true sheets and positions, the contacts and the dents of every depth.
-"""
+"""Setup of a response map: axes, true sheets and positions, contacts and dents of every depth."""
 
 from __future__ import annotations
 
@@ -99,10 +96,7 @@ class Imperfections:
 
 @dataclass(frozen=True, eq=False)
 class MapAxes:
-    """Depths and positions of a map in m.
-
-    They are rising, each of shape (n,). Positions count from the map's origin.
-    """
+    """Depths and positions of a map in m, rising, each (n,). Positions count from the map's origin."""
 
     depth: FloatArray
     x: FloatArray
@@ -114,10 +108,9 @@ class MapAxes:
         return len(self.depth), len(self.y), len(self.x)
 
     def order(self, along: Literal["rows", "columns"]) -> FloatArray:
-        """Return the order of every indentation in a campaign.
+        """Return the order of every indentation (depth, places) in a campaign, from 0 to 1.
 
-        The number over all indentations runs from 0 to 1, with shape (depth, places). The order is row after row, x
-        rising, or column after column, y rising, with all depths at one place.
+        It goes row after row, x rising, or column after column, y rising, with all depths at one place.
         """
         depths, rows, columns = self.shape
         shape = (rows, columns, depths) if along == "rows" else (columns, rows, depths)
@@ -126,20 +119,16 @@ class MapAxes:
 
     @property
     def places(self) -> FloatArray:
-        """Positions of the map in m, shape (n, 2).
-
-        The coordinate x varies fastest.
-        """
+        """Positions of the map in m, shape (n, 2), x fastest."""
         return np.stack(np.meshgrid(self.x, self.y), axis=-1).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Level sample with weights.
+    """Level sample with weights. The weighted sum of several level samples is a tilted or a finite sample.
 
-    The weighted sum of several level samples is a tilted or a finite sample. `contact` and `dents` hold for the
-    indenter at all depths. `shares`, shape (depths, places), is the weight of this sample at every depth and position.
-    A `coarse` sample is part of a small difference, so a coarser mesh suffices.
+    `contact` and `dents` hold for the indenter at all depths. `shares` (depths, places) is the weight of this sample. A
+    `coarse` sample is part of a small difference, so a coarser mesh suffices.
     """
 
     contact: xr.Dataset
@@ -155,8 +144,8 @@ class Experiment:
     The `design` has the true thicknesses of its sheets, and `axes` the assumed depths and positions. `points` (n, 2)
     are the true positions of the indenter on the board in m, x fastest. `contact` is the contact at the map's origin,
     at all depths. `levels` is the sample, with several level samples for a tilted or a finite sample. `correction` is
-    the contribution of a finite sample to its dents, or None for a wide sample. `above`, shape (depths,), is the height
-    in m of the indenter over the sheets at depths below 0, where it does not touch them.
+    the contribution of a finite sample to its dents, or None. `above` (depths,) is the height in m of the indenter over
+    the sheets at depths below 0.
     """
 
     design: Design
@@ -178,20 +167,14 @@ def no_indentation(design: Design) -> str:
 
 
 def indentation_of(design: Design) -> Indentation:
-    """Return the indentation of a design.
-
-    A design without an indentation raises an ElastomerError.
-    """
+    """Return the indentation of a design. A design without one raises an ElastomerError."""
     if design.indentation is None:
         raise ElastomerError(no_indentation(design))
     return design.indentation
 
 
 def target_of(design: Design) -> Target:
-    """Return the target of a design.
-
-    A design without a target raises a MetalError.
-    """
+    """Return the target of a design. A design without one raises a MetalError."""
     if design.target is None:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
@@ -205,11 +188,10 @@ def target_of(design: Design) -> Target:
 def map_axes(
     design: Design, depths: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 ) -> MapAxes:
-    """Return the axes of a map.
+    """Return the axes of a map, by default the design's own.
 
-    None stands for the design's own axis. A design without an indentation, or values that are not finite and rising, or
-    beyond 1 m, raise an ElastomerError. Plates beside which no indentation is computed raise a MetalError, see
-    `coilarray.metal.backing.require_below`.
+    A design without an indentation, or values that are not finite and rising, or beyond 1 m, raise an ElastomerError.
+    Plates beside which no indentation is computed raise a MetalError.
     """
     setup = indentation_of(design)
     require_below(design.plates)
@@ -218,10 +200,7 @@ def map_axes(
 
 
 def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] = ElastomerError) -> FloatArray:
-    """Return the axis of a map in m, shape (n,).
-
-    Values that are not finite and rising, or beyond 1 m, raise `error`.
-    """
+    """Return the axis (n,) of a map in m. Values not finite and rising, or beyond 1 m, raise `error`."""
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise error(f"{name} must be finite and rising, in m; got {array}.")
@@ -235,8 +214,7 @@ def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | Non
     """Solve the contacts and dents of a map.
 
     There are no dents at depths below 0 of an indenter with a material. An ElastomerError is raised for sheets with
-    more than one magnetic region, a contact that is outside the sample or lost on a tilted sample, and the errors of
-    `coilarray.elastomer.contact.indent`.
+    more than one magnetic region, a contact that is outside the sample or lost on a tilted sample, and as in `indent`.
     """
     setup, true = indentation_of(design), imperfections or Imperfections()
     sheets = _true_sheets(design.sheets, true.thickness_errors)
@@ -255,10 +233,7 @@ def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | Non
 
 
 def _sample(setup: Indentation) -> Sample | None:
-    """Return the rectangular sample of a map.
-
-    It is None for a wide sample, or for a disc about the indenter.
-    """
+    """Rectangular sample of a map, None for a wide sample or a disc about the indenter."""
     if setup.sample_bounds is None or setup.sample_radius is not None:
         return None
     return Sample(setup.sample_bounds, setup.unevenness)
@@ -315,11 +290,9 @@ def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
 
 
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLike) -> xr.Dataset:
-    """Return the contact of the indentation at depths in m.
+    """Return the contact of the indentation at depths in m, from `coilarray.elastomer.contact.indent`.
 
-    It comes from `coilarray.elastomer.contact.indent`. The last contacts are kept in memory, as often only coils vary.
-    Contacts of finite strain are also kept on disk, in `coilarray.compute.store.open_store`, if that folder can be
-    written.
+    The last contacts are kept in memory, as often only coils vary. Contacts of finite strain go through `kept_dataset`.
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
     return _kept_contact(
@@ -351,27 +324,18 @@ def _kept_contact(
 def _kept_correction(
     sheets: tuple[Sheet, ...], base: Base, sample: Sample, places: bytes, r: bytes, pressure: bytes, slope: bytes
 ) -> SampleCorrection:
-    """Solve a finite sample, or return the last result.
-
-    Often only coils vary. Arrays are given as their bytes.
-    """
+    """Solve a finite sample, or return the last result. Arrays are given as their bytes."""
     at, radii, values, slopes = (np.frombuffer(array) for array in (places, r, pressure, slope))
     return sample_correction(sheets, base, sample, at.reshape(-1, 2), radii, values.reshape(-1, len(radii)), slopes)
 
 
 def _elastic(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
-    """Return the sheets without their permeability.
-
-    It does not affect the contact.
-    """
+    """Sheets without their permeability, which does not affect the contact."""
     return tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)
 
 
 def together(levels: Iterable[Level]) -> list[list[Level]]:
-    """Group level samples with the same sheets and accuracy.
-
-    The fields of a group are computed at once.
-    """
+    """Group level samples with the same sheets and accuracy, whose fields are computed at once."""
     groups: dict[object, list[Level]] = {}
     for level in levels:
         groups.setdefault((level.dents[0].thicknesses, level.coarse), []).append(level)
@@ -384,10 +348,7 @@ def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
 
 
 def _require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
-    """Refuse places where the contact leaves the sample.
-
-    The places, shape (n, 2), are in m from the map's origin.
-    """
+    """Refuse places (n, 2) in m from the map's origin where the contact leaves the sample."""
     if setup.sample_bounds is None:
         return
     x_min, y_min, x_max, y_max = setup.sample_bounds
@@ -410,10 +371,7 @@ def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[
 
 
 def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
-    """Return the sheets with a thicker lowest sheet.
-
-    It is thicker by a height in m.
-    """
+    """Sheets whose lowest sheet is thicker by a height in m."""
     return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
 
 
@@ -425,10 +383,7 @@ def _levels(
     places: FloatArray,
     tilt: tuple[float, float],
 ) -> tuple[Level, ...]:
-    """Level samples whose weighted sum is the sample.
-
-    The sum holds at every place. A sample that is not tilted needs only one.
-    """
+    """Level samples whose weighted sum is the sample at every place. A sample that is not tilted needs only one."""
     rise = places @ np.array(tilt)
     if not rise.any():
         return (Level(contact, dents_of(contact, sheets), np.ones((len(depths), len(places)))),)
@@ -452,10 +407,9 @@ def _levels(
 
 
 def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
-    """Change of the inductance matrix by a flat tilted sample.
+    """Change (coils, coils) of the inductance matrix in H by a flat tilted sample.
 
-    The change in H has shape (coils, coils). Each pair of coils takes the thickness of the sample in the middle between
-    them.
+    Each pair of coils takes the thickness of the sample in the middle between them.
     """
     centres = design.array.centres - indentation_of(design).origin_point
     middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
@@ -488,19 +442,13 @@ def _nodes(low: float, high: float) -> FloatArray:
 
 
 def _lagrange_slope(nodes: FloatArray) -> FloatArray:
-    """Slopes of the Lagrange polynomials at the first node.
-
-    The shape is (nodes,).
-    """
+    """Slopes (nodes,) of the Lagrange polynomials at the first node."""
     powers = np.vander(nodes - nodes[0], increasing=True)
     return np.asarray(np.linalg.inv(powers)[1])
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
-    """Lagrange polynomials of the nodes at points.
-
-    The shape is (points, nodes).
-    """
+    """Lagrange polynomials (points, nodes) of the nodes at points."""
     shares = np.ones((len(at), len(nodes)))
     for k, node in enumerate(nodes):
         for other in np.delete(nodes, k):

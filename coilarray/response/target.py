@@ -30,7 +30,7 @@ from coilarray.metal.finite_plates import PlateError, worst_attributes
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.metal.target import require_apart
 from coilarray.response.changes import target_changes, through_circuit
-from coilarray.response.coordinates import map_coordinates, origin_attributes
+from coilarray.response.dataset import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis, target_of
 
 if TYPE_CHECKING:
@@ -49,22 +49,16 @@ _QUANTITIES = (
     ("parallel_resistance", "ohm", "parallel resistance"),
 )
 STEPS = (1e-6, 1e-5, 1e-4)
-"""Changes of distance in m whose resolution limit is reported.
-
-For each, the farthest distance is given at which it is resolved.
-"""
+"""Changes of distance in m for which the farthest distance is given at which they are resolved."""
 FACTOR = 3.0
-"""Fewest standard deviations of |δ| for a target's detection.
-
-The standard deviation is of a single reading.
-"""
+"""Fewest standard deviations of a single reading in |δ| for a target's detection."""
 _FINE = 4001  # distances between the first and the last
 
 
 def with_target_as_plate(design: Design, place: tuple[float, float], distance: float) -> Design:
-    """Return a design with its target as a plate.
+    """Return a design with its target as a plate over a place on the board at a distance, all in m.
 
-    The target lies over a place on the board at a distance, all in m. A sphere is no plate and raises a MetalError.
+    A sphere is no plate and raises a MetalError.
     """
     target = target_of(design)
     height = target.height(design.top, distance)
@@ -250,10 +244,7 @@ def _in_a_row(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
 
 
 def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
-    """Refuse changes that no passive body makes.
-
-    The inductance matrix must stay positive definite.
-    """
+    """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
     least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
     for distance, values in zip(axes.depth, least, strict=True):
         if not values.min() > 0:  # also rejects NaN
@@ -318,34 +309,16 @@ def _dataset(
 
 
 def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
-    """Find range and resolution of every state.
+    """Find range and resolution of every state at the place of the largest |δ| at the least distance.
 
-    They are computed at the place of the largest |δ| at the least distance.
+    `response` has ``delta`` (distance, y, x, state) of `target_map`, and ``readable``, if present. `noise` is the
+    standard deviation σ of δ in a reading. ``best_x`` and ``best_y`` (state) are in m. ``distance_deviation``
+    (distance, state) is the standard deviation σ/|δ'| of a distance in m. ``range`` (state) is the distance in m at
+    which |δ| has fallen to `FACTOR` σ. ``resolved_distance`` (step, state) is the distance up to which a ``step`` of
+    distance in m is no less than the standard deviation. Both are NaN if this holds nowhere, and the last distance if
+    it holds everywhere, with ``range_is_least`` and ``resolved_is_least`` set. ``nearest_readable`` (state) is the
+    least distance in m that the converter reads, or NaN.
 
-    Parameters
-    ----------
-    response : xarray.Dataset
-        ``delta`` (distance, y, x, state) of `target_map`, and ``readable``, if present.
-    noise : float
-        Standard deviation σ of δ in a reading, positive.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``best_x`` and ``best_y`` (state) are in m. ``distance_deviation`` (distance, state) is the standard deviation
-        σ/|δ'| of a distance in m. ``range`` (state) is the distance in m at which |δ| has fallen to `FACTOR` σ.
-        ``resolved_distance`` (step, state) is the distance up to which a ``step`` of distance in m is no less than the
-        standard deviation. Both are NaN if this holds nowhere, and the last distance if it holds everywhere, with
-        ``range_is_least`` and ``resolved_is_least`` set. ``nearest_readable`` (state) is the least distance in m that
-        the converter reads, or NaN. Attributes ``sigma`` and ``range_factor``.
-
-    Raises
-    ------
-    MetalError
-        Noise that is not positive and finite.
-
-    Notes
-    -----
     Distances and places that the converter cannot read do not count. This applies to all places, and to other distances
     at the place where |δ| is the largest. Between the distances ln |δ| is a cubic spline, as δ falls about
     exponentially. If δ changes its sign, δ itself is the spline.
@@ -396,10 +369,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
 
 
 def require_noise(noise: float) -> None:
-    """Refuse noise of δ that is not positive and finite.
-
-    The error is a MetalError.
-    """
+    """Refuse noise of δ that is not positive and finite with a MetalError."""
     require_positive("noise", noise, "", MetalError)
 
 
@@ -422,10 +392,7 @@ def _curve(distance: FloatArray, delta: FloatArray) -> tuple[Curve, Curve]:
 
 
 def _until(distance: FloatArray, margin: FloatArray) -> tuple[float, bool]:
-    """Distance up to which a margin is at least 1.
-
-    A flag tells whether this holds to the end. The distance is NaN if the margin begins below 1.
-    """
+    """Distance up to which a margin is at least 1, NaN if it begins below 1, and whether it holds to the end."""
     below = np.flatnonzero(margin < 1)
     if not len(below):
         return float(distance[-1]), True

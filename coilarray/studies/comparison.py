@@ -20,7 +20,7 @@ from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.paper.ellipse import PARAMETERS
 from coilarray.paper.level_curves import LevelCurves, level_axis, level_curves
-from coilarray.response.schema import RESPONSE
+from coilarray.response.dataset import RESPONSE
 from coilarray.studies.alignment import align, inside, values_at
 
 SOURCES = ("measured", "simulated")

@@ -19,7 +19,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
 from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
-from coilarray.response.coordinates import coil_coordinates, origin_attributes
+from coilarray.response.dataset import coil_coordinates, origin_attributes
 
 Capacitances = Mapping[str, float] | float | None
 

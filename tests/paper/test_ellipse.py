@@ -29,7 +29,7 @@ from coilarray.paper.ellipse_model import (
     locate_x,
 )
 from coilarray.paper.published import published_model
-from coilarray.response.coordinates import in_ellipse_window
+from coilarray.response.dataset import in_ellipse_window
 
 pytestmark = pytest.mark.slow
 

@@ -38,8 +38,7 @@ from coilarray.report import figures
 from coilarray.report.position import map_positions
 from coilarray.report.summary import summary_table
 from coilarray.report.write import _curve
-from coilarray.response.answering import coils_outside
-from coilarray.response.coordinates import in_ellipse_window, on_board
+from coilarray.response.dataset import coils_outside, in_ellipse_window, on_board
 
 pytestmark = pytest.mark.slow
 

@@ -5,11 +5,11 @@ import pytest
 import xarray as xr
 
 from coilarray import load_design
-from coilarray.response.answering import middle_state
-from coilarray.response.coordinates import (
+from coilarray.response.dataset import (
     ELLIPSE_WINDOW,
     axis_label,
     in_ellipse_window,
+    middle_state,
     on_board,
     origin_attributes,
     origin_of,

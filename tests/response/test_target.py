@@ -27,7 +27,7 @@ from coilarray.localize.inverse import locate
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import PlateError
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.response.coordinates import over_depth
+from coilarray.response.dataset import over_depth
 from coilarray.response.target import STEPS, ranges_of, target_map
 
 ALUMINIUM = ca.MATERIALS["aluminium"]

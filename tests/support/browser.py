@@ -21,7 +21,7 @@ import numpy as np
 from coilarray.design.model import build_design, build_design_file, load_design_file
 from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
-from coilarray.response.coordinates import on_board, origin_attributes
+from coilarray.response.dataset import on_board, origin_attributes
 from coilarray.viz.studio.server import check_studio
 from support.patience import PATIENCE, until
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.response.coordinates import on_board
+from coilarray.response.dataset import on_board
 from coilarray.viz.datasets.meshes import MM_PER_M, polylines
 
 if TYPE_CHECKING:

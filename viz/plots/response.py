@@ -19,8 +19,7 @@ from scipy.ndimage import maximum_filter
 
 from coilarray.circuit.readability import readable_of
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
-from coilarray.response.answering import answering_states, main_line, middle_state
-from coilarray.response.coordinates import as_depths, depth_words
+from coilarray.response.dataset import answering_states, as_depths, depth_words, main_line, middle_state
 from coilarray.viz.datasets.results import at_depth, of_state
 from coilarray.viz.palette import GREY, INK, PALE, curve_look, signed_colours
 from coilarray.viz.plots import style

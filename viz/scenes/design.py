@@ -23,7 +23,7 @@ from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError, LocalizeError, MetalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
-from coilarray.response.coordinates import on_board
+from coilarray.response.dataset import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of, target_of
 from coilarray.response.target import with_target_as_plate

@@ -15,7 +15,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError
 from coilarray.localize.forward import forward_model
-from coilarray.response.coordinates import on_board
+from coilarray.response.dataset import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at, indentation_of
 from coilarray.viz.datasets.results import DELTA

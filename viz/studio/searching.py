@@ -50,7 +50,7 @@ def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
 
     It is the same map as in the design's report.
     """
-    from coilarray.response.coordinates import on_board
+    from coilarray.response.dataset import on_board
     from coilarray.response.map import response_map
 
     return on_board(response_map(build_design(document, name), reach="auto", progress=progress))

@@ -19,7 +19,7 @@ from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.localize.inverse import Location, locate
 from coilarray.paper.ellipse import Ellipse, fit_ellipses
 from coilarray.paper.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
-from coilarray.response.coordinates import on_board
+from coilarray.response.dataset import on_board
 from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.touch import off_middle
 

@@ -130,7 +130,7 @@ def campaign(
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording
-    from coilarray.response.coordinates import map_origin
+    from coilarray.response.dataset import map_origin
 
     make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, map_origin(opened.indentation), home, yes)
     grid = design_campaign(

@@ -82,7 +82,7 @@ def compare(
         raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
     from coilarray.compute.files import make_folder
     from coilarray.report.comparison import comparison_notes, comparison_tables
-    from coilarray.response.coordinates import in_ellipse_window
+    from coilarray.response.dataset import in_ellipse_window
     from coilarray.studies.comparison import compare_responses
 
     if out is not None and _is_page(out):

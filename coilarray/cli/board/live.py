@@ -167,7 +167,7 @@ def _design_file(design: str | None, recording: Path | None, *, allow_violations
 def _model(design: Design, table: Path | None) -> ForwardModel:
     """Return the forward model of a design; its table is stored."""
     from coilarray.localize.forward import forward_model
-    from coilarray.response.coordinates import on_board
+    from coilarray.response.dataset import on_board
 
     return forward_model(on_board(kept_table(design, table)))
 

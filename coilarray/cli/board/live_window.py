@@ -128,7 +128,7 @@ def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
 def _model(design: Design, table: Path | None, wait: Progress) -> ForwardModel:
     from coilarray.cli.maps import kept_table, stored_table
     from coilarray.localize.forward import forward_model
-    from coilarray.response.coordinates import on_board
+    from coilarray.response.dataset import on_board
 
     return forward_model(on_board(stored_table(design, progress=wait) if table is None else kept_table(design, table)))
 

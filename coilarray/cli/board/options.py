@@ -168,7 +168,7 @@ class BoardOptions:
         path = self.emulation.get("path")
         if path is None:
             return None
-        from coilarray.response.coordinates import map_origin
+        from coilarray.response.dataset import map_origin
 
         at_x, at_y = map_origin(design.indentation)
         return [(time, x - at_x, y - at_y, depth) for time, x, y, depth in path]

@@ -29,9 +29,8 @@ from coilarray.paper.distortion import ellipse_curves
 from coilarray.paper.ellipse import PARAMETERS
 from coilarray.paper.ellipse_model import DEGREE, EllipseModel
 from coilarray.paper.published import undetermined_levels
-from coilarray.response.coordinates import map_origin
+from coilarray.response.dataset import RESPONSE, map_origin
 from coilarray.response.map import response_map
-from coilarray.response.schema import RESPONSE
 from coilarray.response.setup import Imperfections, indentation_of
 from coilarray.studies.calibrate.plan import IMPERFECTIONS, DataTable
 from coilarray.studies.comparison import own_noise

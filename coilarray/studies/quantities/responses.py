@@ -16,7 +16,7 @@ from coilarray.geometry import Plate
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.paper.distortion import DELTAS, ellipse_curves
-from coilarray.response.coordinates import from_board
+from coilarray.response.dataset import from_board
 from coilarray.response.interpolation import even_row
 from coilarray.response.target import FACTOR, ranges_of
 from coilarray.studies.quantities.coils import COIL, coil_or

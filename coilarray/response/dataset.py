@@ -1,0 +1,276 @@
+"""Dataset of a response: its schema, its positions on the board, and the states to show first.
+
+The response may be computed, measured, of a target, or of another program. A map counts positions from its origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import MM
+from coilarray.compute.netcdf import Entry, Schema
+from coilarray.errors import LocalizeError
+
+if TYPE_CHECKING:
+    from coilarray.design.model import Indentation
+    from coilarray.geometry import Target
+
+ELLIPSE_WINDOW = "ellipse_window"
+"""Attribute of a map for the window (x_min, y_min, x_max, y_max) in m to which ellipses are fitted."""
+
+_BOARD = "board"
+_NEAR = 1e-9  # m
+_PICOMETRE = 12  # digits of m, for the sum of a shift and a number of few digits
+
+
+def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
+    """Return the attributes for the origin of a response: its name, and x and y in m."""
+    x, y = setup.origin_point
+    return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
+
+
+def map_coordinates(
+    setup: Indentation | Target,
+    x: FloatArray,
+    y: FloatArray,
+    states: Sequence[str],
+    coils: Sequence[str],
+    centres: FloatArray,
+) -> dict[str, Any]:
+    """Return the coordinates of places, states and coils.
+
+    Places `x` and `y` in m count from the map's origin, the coils' `centres` (coils, 2) from the board's origin.
+    """
+    return {
+        "y": ("y", y, {"units": "m"}),
+        "x": ("x", x, {"units": "m"}),
+        "state": list(states),
+        "other": list(coils),
+        **coil_coordinates(setup, coils, centres),
+    }
+
+
+def coil_coordinates(setup: Indentation | Target | None, coils: Sequence[str], centres: FloatArray) -> dict[str, Any]:
+    """Return the coordinates of the coils in a map, with `centres` from the board's origin."""
+    from_origin = centres - map_origin(setup)
+    return {
+        "coil": list(coils),
+        "coil_x": ("coil", from_origin[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
+        "coil_y": ("coil", from_origin[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+    }
+
+
+def map_origin(setup: Indentation | Target | None) -> tuple[float, float]:
+    """Return the origin x, y in m of a map on the board, the board's own without a setup."""
+    return (0.0, 0.0) if setup is None else setup.origin_point
+
+
+def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:
+    """Return positions on the board in m along one axis, counted from a map's `origin` in m."""
+    return tuple(round(float(position) - origin, _PICOMETRE) for position in positions)
+
+
+def origin_of(response: xr.Dataset) -> tuple[float, float]:
+    """Return the origin x, y of a response on the board in m, zero if it does not state them."""
+    return float(response.attrs.get("origin_x", 0.0)), float(response.attrs.get("origin_y", 0.0))
+
+
+def on_board(response: xr.Dataset) -> xr.Dataset:
+    """Return a response with positions and centres of coils from the board's origin.
+
+    A response that already counts from there is returned itself. A response of an earlier version that counts from a
+    coil and does not state the coil's place raises a LocalizeError.
+
+    >>> from coilarray import load_design
+    >>> from coilarray.response.map import response_map
+    >>> response = response_map(load_design("gast2020"), x=[0], y=[0])  # counted from coil2
+    >>> float(response.x[0]), float(on_board(response).x[0])
+    (0.0, -0.01992)
+    """
+    name = response.attrs.get("origin", _BOARD)
+    if name != _BOARD and "origin_x" not in response.attrs:
+        raise LocalizeError(
+            f"the positions of the response count from {name}, and the file does not say where that is on the board; "
+            "compute it again."
+        )
+    origin = origin_of(response)
+    if origin == (0.0, 0.0):
+        return response
+    moved = {
+        name: response[name].copy(data=response[name].values + shift)
+        for axis, shift in zip("xy", origin, strict=True)
+        for name in (axis, f"coil_{axis}")
+        if name in response.coords
+    }
+    window = response.attrs.get(ELLIPSE_WINDOW)
+    about = (
+        {}
+        if window is None
+        else {ELLIPSE_WINDOW: [float(edge) + at for edge, at in zip(window, 2 * origin, strict=True)]}
+    )
+    return response.assign_coords(moved).assign_attrs(about, origin=_BOARD, origin_x=0.0, origin_y=0.0)
+
+
+def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
+    """Return the part of a map for fitting ellipses, the whole map without a window."""
+    window = response.attrs.get(ELLIPSE_WINDOW)
+    if window is None:
+        return response
+    x_min, y_min, x_max, y_max = (float(edge) for edge in window)
+    x, y = response.x, response.y
+    within = {"x": (x > x_min - _NEAR) & (x < x_max + _NEAR), "y": (y > y_min - _NEAR) & (y < y_max + _NEAR)}
+    return response.isel({axis: there.values for axis, there in within.items()})
+
+
+def is_of_target(response: xr.Dataset) -> bool:
+    """Return whether a response is over a target's distance, not over the depth of an indentation."""
+    return "distance" in response.dims
+
+
+def as_depths(response: xr.Dataset) -> xr.Dataset:
+    """Return a target's map in the form of an indentation's, its distances as depths, the nearest last."""
+    if not is_of_target(response):
+        return response
+    return over_depth(response.isel(distance=slice(None, None, -1)))
+
+
+def over_depth(response: xr.Dataset) -> xr.Dataset:
+    """Return a target's map with its distances called depths, in their order."""
+    return response.rename(distance="depth").assign_attrs(over="distance") if is_of_target(response) else response
+
+
+def depth_words(response: xr.Dataset, depth: int) -> str:
+    """Return a depth of a response in words, for example "1 mm deep", or "1 mm away" for a target."""
+    return f"{MM.text(response.depth[depth])} {'away' if response.attrs.get('over') == 'distance' else 'deep'}"
+
+
+def axis_label(response: xr.Dataset, axis: str) -> str:
+    """Return the label of an axis of positions in mm, with the coil from which they count, if any."""
+    name = response.attrs.get("origin", _BOARD)
+    if name != _BOARD:
+        return f"{axis} from {name} (mm)"
+    return f"{axis} (mm)" if origin_of(response) == (0.0, 0.0) else f"{axis} from the map's origin (mm)"
+
+
+_OVER = ("depth", "y", "x", "state")
+_FARTHEST = 10.0  # m; larger values are a map in mm
+_LARGEST = 100.0  # of δ, which is −1 for zero inductance
+_PLACE = Entry("m", ("coil",), low=-_FARTHEST, high=_FARTHEST)
+
+RESPONSE = Schema(
+    LocalizeError, "delta over depth, y, x and state, with coordinates",
+    {
+        "delta": Entry("1", _OVER, needed=True, low=-_LARGEST, high=_LARGEST, gaps=True),
+        "depth": Entry("m", ("depth",), needed=True, low=0.0, high=_FARTHEST, rising=True),
+        "y": Entry("m", ("y",), needed=True, low=-_FARTHEST, high=_FARTHEST, rising=True),
+        "x": Entry("m", ("x",), needed=True, low=-_FARTHEST, high=_FARTHEST, rising=True),
+        "state": Entry(None, ("state",), needed=True),
+        "delta_std": Entry("1", _OVER, low=0.0, high=_LARGEST, gaps=True, fewer_dims=True),
+        "readable": Entry("", _OVER, fewer_dims=True, flag=True),
+        "common_noise": Entry("1", ("drift_cause", "state"), low=-_LARGEST, high=_LARGEST),
+        "base_inductance": Entry("H", ("state",), low=0.0, high=1e6, gaps=True),
+        "coil": Entry(None, ("coil",)),
+        "coil_x": _PLACE,
+        "coil_y": _PLACE,
+    },
+    {
+        "noise": Entry("1", low=1e-15, high=1.0),
+        "repeats": Entry("1", low=1.0, high=1e9),
+        "emulated": Entry("1", low=0.0, high=1.0),
+        "origin": Entry(None),
+        "origin_x": Entry("m", low=-_FARTHEST, high=_FARTHEST),
+        "origin_y": Entry("m", low=-_FARTHEST, high=_FARTHEST),
+    },
+)  # fmt: skip
+"""Response over the depth of an indentation.
+
+δ and its deviation are NaN where a position was not measured.
+"""
+
+_OF_TARGET = tuple("distance" if dim == "depth" else dim for dim in _OVER)
+TARGET_MAP = replace(
+    RESPONSE, summary="delta over distance, y, x and state, with coordinates",
+    variables={
+        **{name: entry for name, entry in RESPONSE.variables.items() if name != "depth"},
+        "delta": replace(RESPONSE.variables["delta"], dims=_OF_TARGET),
+        "delta_std": replace(RESPONSE.variables["delta_std"], dims=_OF_TARGET),
+        "readable": replace(RESPONSE.variables["readable"], dims=_OF_TARGET),
+        "delta_error": Entry("1", _OF_TARGET, low=0.0, high=_LARGEST),
+        "distance": replace(RESPONSE.variables["depth"], dims=("distance",)),
+    },
+)  # fmt: skip
+"""Map over the distance of a target."""
+
+
+def checked_response(response: xr.Dataset) -> xr.Dataset:
+    """Return a response or target map in float64.
+
+    A LocalizeError names any fault.
+    """
+    checked = (TARGET_MAP if is_of_target(response) else RESPONSE).checked(response, "a response")
+    if bool(checked["delta"].isnull().any()):
+        raise LocalizeError("delta of a response must be finite everywhere.")
+    return checked
+
+
+NO_ANSWER = 1e-8
+"""Largest |δ| that counts as zero, the converter's last digits."""
+_ROUNDING = 1e-9  # m
+_ANSWERS = 0.25  # of the largest |δ| of all states; weaker states come last
+
+
+def middle_state(response: xr.Dataset) -> str:
+    """Return the state that responds nearest to the map's middle."""
+    return str(response.state.values[_middle_first(response)[0]])
+
+
+def answering_states(response: xr.Dataset, most: int) -> list[int]:
+    """Return the rising numbers of responding states nearest to the map's middle, at most `most`.
+
+    The place of a state is the position of its largest |δ| for the deepest dent. A state responds if it reaches a
+    quarter of the strongest state.
+    """
+    return sorted(_middle_first(response)[:most])
+
+
+def _middle_first(response: xr.Dataset) -> list[int]:
+    """Numbers of all states from the middle outwards, the responding states first."""
+    size = np.abs(response.delta.isel(depth=-1).transpose("y", "x", "state").values)
+    size = np.nan_to_num(size).reshape(-1, response.sizes["state"])
+    y, x = np.meshgrid(response.y.values, response.x.values, indexing="ij")
+    peak, at = size.max(axis=0), size.argmax(axis=0)
+    middle = [(axis.min() + axis.max()) / 2 for axis in (x, y)]
+    distance = np.hypot(x.ravel()[at] - middle[0], y.ravel()[at] - middle[1])
+    # Of equally near states, the state with the larger peak or the first is taken. A symmetric board is symmetric only
+    # to the mesh's error.
+    order = np.lexsort((-(peak / (peak.max() or 1.0)).round(2), distance.round(9), peak < _ANSWERS * peak.max()))
+    return [int(k) for k in order]
+
+
+def main_line(response: xr.Dataset, along: Literal["x", "y"], state: str | None = None) -> int:
+    """Return the number of the line along an axis with the largest |δ| of the deepest dent.
+
+    The state is the middle state by default. Of lines equal to a part in 1e9, the nearest to the middle of the map is taken.
+    """
+    across = "y" if along == "x" else "x"
+    of = response.delta.isel(depth=-1).sel(state=middle_state(response) if state is None else state)
+    size = np.abs(of).max(along).fillna(0.0).values
+    largest = np.flatnonzero(size >= size.max() * (1 - 1e-9))
+    middle = (response.sizes[across] - 1) / 2
+    return int(largest[np.abs(largest - middle).argmin()])
+
+
+def coils_outside(response: xr.Dataset) -> list[str]:
+    """Return the names of coils whose centres are outside a map's positions."""
+    outside = np.zeros(response.sizes["coil"], dtype=np.bool_)
+    for axis in ("x", "y"):
+        at, centres = response[axis].values, response[f"coil_{axis}"].values
+        if len(at) > 1:
+            outside |= (centres < at.min() - _ROUNDING) | (centres > at.max() + _ROUNDING)
+    return [str(name) for name in response.coil.values[outside]]
