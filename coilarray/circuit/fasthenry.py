@@ -45,7 +45,7 @@ def fasthenry_input(
     The resistivity is in Ω·m. `filaments_across` the width and the thickness of every segment (nwinc, nhinc) show the
     skin and proximity effects. (1, 1) is direct current. Lengths are in mm, with 17 digits.
 
-    A via is the square bar that `CoilArray.conductors` makes of it. If the conducting area is not width × thickness,
+    A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width × thickness,
     the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
     names to lower case.
 

@@ -256,7 +256,7 @@ def _middle_first(response: xr.Dataset) -> list[int]:
 def main_line(response: xr.Dataset, along: Literal["x", "y"], state: str | None = None) -> int:
     """Return the number of the line along an axis with the largest |δ| of the deepest dent.
 
-    The state is the middle state by default. Of lines equal to a part in 1e9, the nearest to the middle of the map is taken.
+    The state is the middle state by default. Of equal lines the nearest to the middle of the map is taken.
     """
     across = "y" if along == "x" else "x"
     of = response.delta.isel(depth=-1).sel(state=middle_state(response) if state is None else state)
