@@ -18,7 +18,7 @@ from coilarray.hardware.scan.board_network import board_network
 from coilarray.report.circuit_tables import state_table
 from coilarray.report.tables import coil_table
 from coilarray.viz.studio.numbers import circuit_of
-from coilarray.viz.studio.switching import state_of
+from coilarray.viz.studio.switches import state_of
 
 pytestmark = pytest.mark.slow
 

@@ -68,8 +68,7 @@ def studio(
     check_studio()
     from coilarray.design.model import load_design_file
     from coilarray.viz.studio.services import Services
-    from coilarray.viz.studio.shelf import Shelf
-    from coilarray.viz.studio.work import work_on
+    from coilarray.viz.studio.work import Shelf, work_on
 
     def ready(url: str) -> None:
         typer.echo(f"studio: {url} (Ctrl-C ends it)")

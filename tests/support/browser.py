@@ -304,7 +304,7 @@ def summary_of_circuit(design, coupling, response):
 def ideal_circuit(design):
     """The circuit without losses at alternating current and strays, which take seconds for every change."""
     from coilarray.circuit.coupling import couple_design, design_circuit
-    from coilarray.viz.studio.numbers import Circuit
+    from coilarray.viz.studio.session import Circuit
 
     return Circuit(design_circuit(design, ideal=True), couple_design(design, ideal=True))
 
@@ -387,11 +387,10 @@ def steady_board(request, send, orders):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import new_panel, numbers_panel, server, view
+    from coilarray.viz.studio import design, numbers, server, view
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, serve
     from coilarray.viz.studio.services import Services
-    from coilarray.viz.studio.shelf import Shelf
-    from coilarray.viz.studio.work import work_on
+    from coilarray.viz.studio.work import Shelf, work_on
 
     parser = argparse.ArgumentParser()
     parser.add_argument("design")
@@ -409,8 +408,8 @@ def main():
     server._UNUSED = server._HEARTBEAT = 3600.0  # s
     server._MOST_PAGES = given.pages
     view._SAMPLES = 2  # pictures at rest cost as many times the processor
-    numbers_panel.circuit_of = browser.ideal_circuit
-    new_panel.make_design = browser.quick_new
+    numbers.circuit_of = browser.ideal_circuit
+    design.make_design = browser.quick_new
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator", summary_of_circuit)
     address = Address(given.host or LOOPBACK, given.port, alone=given.host is None)

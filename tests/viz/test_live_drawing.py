@@ -9,9 +9,12 @@ from coilarray import load_design
 from coilarray.localize.inverse import Location, Mode
 from coilarray.localize.presses import Press
 from coilarray.viz.palette import coil_colours
-from coilarray.viz.studio.history import BINS, SPANS, History
-from coilarray.viz.studio.live_drawing import (
+from coilarray.viz.studio.drawing import top_view
+from coilarray.viz.studio.live import (
+    BINS,
+    SPANS,
     TAB,
+    History,
     curves,
     nearest_place,
     press_places,
@@ -19,7 +22,6 @@ from coilarray.viz.studio.live_drawing import (
     state_colours,
     trail_lines,
 )
-from coilarray.viz.studio.top_view import top_view
 
 NAMES = ("a", "b")
 

@@ -17,12 +17,10 @@ from support.studio_tasks import count_to, fail, never_listen, tell_on_and_on, w
 from coilarray.design.model import load_design_file
 from coilarray.errors import GeometryError
 from coilarray.viz.studio import structure
-from coilarray.viz.studio.calculator import Calculator, Step
-from coilarray.viz.studio.job import Job
-from coilarray.viz.studio.report_pages import ReportPages
+from coilarray.viz.studio.job import Calculator, Job, Step
 from coilarray.viz.studio.services import Services
-from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.work import Work, work_on
+from coilarray.viz.studio.session import ReportPages
+from coilarray.viz.studio.work import Shelf, Work, work_on
 
 
 class Watched:
@@ -93,9 +91,9 @@ import time
 from support.studio_tasks import never_listen
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.job import Job
-from coilarray.viz.studio.report_pages import ReportPages
+from coilarray.viz.studio.session import ReportPages
 from coilarray.viz.studio.services import Services
-from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.work import Shelf
 from coilarray.viz.studio.work import Work, work_on
 
 if __name__ == "__main__":
@@ -220,7 +218,8 @@ def on_a_page(tmp_path, monkeypatch):
     """Run a coroutine of a page of the starter design, which computes nothing by itself."""
     pytest.importorskip("trame")
     monkeypatch.setenv("TRAME_ARGS", "")
-    from coilarray.viz.studio.page import Page, Setup
+    from coilarray.viz.studio.page import Page
+    from coilarray.viz.studio.session import Setup
 
     async def whole(use):
         with ThreadPoolExecutor(1) as threads:

@@ -31,23 +31,17 @@ from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
 from coilarray.viz.scenes.results import scene_of_location
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.studio import metal, numbers, structure, studying
-from coilarray.viz.studio.design_panel import DesignPanel
+from coilarray.viz.studio import metal, numbers, structure, studies
+from coilarray.viz.studio.design import DesignPanel, NewPanel, choices_of
+from coilarray.viz.studio.drawing import board_drawing, delta_bars, delta_fills, pins, top_view
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
-from coilarray.viz.studio.new_panel import NewPanel, choices_of
-from coilarray.viz.studio.numbers import circuit_of, numbers_of
-from coilarray.viz.studio.numbers_panel import NumbersPanel
-from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders, run_lines
-from coilarray.viz.studio.runs_panel import RunsPanel
-from coilarray.viz.studio.scene_panel import ScenePanel, _legend
-from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.switches_panel import SwitchesPanel
-from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
-from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
-from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touched
-from coilarray.viz.studio.touch_panel import touch_work
-from coilarray.viz.studio.trail import Trail
-from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
+from coilarray.viz.studio.numbers import NumbersPanel, circuit_of, numbers_of
+from coilarray.viz.studio.runs import Run, RunPoint, RunsPanel, front_rows, read_runs, run_folders, run_lines
+from coilarray.viz.studio.session import Trail
+from coilarray.viz.studio.switches import SwitchesPanel, kept_settings, state_of, unit_fields
+from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touch_drawing, touch_work, touched
+from coilarray.viz.studio.view import ScenePanel, _legend
+from coilarray.viz.studio.work import MOST_COILS, Shelf, require_small, work_on
 
 WOUND = "coils.hexagon.winding_layers"
 OPENED = load_design_file("starter")
@@ -393,6 +387,10 @@ def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(start
         state_of({"coil1": "ground"})
 
 
+def none_made(*_):
+    """Make no scene."""
+
+
 def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
     """One that was being computed when another touch, tab or switch came does not count."""
     state, arrived = State(stale=["rules"], tab="touch"), []
@@ -401,7 +399,7 @@ def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
         setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
         arrived=lambda name, design: arrived.append((name, design)),
     )  # fmt: skip
-    panel = ScenePanel(page)
+    panel = ScenePanel(page, {}, none_made)
     panel.expect()
     assert state.stale == ["rules"]  # nothing is drawn, and so nothing is stale
     panel._view, panel._scene = SimpleNamespace(show=lambda scene, sent: sent()), lambda *_: Scene()
@@ -417,13 +415,13 @@ def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
 
 
 def test_tabs_without_results_share_one_picture():
-    drawn, arrived, none = [], [], SimpleNamespace(scene=lambda *_: None)
+    drawn, arrived = [], []
     page = SimpleNamespace(
         state=State(stale=[], tab="numbers"), trigger=lambda *_: None, work=work_on(OPENED, "starter"), server=None,
         setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
-        arrived=lambda name, _: arrived.append(name), switches=none, touch=none, live=none,
+        arrived=lambda name, _: arrived.append(name),
     )  # fmt: skip
-    panel = ScenePanel(page)
+    panel = ScenePanel(page, dict.fromkeys(("switches", "touch", "live"), none_made), none_made)
     panel._view = SimpleNamespace(show=lambda scene, sent: (drawn.append(scene), sent()))
 
     def look(**state):
@@ -441,8 +439,8 @@ def test_tabs_without_results_share_one_picture():
 
 def test_another_file_begins_with_its_middle_coil_measured(starter):
     state = State(settings={"coil1": "measure", "coil2": "ground", "coil3": "open"})
-    panel = SwitchesPanel(SimpleNamespace(state=State(), trigger=lambda *_: None))
-    panel._page.state = state
+    panel = SwitchesPanel(SimpleNamespace(state=State(), trigger=lambda *_: None), none_made)
+    panel._session.state = state
     panel.show(starter, anew=False)
     assert state.settings == {"coil1": "measure", "coil2": "ground", "coil3": "open"}
     panel.show(starter, anew=True)
@@ -707,7 +705,7 @@ def test_a_field_that_is_left_as_it_was_changes_nothing(tmp_path):
         setup=SimpleNamespace(shelf=Shelf(tmp_path), services=SimpleNamespace(write_report=None)),
         work=with_entries(work_on(OPENED, "starter"), {"array.pitch_mm": 11 + 1 / 3}),
     )  # fmt: skip
-    DesignPanel(page)
+    DesignPanel(page, none_made)
     called["enter"]("array.pitch_mm", "11.3333333333")
     assert taken == []
     called["enter"]("array.pitch_mm", "11.3")
@@ -735,7 +733,7 @@ def test_layers_and_pitch_of_a_new_design_are_chosen_where_they_matter():
 
 def test_a_new_design_has_no_saved_one_to_compare_with():
     state, called = State(), {}
-    panel = NumbersPanel(SimpleNamespace(state=state, trigger=called.__setitem__))
+    panel = NumbersPanel(SimpleNamespace(state=state, trigger=called.__setitem__), none_made, none_made)
     mine = replace(work_on(OPENED, "mine.toml"), kept={})
     panel.forget_saved(mine)
     assert (state.can_compare, state.saved_line) == (False, "mine.toml is not saved yet")
@@ -750,7 +748,7 @@ def test_the_circuit_is_solved_beside_the_numbers_once_they_are_accurate(starter
         state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, failed=lambda *_: None,
         is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend), calculator=None,
     )  # fmt: skip
-    panel = NumbersPanel(page)
+    panel = NumbersPanel(page, none_made, none_made)
     panel._show((starter, numbers_of(starter, "screen")))
     assert asked == []
     full = numbers_of(starter)
@@ -839,20 +837,20 @@ def test_the_work_before_a_touch_is_told_in_its_numbers(starter):
 @pytest.mark.slow
 def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, monkeypatch):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
-    monkeypatch.setattr(studying, "_EVERY", 0.0)
+    monkeypatch.setattr(studies, "_EVERY", 0.0)
     told = []
-    asked = studying.SweepRequest(
+    asked = studies.SweepRequest(
         OPENED.document, "starter", ("array.pitch_mm=12,-1,6", "array.columns=2,3"), ("span_mm",)
     )
-    found = studying.sweep_entries(asked, told.append, lambda: False)
+    found = studies.sweep_entries(asked, told.append, lambda: False)
     assert [one for one in told if isinstance(one, tuple)][-1] == (6, 6)
-    head, rows = studying.sweep_rows(found)
+    head, rows = studies.sweep_rows(found)
     assert head == ("array.pitch_mm", "array.columns", "span_mm", "fab_broken")
     assert [row.point for row in rows] == [0, 1, None, None, 4, 5]  # no pitch is negative
     assert all(row.reason and row.cells[2] == "–" for row in rows[2:4])
     assert [row.broken for row in rows] == [False, False, False, False, True, True]  # at 6 mm copper overlaps
     assert rows[4].reason == "it breaks fabrication rules"
-    partial = [studying.sweep_rows(one)[1] for one in told if isinstance(one, studying.SweepResult)]
+    partial = [studies.sweep_rows(one)[1] for one in told if isinstance(one, studies.SweepResult)]
     assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
     work = work_on(OPENED, "starter")
     for row in (rows[0], rows[5]):
@@ -860,7 +858,7 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
         span = evaluate(taken.design, ["span_mm"])["span_mm"]
         assert float(row.cells[2]) == pytest.approx(span, rel=1e-5)  # shown with six digits
     for entry in entries_of(OPENED):
-        axis = parse_axis(f"{entry.key}={studying.axis_text(entry)}")  # what is offered can be read
+        axis = parse_axis(f"{entry.key}={studies.axis_text(entry)}")  # what is offered can be read
         assert min(axis.values) <= entry.value <= max(axis.values)
 
 
@@ -873,7 +871,7 @@ def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
         "sample_yield": ("limit", [0.875]),
     }
     coords = {"output": ["worst_k", "span_mm"], "contributor": ["etch.L1", "etch.L2"], "limit": ["worst_k ≤ 0.1"]}
-    assert [row.cells for row in studying.tolerance_rows(xr.Dataset(two, coords))[1]] == [
+    assert [row.cells for row in studies.tolerance_rows(xr.Dataset(two, coords))[1]] == [
         ("worst_k", "−0.08", "7.11·10⁻⁵", "0.0123", "etch.L2 (75 %)"),
         ("span_mm", "5", "0", "0", "no error"),
         ("worst_k ≤ 0.1", "", "", "", "yield 87.5 %"),

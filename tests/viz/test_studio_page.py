@@ -25,7 +25,7 @@ from coilarray.localize.forward import forward_model
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.metal import moved, target_rows
 from coilarray.viz.studio.numbers import numbers_of
-from coilarray.viz.studio.switching import state_of
+from coilarray.viz.studio.switches import state_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "chromium")]
 

@@ -22,9 +22,9 @@ from coilarray.cli.board.options import BoardOptions
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file
 from coilarray.errors import OutputError
-from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token
 from coilarray.viz.studio.services import BoardRequest, Services, compute_table
+from coilarray.viz.studio.session import ReportPages
 
 needs_studio = pytest.mark.usefixtures("studio_libraries")
 

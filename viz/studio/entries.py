@@ -56,10 +56,7 @@ _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
 
 @dataclass(frozen=True)
 class Entry:
-    """Entry with a slider.
-
-    A typed number may lie beyond its ends.
-    """
+    """Entry with a slider."""
 
     key: str  # dotted, as for `coilarray.design.vary.vary`
     label: str  # key in words, without the unit

@@ -221,10 +221,7 @@ def _problem(kind: Any, value: Any) -> str:
 
 
 def _first(error: ValidationError) -> str:
-    """Describe the first of the errors in one line.
-
-    The line has its place.
-    """
+    """Describe the first of the errors in one line."""
     first = error.errors(include_url=False, include_context=False)[0]
     place = ".".join(map(str, first["loc"]))
     return f"{place}: {first['msg']}; got {shown(first['input'])}."

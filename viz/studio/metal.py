@@ -1,14 +1,12 @@
-"""Metal of a design in the studio.
-
-Bodies are added and removed, and the effect of a target is computed at every distance.
-"""
+"""Tab of metal: plates and a target are added and removed, and the target is moved by a slider."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -17,12 +15,36 @@ from coilarray.circuit.readability import with_reasons
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
-from coilarray.errors import DesignError, shown
+from coilarray.errors import CoilarrayError, DesignError, shown
 from coilarray.geometry import MATERIALS, Plate
-from coilarray.viz.scenes.metal import steps_of, target_at, target_place
-from coilarray.viz.studio.entries import number_of
+from coilarray.response.setup import target_of
+from coilarray.viz.scenes.board import scene_of_sheets
+from coilarray.viz.scenes.metal import (
+    Position,
+    around_board,
+    at_their_largest,
+    eddies_of_plates,
+    eddies_of_target,
+    eddy_parts,
+    scale_of_eddies,
+    scene_of_plates,
+    scene_of_target,
+    steps_of,
+    target_at,
+    target_place,
+    working_point,
+)
+from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.studio.drawing import BoardParts
+from coilarray.viz.studio.entries import number_of, place_text
+from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.session import Circuit, Panel, Session
 from coilarray.viz.studio.structure import without_entry
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.work import Work
+
 
 KINDS = ("plate above", "plate below", "target")
 """Kinds of a new body."""
@@ -68,8 +90,7 @@ def moved(design: Design, place: tuple[float, float] | None) -> Moved:
 def target_rows(moved: Moved, step: int) -> list[list[str]]:
     """Rows of the states at one distance.
 
-    A row has name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz. If the converter cannot read the state, the broken
-    limit follows the name.
+    A row has name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz.
     """
     at = with_reasons(moved.numbers.isel(distance=step, x=0, y=0))[0]
     return [
@@ -87,10 +108,7 @@ def target_rows(moved: Moved, step: int) -> list[list[str]]:
 
 
 def body_rows(design: Design) -> list[dict[str, str]]:
-    """Rows of the bodies of a design.
-
-    A row has a key by which the body is removed, and a description.
-    """
+    """Rows of the bodies of a design."""
     rows = [
         {
             "key": str(number),
@@ -150,3 +168,144 @@ def without_body(document: Document, key: str) -> Document:
             raise DesignError(f"a body must be target or the number of a plate; got {shown(key)}.")
         return without_entry(document, "plate", int(key))
     return no_longer_assumed({name: table for name, table in document.items() if name != "target"}, ["target"])
+
+
+def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.Dataset | None) -> Scene:
+    """Scene of a board with sheets, plates and the target.
+
+    With a `coupling`, eddy currents are shown for 1 mA in the middle coil.
+    """
+    design, within = board.design, around_board(board.design.array)
+    scene = scene_of_sheets(design.array, design.sheets) + scene_of_plates(design.plates, within)
+    scene += Scene(board.copper) + board.rest
+    distances = [] if moved is None else [moved.distances[step]]
+    place = (0.0, 0.0) if moved is None else moved.place
+    scale, of_target = None, None
+    if coupling is not None:
+        coil = design.array.middle_coil
+        operation = working_point(design, coupling, coil, 1e-3, terminated=True)
+        phasors = eddies_of_plates(design, design.plates, operation, within)
+        found = [one for one in eddies_of_target(design, place, distances, operation, within) if one is not None]
+        eddies, when = at_their_largest([*phasors, *found])
+        scale = scale_of_eddies(eddies)
+        for number, one in enumerate(eddies[: len(phasors)]):
+            scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+        of_target = eddies[-1] if found else None
+        scene += Scene(notes=(f"Eddy currents {when}; 1 mA in {coil}.",))
+    for distance in distances:
+        height = target_of(design).height(design.top, distance)
+        position = Position(distance, (*place, height), of_target)
+        scene += scene_of_target(target_of(design).body, [position], within, scale, 0).still()
+    return scene
+
+
+_REST = 0.4  # s without a change before a target is computed
+
+
+class MetalPanel(Panel):
+    """Panel with the metal near the coils."""
+
+    def __init__(self, session: Session, circuit: Callable[[], Circuit | None]) -> None:
+        self._circuit = circuit
+        self._moved: Moved | None = None
+        self._place: tuple[float, float] | None = None  # chosen place
+        self._step = 0
+        values = {
+            "bodies": [], "body_form": FIRST, "body_kinds": list(KINDS), "body_shapes": list(SIZES),
+            "body_materials": list(MATERIALS), "body_sizes": dict(SIZES), "body_problem": "", "has_target": False,
+            "distances": [], "distance_at": 0, "target_rows": [], "target_problem": "", "target_place": ["", ""],
+            "show_eddies": False,
+            "target_endless": False,
+        }  # fmt: skip
+        session.state.client_only("body_form")
+        super().__init__(session, values, add_body=self._add, remove_body=self._remove, move_target=self._move,
+            place_target=self._put, toggle_eddies=self._toggle_eddies,
+        )  # fmt: skip
+
+    def show(self, design: Design, *, anew: bool) -> None:
+        """Show the bodies of a design."""
+        state = self._session.state
+        state.bodies, state.body_problem = body_rows(design), ""
+        state.has_target = design.target is not None
+        state.target_endless = design.target is not None and isinstance(design.target.body, Plate)
+        if anew:
+            self._place, self._step = None, 0
+        if design.target is None:
+            self._moved = None
+            state.target_rows, state.distances, state.target_problem = [], [], ""
+
+    def steps(self, design: Design) -> list[Step]:
+        """Make the step that moves the target over its place.
+
+        A design without a target has no step.
+        """
+        if design.target is None:
+            return []
+        compute = partial(moved, design, self._place)
+        return [Step("target", compute, self._show, partial(self._fail, design), rest=_REST)]
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Board with its metal, and the target at its distance.
+
+        The method runs in a thread.
+        """
+        if not design.plates and design.target is None:
+            return None
+        known = self._moved if self._moved is not None and self._moved.design is design else None
+        circuit = self._circuit()
+        coupling = None if circuit is None or not self._session.state.show_eddies else circuit.coupling
+        return metal_scene(board, known, self._step, coupling)
+
+    def _show(self, found: Moved) -> None:
+        """Show the numbers of a moved target."""
+        if not self._session.is_current(found.design):
+            return
+        self._moved = found
+        with self._session.state as state:
+            state.distances = [f"{distance * 1e3:.3g}" for distance in found.distances]
+            self._step = min(self._step, len(found.distances) - 1)
+            state.distance_at, state.target_problem = self._step, ""
+            state.target_place = [place_text(value) for value in found.place]
+            state.target_rows = target_rows(found, self._step)
+            self._session.arrived("target", found.design)
+        self._session.redraw()
+
+    def _fail(self, design: Design, problem: str) -> None:
+        with self._session.state as state:
+            state.target_problem, state.target_rows = problem, []
+            self._session.failed("target", design, problem)
+
+    def _move(self, step: int) -> None:
+        """Show the target at a position of the slider."""
+        if self._moved is None or not 0 <= int(step) < len(self._moved.distances):
+            return
+        self._step = int(step)
+        with self._session.state as state:
+            state.distance_at = self._step
+            state.target_rows = target_rows(self._moved, self._step)
+        self._session.redraw()
+
+    def _put(self, x: str, y: str) -> None:
+        """Move the target to a place in mm."""
+        session = self._session
+        try:
+            self._place = number_of("x", str(x)) * 1e-3, number_of("y", str(y)) * 1e-3
+        except CoilarrayError as error:
+            session.state.target_problem = str(error)
+            return
+        with session.state as state:
+            state.stale = sorted({*state.stale, "target"})
+        session.slow.ask(self.steps(session.work.design))
+
+    def _toggle_eddies(self) -> None:
+        self._session.state.show_eddies = not self._session.state.show_eddies
+        self._session.redraw()
+
+    def _add(self, form: Mapping[str, Any]) -> None:
+        self._change(lambda work: with_body(work.opened.document, form))
+
+    def _remove(self, key: str) -> None:
+        self._change(lambda work: without_body(work.opened.document, str(key)))
+
+    def _change(self, made: Callable[[Work], Document]) -> None:
+        self._session.change(made, partial(setattr, self._session.state, "body_problem"))

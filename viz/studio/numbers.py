@@ -1,25 +1,34 @@
-"""Numbers on a page.
-
-Inductances, couplings, resonances and the margins to the fabrication rules.
-"""
+"""Tab of numbers: couplings and inductances, the coils, the margins to the rules, and the summary."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 
 from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
-from coilarray.circuit.network import Network, checked_network
+from coilarray.circuit.network import checked_network
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import number_text, true_minus
-from coilarray.design.model import Design
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
-from coilarray.geometry.rules import Margin, check_rules
+from coilarray.geometry.rules import Margin, broken_rules, check_rules
 from coilarray.viz.palette import DIVERGING
+from coilarray.viz.studio.job import Step, with_progress
+from coilarray.viz.studio.services import Document, Summary
+from coilarray.viz.studio.session import Circuit, Panel, Session
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from coilarray.viz.studio.work import Work
+
 
 _DARK = 0.42  # luminance below which text on a colour is white
 _SHOWN_MARGINS = 40
@@ -27,10 +36,7 @@ _SHOWN_MARGINS = 40
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Inductance matrix of a design.
-
-    It is known while a slider moves.
-    """
+    """Inductance matrix of a design."""
 
     names: tuple[str, ...]  # of the n coils
     inductance: FloatArray  # H, shape (n, n)
@@ -40,17 +46,6 @@ class Numbers:
     def k(self) -> FloatArray:
         """Coupling coefficients, shape (n, n)."""
         return coupling_matrix(self.inductance)
-
-
-@dataclass(frozen=True, eq=False)
-class Circuit:
-    """Circuit of a design as the converter sees it.
-
-    Its solution takes seconds.
-    """
-
-    network: Network  # coils, switches and tank with all losses and strays
-    coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
 
 
 @dataclass(frozen=True)
@@ -66,8 +61,7 @@ class Cell:
 def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
     """Compute the inductance matrix of a design.
 
-    The design has its flat sheets. The accuracy "screen" is quick enough for a moving slider. Impossible coils, such as
-    two in one place, raise a NetworkError.
+    Impossible coils, such as two in one place, raise a NetworkError.
     """
     inductance = checked_network(design_inductance(design, accuracy=accuracy)[0], 0.0)[0]
     return Numbers(design.array.names, inductance, accuracy)
@@ -95,16 +89,13 @@ def margins_of(design: Design) -> tuple[Margin, ...]:
 def coupling_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
     """Cells of the coupling matrix.
 
-    They have colours of both signs about zero. The diagonal is not coloured.
+    They have colours of both signs about zero.
     """
     return _cells(numbers.k, numbers.names, lambda a, b, k: (number_text(k, 4, "+"), f"k({a}, {b}) = {k!r}"))
 
 
 def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
-    """Cells of the inductance matrix in µH.
-
-    They are coloured like the cells of the coupling matrix.
-    """
+    """Cells of the inductance matrix in µH."""
 
     def texts(a: str, b: str, L: float) -> tuple[str, str]:
         return true_minus(f"{L * 1e6:.3f}"), f"{'L' if a == b else 'M'}({a}, {b}) = {L!r} H"
@@ -113,10 +104,7 @@ def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
 
 
 def largest_of_two(matrix: FloatArray) -> float:
-    """Largest magnitude off the diagonal.
-
-    The colours end at this value. It is 0 for a single coil.
-    """
+    """Largest magnitude off the diagonal."""
     return float(np.abs(matrix[~np.eye(len(matrix), dtype=bool)]).max(initial=0.0))
 
 
@@ -136,11 +124,7 @@ def _cells(
 
 
 def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[str, ...], ...]:
-    """Rows of the coils.
-
-    A row has name, L and L_eff in µH, change in %, R in Ω, Q, resonance in MHz, and ideal L_eff in µH. Until the
-    circuit is known, all values from L_eff on are "…".
-    """
+    """Rows of the coils."""
     rows = []
     for name, own in zip(numbers.names, np.diag(numbers.inductance).tolist(), strict=True):
         seen: tuple[str, ...] = ("…",) * 6
@@ -159,10 +143,7 @@ def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[s
 
 
 def margin_rows(margins: Sequence[Margin]) -> tuple[tuple[str, str, str, str, str, str, bool], ...]:
-    """Rows of the margins.
-
-    A row has rule, layer, feature, value, limit, margin, and whether the rule is kept.
-    """
+    """Rows of the margins."""
     return tuple(
         (
             margin.rule,
@@ -183,10 +164,7 @@ def _length(value: float, unit: str, sign: str = "-") -> str:
 
 
 def _colours(parts: FloatArray) -> list[list[tuple[str, str]]]:
-    """Colours of a matrix, and legible inks on them.
-
-    The values are from −1 to 1.
-    """
+    """Colours of a matrix, and legible inks on them."""
     shades = colormaps[DIVERGING]((parts + 1) / 2)[..., :3]
     dark = shades @ (0.2126, 0.7152, 0.0722) < _DARK
     inks = np.where(dark, "#FFFFFF", Cell.ink).tolist()
@@ -195,3 +173,215 @@ def _colours(parts: FloatArray) -> list[list[tuple[str, str]]]:
         [(f"#{red:02X}{green:02X}{blue:02X}", ink) for (red, green, blue), ink in zip(*row, strict=True)]
         for row in zip(codes, inks, strict=True)
     ]
+
+
+_REST = 0.4  # s without a change before the numbers are computed with full accuracy
+_MOST_IN_DIGITS = 8  # largest number of coils whose matrix has numbers in its cells from the start
+_PATIENCE = 2.0  # s, longest delay of the margins while a slider moves; they take the time of some pictures
+
+
+class NumbersPanel(Panel):
+    """Panel with the numbers of the design."""
+
+    def __init__(self, session: Session, solved: Callable[[], None], unsolved: Callable[[str], None]) -> None:
+        self._solved, self._unsolved = solved, unsolved  # called at the end of the circuit
+        self._numbers: tuple[Design, Numbers] | None = None
+        self._circuit: tuple[Design, Circuit] | None = None
+        values = {
+            "matrix_of": "k", "matrix": {"names": [], "of": "k", "cells": [], "most": "", "dense": False},
+            "matrix_digits": False, "coil_rows": [],
+            "margins": [], "broken": [], "saved_rows": [], "saved_line": "", "can_compare": True,
+        }  # fmt: skip
+        super().__init__(session, values, compare=self._compare)
+
+    @property
+    def numbers(self) -> Numbers | None:
+        """Numbers of the current design, or None if unknown."""
+        if self._numbers is None or not self._session.is_current(self._numbers[0]):
+            return None
+        return self._numbers[1]
+
+    @property
+    def circuit(self) -> Circuit | None:
+        """Circuit of the current design, or None if unknown."""
+        if self._circuit is None or not self._session.is_current(self._circuit[0]):
+            return None
+        return self._circuit[1]
+
+    def _compare(self) -> None:
+        """Compute the numbers of the design as in its file."""
+        work = self._session.work
+        if not work.kept:  # a new design has no file
+            return
+        self._session.state.saved_line = f"{work.file} as saved: …"
+
+        def compute() -> tuple[tuple[str, ...], ...]:
+            saved = build_design(work.kept, work.design.name)
+            return coil_rows(numbers_of(saved), circuit_of(saved))
+
+        def show(rows: tuple[tuple[str, ...], ...], line: str = f"{work.file} as saved") -> None:
+            if self._session.work.kept is work.kept:  # still
+                with self._session.state as state:
+                    state.saved_line, state.saved_rows = line, [list(row) for row in rows]
+
+        def fail(problem: str) -> None:
+            show((), problem)
+
+        self._session.slow.ask([Step("saved", compute, show, fail)])
+
+    def forget_saved(self, work: Work) -> None:
+        """Remove the numbers of the saved design."""
+        state = self._session.state
+        state.saved_rows = []
+        state.can_compare = bool(work.kept)
+        state.saved_line = "" if work.kept else f"{work.file} is not saved yet"
+
+    def rough(self, design: Design) -> Step:
+        """Make the quick step after every change."""
+        return Step("rough", lambda: (design, numbers_of(design, "screen")), self._show, partial(self._fail, design))
+
+    def full(self, design: Design) -> Step:
+        """Make the accurate step after the last change."""
+        return Step("full", lambda: (design, numbers_of(design)), self._show, partial(self._fail, design), rest=_REST)
+
+    def _solve(self, design: Design) -> None:
+        """Solve the circuit."""
+        if self._session.is_current(design):
+            fail = partial(self._fail_circuit, design)
+            self._session.slow.ask([Step("circuit", lambda: (design, circuit_of(design)), self._show_circuit, fail)])
+
+    def rules(self, design: Design) -> Step:
+        """Make the step that computes the margins."""
+        fail = partial(self._session.failed, "rules", design)
+        return Step(
+            "rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST, patience=_PATIENCE
+        )
+
+    def _show(self, found: tuple[Design, Numbers]) -> None:
+        """Show numbers of the design."""
+        design, numbers = found
+        present = self.numbers
+        if numbers.accuracy == "screen" and present is not None and present.accuracy == "full":
+            return
+        self._numbers = found
+        with self._session.state as state:
+            self.draw()
+            state.accuracy = numbers.accuracy if self._session.is_current(design) else "screen"
+            state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]
+            self._session.arrived("numbers", design)
+        if numbers.accuracy == "full":
+            self._solve(design)
+
+    def draw(self) -> None:
+        """Show the matrix that the page requests.
+
+        If there are many coils, both matrices together take twice the time.
+        """
+        if self._numbers is None:
+            return
+        numbers, state = self._numbers[1], self._session.state
+        kind = "L" if state.matrix_of == "L" else "k"
+        if kind == "L":
+            cells, most = inductance_cells(numbers), f"{largest_of_two(numbers.inductance) * 1e6:.3f} µH"
+        else:
+            cells, most = coupling_cells(numbers), f"{largest_of_two(numbers.k):.4f}"
+        state.matrix = {
+            "names": list(numbers.names), "of": kind, "cells": _plain(cells), "most": most,
+            "dense": len(numbers.names) > _MOST_IN_DIGITS,
+            "beside_q": self._numbers[0].circuit.switches.beside_q,
+        }  # fmt: skip
+
+    def _show_circuit(self, found: tuple[Design, Circuit]) -> None:
+        """Show numbers of the circuit."""
+        self._circuit = found
+        with self._session.state as state:
+            if self.numbers is not None:
+                state.coil_rows = [list(row) for row in coil_rows(self.numbers, self.circuit)]
+            self._session.arrived("circuit", found[0])
+        self._solved()
+
+    def _fail_circuit(self, design: Design, problem: str) -> None:
+        if self._session.is_current(design):
+            self._unsolved(problem)
+        for name in ("circuit", "summary"):  # it depends on the circuit
+            self._session.failed(name, design, problem)
+
+    def _fail(self, design: Design, problem: str) -> None:
+        with self._session.state as state:
+            if self._session.is_current(design):
+                state.accuracy = "none"
+            self._session.failed("numbers", design, problem)
+        self._solve(design)
+
+    def _show_margins(self, found: tuple[Design, tuple[Margin, ...]]) -> None:
+        design, margins = found
+        with self._session.state as state:
+            self._session.arrived("rules", design)
+            state.margins, state.broken = [list(row) for row in margin_rows(margins)], broken_rules(margins)
+
+
+def _plain(cells: Any) -> list[list[dict[str, str]]]:
+    return [[dict(vars(cell)) for cell in row] for row in cells]
+
+
+class SummaryPanel(Panel):
+    """Table above the numbers."""
+
+    def __init__(self, session: Session, circuit: Callable[[], Circuit | None]) -> None:
+        self._circuit = circuit
+        self._response: tuple[str, xr.Dataset] | None = None  # response of the design with this hash
+        values = {
+            "summary": {"headers": [], "rows": [], "verdicts": [], "converter": True}, "summary_lacks": False,
+            "can_summarize": session.setup.services.summarize is not None,
+        }  # fmt: skip
+        super().__init__(session, values, respond=self._respond)
+
+    def steps(self, design: Design, coupling: xr.Dataset) -> list[Step]:
+        """Make the step that summarizes a design."""
+        summarize = self._session.setup.services.summarize
+        if summarize is None:
+            return []
+        known = self._response is not None and self._response[0] == design.digest
+        response = self._response[1] if self._response is not None and known else None
+
+        def show(summary: Summary) -> None:
+            """Show a summary."""
+            with self._session.state as state:
+                if self._session.is_current(design):
+                    state.summary = {
+                        "headers": list(summary.headers), "rows": [list(row) for row in summary.rows],
+                        "verdicts": list(summary.verdicts), "converter": summary.converter,
+                    }  # fmt: skip
+                    state.summary_lacks = response is None and design.indentation is not None
+                self._session.arrived("summary", design)
+
+        fail = partial(self._session.failed, "summary", design)
+        return [Step("summary", lambda: summarize(design, coupling, response), show, fail)]
+
+    def _respond(self) -> None:
+        """Compute the response map for the summary.
+
+        It gives the summary's rows of the response.
+        """
+        session = self._session
+        design = session.work.design
+
+        def done(response: xr.Dataset) -> None:
+            self._response = design.digest, response
+            circuit = self._circuit()
+            if circuit is not None:
+                session.slow.ask(self.steps(session.work.design, circuit.coupling))
+
+        item = (map_of, session.work.opened.document, design.name)
+        session.start_bar("response", f"response of {design.name}", with_progress, item, done)
+
+
+def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
+    """Compute the response map of a design on the board.
+
+    It is the same map as in the design's report.
+    """
+    from coilarray.response.dataset import on_board
+    from coilarray.response.map import response_map
+
+    return on_board(response_map(build_design(document, name), reach="auto", progress=progress))

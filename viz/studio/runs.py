@@ -1,31 +1,38 @@
-"""Runs of ``coilarray optimize`` from their study.
-
-They are read during the search or later. Nothing is written.
-"""
+"""Tab of optimisations: runs of ``coilarray optimize`` are started, followed and read, never written."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from coilarray.compute.display_units import value_text
 from coilarray.compute.extras import import_extra
+from coilarray.compute.threads import Progress
 from coilarray.design.keys import entry_unit
-from coilarray.errors import OutputError
+from coilarray.design.model import Design, build_design_file
+from coilarray.errors import CoilarrayError, DesignError, OutputError
+from coilarray.studies.optimize.derive import NAMES, unfit_goals
 from coilarray.studies.optimize.goal import unbeaten
 from coilarray.studies.optimize.search import FILE, quiet, storage_on
 from coilarray.studies.quantities import QUANTITIES
+from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.job import Step, with_progress
+from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.session import Panel, Session, image_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from optuna.study import Study
     from optuna.trial import FrozenTrial
+
 
 _MOST_SHOWN = 200
 
@@ -59,10 +66,7 @@ class Run:
 
     @cached_property
     def objectives(self) -> tuple[str, ...]:
-        """Names of the scores.
-
-        A score is named after the quantity that it equals at all points, or whose distance to a value it is.
-        """
+        """Names of the scores."""
         return tuple(self._objective(k) for k in range(len(self.maximized)))
 
     def _objective(self, k: int) -> str:
@@ -81,7 +85,7 @@ class Run:
     def values(self, name: str) -> list[float]:
         """Read a value of every point.
 
-        The value is a score, a quantity, or an entry that is a number. It is NaN if a point has no such value.
+        It is NaN if a point has no such value.
         """
         if name in self.objectives:
             k = self.objectives.index(name)
@@ -90,10 +94,7 @@ class Run:
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """Names of the varied entries that are numbers.
-
-        They are numbers at all points.
-        """
+        """Names of the varied entries that are numbers."""
         varied = dict.fromkeys(name for point in self.points for name in point.entries)
         return tuple(name for name in varied if all(isinstance(value, int | float) for value in self.values(name)))
 
@@ -107,10 +108,7 @@ class Run:
 
     @property
     def front(self) -> tuple[int, ...]:
-        """Indices of the points on the front, without the start.
-
-        These points keep all bounds, and no other point beats them in all objectives.
-        """
+        """Indices of the points on the front, without the start."""
         signs = [-1 if maximized else 1 for maximized in self.maximized]
         scores = {k: point.scores for k, point in enumerate(self.points) if point.feasible}
         return tuple(k for k in unbeaten(scores, signs) if not self.points[k].start)
@@ -133,10 +131,7 @@ def axis_label(name: str) -> str:
 
 
 def run_lines(run: Run) -> list[str]:
-    """Describe a run in words.
-
-    The lines give its progress, its results, and the meaning of its scores.
-    """
+    """Describe a run in words."""
     kept = sum(point.feasible for point in run.points)
     points = f"{run.tried} point{'' if run.tried == 1 else 's'} computed"
     refined = f", {run.refined} of them to refine the best" if run.refined else ""
@@ -164,18 +159,12 @@ def run_lines(run: Run) -> list[str]:
 
 
 def _quantity(name: str) -> str:
-    """Quantity of a score.
-
-    The score may be the distance of the quantity to a target.
-    """
+    """Quantity of a score."""
     return name.strip("|").partition(" − ")[0]
 
 
 def run_folders(folder: Path) -> list[str]:
-    """Names of a folder's folders that contain a study.
-
-    The folder itself has the name ".".
-    """
+    """Names of a folder's folders that contain a study."""
     try:
         below = sorted(path for path in folder.iterdir() if path.is_dir())
         return [path.name if path != folder else "." for path in (folder, *below) if (path / FILE).is_file()]
@@ -208,10 +197,7 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
 
 
 def front_rows(run: Run) -> list[dict[str, Any]]:
-    """Rows of the points of the front as texts.
-
-    A row has name, scores, entries and all quantities.
-    """
+    """Rows of the points of the front as texts."""
     points = [run.points[k] for k in run.front[:_MOST_SHOWN]]
     return [
         {
@@ -223,11 +209,7 @@ def front_rows(run: Run) -> list[dict[str, Any]]:
 
 
 def _address(path: Path) -> str:
-    """Read-only address of a database.
-
-    With it SQLite does not wait for a search that writes the database. Without a journal beside it no search is
-    running. Then it is opened as immutable, which creates no files.
-    """
+    """Read-only address of a database."""
     journal = path.with_name(f"{path.name}-wal").exists()
     return f"{path.resolve().as_uri()}?{'mode=ro' if journal else 'immutable=1'}"
 
@@ -258,10 +240,7 @@ def _point(trial: FrozenTrial) -> RunPoint:
 
 
 def _value(parameter: object) -> Any:
-    """Value of a parameter.
-
-    Choices are stored as JSON.
-    """
+    """Value of a parameter."""
     if not isinstance(parameter, str):
         return parameter
     try:
@@ -272,3 +251,222 @@ def _value(parameter: object) -> Any:
 
 def _list(values: Mapping[str, object]) -> str:
     return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
+
+
+def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
+    """Search as ``coilarray optimize`` does, into a folder."""
+    from coilarray.studies.optimize.derive import derive_goal
+    from coilarray.studies.optimize.run import optimize_design
+    from coilarray.studies.optimize.write import write_optimization
+
+    file = build_design_file(document, name)
+    wanted = derive_goal([goal], file).goal
+    wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
+    found = optimize_design(file, wanted, folder, progress=lambda done, total, _: progress(done, total))
+    write_optimization(found, folder)
+    better = len(found.front)
+    return f"{goal}: {better or 'no'} better design{'' if better == 1 else 's'} than this one"
+
+
+_EVERY = 3.0  # s
+_REST = 0.3  # s without a change before goals are offered
+_MOST_TRIALS = 10_000
+_SIZE = (4.6, 3.3)  # of the picture in inches, so that its letters are legible beside the board
+
+
+class RunsPanel(Panel):
+    """Panel with the runs in the folders beside the designs."""
+
+    def __init__(self, session: Session) -> None:
+        self._runs: tuple[Run, ...] = ()
+        self._name = ""  # of the folder that is read, as the state of the page may contain any text
+        self._stamp: tuple[int, ...] = ()
+        self._started: dict[str, str] = {}  # digests of the designs of this page's searches, by folder
+        self._watching: asyncio.Task[None] | None = None
+        self._starting: asyncio.Task[None] | None = None
+        values = {
+            "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
+            "run_y": "", "run_picture": "", "run_lines": [], "run_of": "", "run_front": [], "run_scores": [],
+            "runs_problem": "",
+            "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
+        }  # fmt: skip
+        self._offered = ""  # digest of the design with known goals
+        super().__init__(
+            session,
+            values,
+            look_for_runs=self._look,
+            read_runs=self._read,
+            show_run=self._show,
+            take_point=self._take,
+            start_run=self._start,
+        )
+
+    def offer(self) -> None:
+        """Find the goals that fit, if their tab is open."""
+        session = self._session
+        work = session.work
+        if session.state.tab == "runs" and work.design.digest != self._offered:
+
+            def find() -> tuple[Design, Mapping[str, str]]:
+                return work.design, unfit_goals(work.opened)
+
+            session.scenes.ask([Step("goals", find, self._show_goals, session.say, rest=_REST)])
+
+    def _show_goals(self, found: tuple[Design, Mapping[str, str]]) -> None:
+        """Show the goals that fit the design."""
+        design, unfit = found
+        if self._session.is_current(design):
+            self._offered = design.digest
+            with self._session.state as state:
+                state.run_goals = _offered(unfit)
+                if state.run_goal in unfit:
+                    state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
+
+    def show(self, design: Design) -> None:
+        """Mark shown runs that belong to another design."""
+        state = self._session.state
+        of, digest = str(state.run_name).rpartition("-")[0], self._started.get(self._name, design.digest)
+        changed = " – of the design before it was changed" if digest != design.digest else ""
+        state.run_of = changed if of in ("", design.name) else " – of another design"
+
+    def _look(self) -> None:
+        state = self._session.state
+        state.run_folders = run_folders(self._session.setup.shelf.folder)
+        state.runs_problem = "" if state.run_folders else (
+            f"no folder in {self._session.setup.shelf.folder} holds a {FILE}; coilarray optimize makes one."
+        )  # fmt: skip
+
+    def _start(self, goal: str, trials: str) -> None:
+        """Begin a search for a better design, or continue it."""
+        session, state = self._session, self._session.state
+        design = session.work.design
+        folder = session.setup.shelf.folder / f"{design.name}-{goal}"
+        try:
+            count = round(number_of("points", str(trials)))
+            if goal not in NAMES or not 1 <= count <= _MOST_TRIALS:
+                raise DesignError(f"points must be 1 to {_MOST_TRIALS}; got {trials}.")
+        except CoilarrayError as error:
+            state.runs_problem = str(error)
+            return
+
+        def ended(line: str) -> None:
+            state.file_note = line
+            if folder.name in run_folders(folder.parent):
+                session.begin(self._read, folder.name)
+
+        item = (search_goal, session.work.opened.document, design.name, goal, count, folder)
+        stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
+        if session.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, cancelled=stopped):
+            state.runs_problem = ""
+            self._started[folder.name] = design.digest
+            self._starting = session.begin(self._read_first, folder)
+
+    async def _read_first(self, folder: Path) -> None:
+        """Show a search from its first points on."""
+        while not (folder / FILE).is_file() and self._session.state.job["running"]:
+            await asyncio.sleep(_EVERY)
+        await asyncio.sleep(_EVERY)
+        if (folder / FILE).is_file():
+            await self._read(folder.name)
+
+    async def _read(self, name: str) -> None:
+        """Read a folder of runs."""
+        state = self._session.state
+        if name not in run_folders(self._session.setup.shelf.folder):
+            return
+        folder = self._session.setup.shelf.folder / name
+        self._name, self._stamp = name, _stamp(folder)
+        try:
+            self._runs = await asyncio.to_thread(read_runs, folder)
+        except CoilarrayError as error:
+            with state:
+                state.runs_problem = str(error)
+            return
+        with state:
+            state.runs_problem = ""
+            state.run_folder = name
+            state.run_names = [run.name for run in self._runs]
+            if state.run_name not in state.run_names:
+                state.run_name = state.run_names[0] if state.run_names else ""
+        await self._show(state.run_name, state.run_x, state.run_y)
+        if self._watching is None or self._watching.done():
+            self._watching = self._session.begin(self._follow)
+
+    async def _follow(self) -> None:
+        """Read the runs again while their search continues."""
+        while self._session.state.tab == "runs":
+            await asyncio.sleep(_EVERY)
+            if _stamp(self._session.setup.shelf.folder / self._name) != self._stamp:
+                await self._read(self._name)
+
+    def close(self) -> None:
+        """Stop reading runs."""
+        for task in (self._watching, self._starting):
+            if task is not None:
+                task.cancel()
+
+    async def _show(self, name: str, x: str, y: str) -> None:
+        """Show a run over two axes."""
+        run = next((one for one in self._runs if one.name == name), None)
+        if run is None:
+            return
+        axes = list(dict.fromkeys((*run.objectives, *run.quantities, *run.numbers)))
+        telling = [name for name in axes if len(set(run.values(name))) > 1] or axes  # no bound that all points keep
+        # Two objectives over each other, or a single objective over a varied entry.
+        usual = telling[:2] if len(run.objectives) > 1 or not run.numbers else [run.numbers[0], axes[0]]
+        first = x if x in axes else usual[0]
+        second = y if y in axes else usual[-1]
+        picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
+        state = self._session.state
+        with state:
+            state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
+            state.run_picture = picture
+            state.run_lines = run_lines(run)
+            state.run_front, state.run_scores = front_rows(run), list(run.objectives)
+            self.show(self._session.work.design)
+
+    def _take(self, name: str) -> None:
+        """Set the design's entries to a run's point."""
+        run = next((one for one in self._runs if one.name == self._session.state.run_name), None)
+        point = None if run is None else next((one for one in run.points if one.name == name), None)
+        if point is not None:
+            entries = point.entries
+            refused = partial(setattr, self._session.state, "runs_problem")
+            self._session.change(lambda work: work.document_with(entries), refused)
+
+
+def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
+    """All goals as the page lists them.
+
+    Goals that fit the design come first.
+    """
+    items = {name: {"subtitle": says, "disabled": False, "lines": "two"} for name, says in NAMES.items()}
+    for name, why in unfit.items():
+        items[name] = items.pop(name) | {"subtitle": why, "disabled": True, "lines": "three"}
+    return [{"value": name, "title": name, "props": props} for name, props in items.items()]
+
+
+def _stamp(folder: Path) -> tuple[int, ...]:
+    """Read the times of the last changes of a study."""
+    times = []
+    for name in (FILE, f"{FILE}-wal"):
+        try:
+            times.append((folder / name).stat().st_mtime_ns)
+        except OSError:
+            times.append(0)
+    return tuple(times)
+
+
+def _picture(run: Run, x: str, y: str) -> str:
+    """Draw the points over two quantities."""
+    from coilarray.viz.plots.optimize import plot_front
+    from coilarray.viz.plots.style import new_axes
+
+    values: Any = list(zip(run.values(x), run.values(y), strict=True))
+    two = (x, y) == run.objectives[:2] and len(run.maximized) == 2
+    stairs: Any = ("pre" if run.maximized[0] else "post") if two else None
+    axes = plot_front(
+        values, [point.feasible for point in run.points], run.front, labels=(axis_label(x), axis_label(y)),
+        start=None if run.start is None else values[run.start], stairs=stairs, ax=new_axes(*_SIZE),
+    )  # fmt: skip
+    return image_of(cast("Figure", axes.figure))

@@ -25,11 +25,9 @@ from typing import TYPE_CHECKING, Any
 from coilarray.compute.extras import import_extra
 from coilarray.errors import CoilarrayError, OutputError
 from coilarray.viz.offscreen import rendering_problem, require_pyvista
-from coilarray.viz.studio.panel import template
-from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.services import Services
-from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.work import Work
+from coilarray.viz.studio.session import ReportPages, Setup, template
+from coilarray.viz.studio.work import Shelf, Work
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -224,8 +222,7 @@ class _Studio:
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
         """Refuse requests that are not from our pages.
 
-        Other host names, scripts of other pages, and requests without the token are refused. At the end all requests
-        are refused.
+        Other host names, scripts of other pages, and requests without the token are refused.
         """
         from aiohttp import web
 
@@ -286,13 +283,10 @@ class _Studio:
         return web.Response(status=204)
 
     async def _open(self, request: web.Request) -> web.Response:
-        """Begin a session for a loaded page.
-
-        It has the last design of its tab.
-        """
+        """Begin a session for a loaded page."""
         from aiohttp import web
 
-        from coilarray.viz.studio.page import Page, Setup
+        from coilarray.viz.studio.page import Page
 
         if len(self._pages) >= _MOST_PAGES:
             return web.json_response({"error": _TOO_MANY}, status=503)
@@ -313,10 +307,7 @@ class _Studio:
         return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
 
     def _work_of(self, tab: str) -> Work:
-        """Find the last design of a tab.
-
-        After a reload its old page may still be open.
-        """
+        """Find the last design of a tab."""
         still = [self._pages[key].work for key, other in self._of_page.items() if other == tab and key in self._pages]
         return still[-1] if still else self._tabs.get(tab, self._work)
 
@@ -354,10 +345,7 @@ class _Studio:
         return socket_
 
     async def _report(self, request: web.Request) -> web.Response:
-        """Serve a report that a page wrote in this run.
-
-        No other file of the folder is served.
-        """
+        """Serve a report that a page wrote in this run."""
         from aiohttp import web
 
         page = await asyncio.to_thread(self._reports.read, request.match_info["key"])
@@ -367,10 +355,7 @@ class _Studio:
         return web.Response(body=page, content_type="text/html", charset="utf-8", headers=policy)
 
     async def _asset(self, request: web.Request) -> web.StreamResponse:
-        """Serve scripts, styles and fonts.
-
-        All of them come from installed packages.
-        """
+        """Serve scripts, styles and fonts."""
         name, _, rest = request.match_info["path"].partition("/")
         if name in self._static:
             return _file_of(self._static[name], rest)
@@ -386,10 +371,7 @@ class _Studio:
         return f"http://{shown}:{self._port}/?token={self._address.token}"
 
     async def _close(self, key: str) -> None:
-        """End the session of a closed page.
-
-        Its design is kept for a reload.
-        """
+        """End the session of a closed page."""
         page = self._pages.pop(key, None)
         if page is None:
             return
@@ -412,10 +394,7 @@ class _Studio:
 
 
 def _logger() -> logging.Logger:
-    """Logger of the web server.
-
-    It keeps tracebacks of our own errors, and ignores invalid requests.
-    """
+    """Logger of the web server."""
     from aiohttp.http_exceptions import HttpProcessingError
 
     def ours(record: logging.LogRecord) -> bool:
@@ -429,10 +408,7 @@ def _logger() -> logging.Logger:
 
 
 async def _hear(socket_: web.WebSocketResponse, page: Page, client: str) -> None:
-    """Pass messages of a page to its session.
-
-    This ends if the page leaves or sends something that no page sends.
-    """
+    """Pass messages of a page to its session."""
     from aiohttp import WSMsgType
 
     from coilarray.viz.studio.messages import Inbox, MessageError, refusal
@@ -457,10 +433,7 @@ async def _hear(socket_: web.WebSocketResponse, page: Page, client: str) -> None
 
 
 def _headers(request: web.Request) -> dict[str, str]:
-    """Security headers of a response.
-
-    In some browsers 'self' does not include web sockets.
-    """
+    """Security headers of a response."""
     host = request.headers.get("Host", "")
     sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
     return {**_HEADERS, "Content-Security-Policy": _POLICY + sockets}

@@ -98,8 +98,7 @@ class BoardFrame:
 class Summary:
     """Summary of a design.
 
-    It has a table of texts, and a line for each limit of the converter that is broken. `converter` is False if it is
-    unknown what a converter reads.
+    `converter` is False if it is unknown what a converter reads.
     """
 
     headers: Sequence[str]

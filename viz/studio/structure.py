@@ -36,10 +36,7 @@ _APART = 1.25  # pitch from a first coil to a second, in widths of the coil
 
 
 def add_coil(document: Document, design: Design) -> Document:
-    """Add a coil beside the rightmost coil.
-
-    It lies on the layers that come after the layers of this coil. The array then has free places.
-    """
+    """Add a coil beside the rightmost coil."""
     places = _placements(document, design)
     names = [place["name"] for place in places]
     k = next(k for k in range(1, len(names) + 2) if f"coil{k}" not in names)
@@ -55,10 +52,7 @@ def add_coil(document: Document, design: Design) -> Document:
 
 
 def remove_coil(document: Document, design: Design, name: str) -> Document:
-    """Remove a coil and its own entries.
-
-    The array then has free places.
-    """
+    """Remove a coil and its own entries."""
     every = _placements(document, design)
     places = [place for place in every if place["name"] != name]
     if not places:
@@ -72,7 +66,7 @@ def remove_coil(document: Document, design: Design, name: str) -> Document:
 def place_coil(document: Document, design: Design, name: str, key: str, value: float) -> Document:
     """Set one entry of a coil's place.
 
-    The entry is ``x_mm``, ``y_mm`` or ``rotation_deg``. The array then has free places.
+    The entry is ``x_mm``, ``y_mm`` or ``rotation_deg``.
     """
     new = {key: value}
     places = _placements(document, design)
@@ -80,10 +74,7 @@ def place_coil(document: Document, design: Design, name: str, key: str, value: f
 
 
 def place_on(document: Document, design: Design, name: str, layers: Sequence[str]) -> Document:
-    """Lay a coil on other copper layers.
-
-    The array then has free places.
-    """
+    """Lay a coil on other copper layers."""
     if not layers:
         known = " ".join(document["stackup"]["layers"])
         raise DesignError(f"layers of {name} must be some of {known}; got none.")
@@ -93,10 +84,7 @@ def place_on(document: Document, design: Design, name: str, layers: Sequence[str
 
 
 def set_lattice(document: Document, design: Design, kind: str) -> Document:
-    """Lay coils of the first shape on a lattice.
-
-    The lattice has about as many coils as before. The kind "free" gives each coil its own place instead.
-    """
+    """Lay coils of the first shape on a lattice."""
     if kind == "free":
         return _free(document, _placements(document, design))
     places, old = _placements(document, design), document["array"]
@@ -148,18 +136,14 @@ def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
 
 
 def _in_rings(rings: int) -> int:
-    """Count the coils in rings of hexagons about one coil.
-
-    This coil is included.
-    """
+    """Count the coils in rings of hexagons about one coil."""
     return 3 * rings * (rings + 1) + 1
 
 
 def set_layers(document: Document, _: Design, number: float) -> Document:
     """Set the number of copper layers of the board.
 
-    New layers are like the lowest layer, or the lowest layers are removed. The dielectrics change by one factor, so
-    that the thickness of the board stays the same.
+    The dielectrics change by one factor, so that the thickness of the board stays the same.
     """
     stackup = document["stackup"]
     names = list(stackup["layers"])
@@ -182,8 +166,7 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
 def on_its_layers(document: Document) -> dict[str, Any]:
     """Lay every coil on the layers of its shape.
 
-    It is laid on as many layers as its shape has. A coil that cannot keep its layers is laid on others in turn. A board
-    with too few layers raises a DesignError.
+    It is laid on as many layers as its shape has. A board with too few layers raises a DesignError.
     """
     array, free = document["array"], document["array"]["lattice"] == "free"
     names = list(document["stackup"]["layers"])
@@ -212,10 +195,7 @@ def on_its_layers(document: Document) -> dict[str, Any]:
 
 
 def set_house(document: Document, _: Design, house: str) -> Document:
-    """Use the limits of a board house, and no others.
-
-    The copper is at most as thick as the house makes.
-    """
+    """Use the limits of a board house, and no others."""
     changed = no_longer_assumed({**document, "fab": {"profile": house}}, ["fab"])
     rules, copper = load_profile(house).rules, list(document["stackup"]["copper_thickness_um"])
     limits = [rules.most_copper(k, len(copper)) for k in range(len(copper))]
@@ -272,10 +252,7 @@ def add_sheet(document: Document, _: Design) -> Document:
 
 
 def remove_sheet(document: Document, _: Design, index: int) -> Document:
-    """Remove a sheet by its number from below.
-
-    With the last sheet the indenter and the indentation are removed too.
-    """
+    """Remove a sheet by its number from below."""
     changed = without_entry(document, "elastomer", index)
     if "elastomer" in changed:
         return changed
@@ -284,10 +261,7 @@ def remove_sheet(document: Document, _: Design, index: int) -> Document:
 
 
 def without_entry(document: Document, table: str, index: int) -> Document:
-    """Remove a table from a list by its number.
-
-    Its assumptions are removed too. The list is removed with its last table.
-    """
+    """Remove a table from a list by its number."""
     entries = list(document.get(table, []))
     if not 0 <= index < len(entries):
         raise DesignError(f"{table} must have an entry of number {index}; there are {len(entries)}.")
@@ -327,7 +301,7 @@ def set_base(document: Document, _: Design, base: str, *, before: Sequence[Docum
 def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple[dict[str, Any], dict[str, str]]:
     """Entries of a table in the first document with any.
 
-    They begin with `start`. Their reasons are returned too.
+    They begin with `start`.
     """
     for document in before:
         try:
@@ -342,10 +316,7 @@ def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
-    """Places of all coils as in a file.
-
-    Coils whose leads are routed have their places before routing.
-    """
+    """Places of all coils as in a file."""
     if document["array"]["lattice"] == "free":
         return [dict(place) for place in document["array"]["placements"]]
     array = design.array.unrouted
@@ -360,10 +331,7 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
 
 
 def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
-    """Give every coil its own place.
-
-    An assumption of a coil stays if its value stays the same.
-    """
+    """Give every coil its own place."""
     old = document["array"].get("placements", [])
     numbers = {place["name"]: k for k, place in enumerate(places)}
 
@@ -383,10 +351,7 @@ def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _without_coils(document: Document, design: Design, names: Sequence[str]) -> dict[str, Any]:
-    """Remove the terminations of coils that are gone.
-
-    If such a coil was the origin, the origin stays at its place.
-    """
+    """Remove the terminations of coils that are gone."""
     changed, gone = dict(document), list[str]()
     ends = document.get("circuit", {}).get("terminations", {})
     if set(ends) - set(names):

@@ -1,21 +1,25 @@
-"""View of a scene on the page.
-
-It is drawn here, sent to the page as images, and turned there with the mouse.
-"""
+"""Picture in 3-D: a scene that is drawn here, sent to the page as images, and turned there with the mouse."""
 
 from __future__ import annotations
 
 import asyncio
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import numpy as np
 from PIL import Image
 
-from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
+from coilarray.compute.html import png_url
+from coilarray.design.model import Design, build_design
+from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
+from coilarray.viz.scenes.draw import bar_of, draw_parts, gradient, set_camera, text_name
 from coilarray.viz.scenes.scene import FILLED, Camera, Scene, Side, Text, aim, aim_again, direction
+from coilarray.viz.studio.drawing import BoardParts
+from coilarray.viz.studio.job import Step
+from coilarray.viz.studio.metal import metal_scene
+from coilarray.viz.studio.session import Panel, Session
 
 SIZE = (900, 560)
 """Width and height of the picture in pixels before the page sends its own."""
@@ -84,10 +88,7 @@ class SceneView:
         self._push()
 
     def look_from(self, side: Side) -> None:
-        """Turn the camera to a side.
-
-        It is aimed at the whole scene.
-        """
+        """Turn the camera to a side."""
         self._side = side
         if self._scene is not None:
             self._aimed = None
@@ -106,10 +107,7 @@ class SceneView:
             self._push()
 
     def picture(self, scene: Scene) -> bytes:
-        """Picture of another scene as a PNG file.
-
-        It has the same size, camera and hidden groups.
-        """
+        """Picture of another scene as a PNG file."""
         if self._beside is None:
             import pyvista
 
@@ -171,10 +169,7 @@ class SceneView:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
-        """Aim at the scene and the scene beside.
-
-        The direction is the chosen side, or as the user has turned the scene since.
-        """
+        """Aim at the scene and the scene beside."""
         if self._scene is not None:
             lowest, highest = np.reshape([*self._scene.bounds, *self._beside_bounds], (-1, 3, 2)).T
             bounds = cast("Any", tuple(np.column_stack([lowest.min(axis=1), highest.max(axis=1)]).ravel().tolist()))
@@ -219,8 +214,7 @@ class SceneView:
     def _send_encoded(self, app: Any, smooth: bool, looks: int) -> None:
         """Send the picture if encoded, or test again soon.
 
-        It is rendered if necessary. The widget would send the last picture once more, and look for the new picture half
-        a second later.
+        The widget would send the last picture once more, and look for the new picture half a second later.
         """
         self._forget("sending")
         quality = self._server.protocol_call("viewport.image.push.quality.get", self._id)["quality"]
@@ -282,10 +276,7 @@ class SceneView:
         return Camera(camera.position, camera.focal_point, camera.up, camera.parallel_scale)
 
     def _is_aimed(self) -> bool:
-        """Check that the user has kept the aimed camera.
-
-        The picture was not moved or zoomed since the camera was aimed.
-        """
+        """Check that the user has kept the aimed camera."""
         if self._aimed is None:
             return False
         now, then = ((*one.focus, one.scale) for one in (self._camera(), self._aimed))
@@ -313,3 +304,192 @@ def _letters(text: Text, size: tuple[int, int]) -> float:
 
 def _part(size: tuple[int, int]) -> float:
     return min(1.0, size[0] / (_NARROW * size[1]))
+
+
+_STOPS = 24  # colours of a bar
+
+Maker = Callable[[Design, BoardParts], Scene | None]
+"""Makes a scene of a board in pieces in a thread, or None."""
+
+
+class ScenePanel(Panel):
+    """Panel with the view and its scene."""
+
+    def __init__(self, session: Session, tabs: Mapping[str, Maker], metal: Maker) -> None:
+        self._tabs, self._metal = tabs, metal  # scenes of tabs, and of designs with metal
+        self._parts: BoardParts | None = None
+        self._expected = 0  # number of the last scene that makes the shown scene stale
+        self._saved: Scene | None = None  # scene of the design as given or last saved
+        self._alone: tuple[Design, bool, Scene] | None = None  # the last scene without results, with or without sheets
+        self._drawn: Scene | None = None
+        problem = session.setup.rendering_problem or ("not shown" if session.setup.services.alone else None)
+        self._view = None if problem else SceneView(session.server, self._at_rest)
+        values = {
+            "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(get_args(Side)),
+            "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False, "scene_saved": False,
+            "saved_picture": "", "saved_name": "",
+        }  # fmt: skip
+        super().__init__(
+            session,
+            values,
+            look_from=self._look_from,
+            toggle_group=self._toggle,
+            toggle_sheets=self._toggle_sheets,
+            toggle_saved=self._toggle_saved,
+        )
+
+    @property
+    def html(self) -> str:
+        """HTML of the view.
+
+        It is empty if nothing can be rendered.
+        """
+        return "" if self._view is None else str(self._view.widget.html)
+
+    def expect(self) -> None:
+        """Mark the picture as stale."""
+        self._expected += 1
+        if self._view is not None and "scene" not in self._session.state.stale:
+            with self._session.state as state:
+                state.stale = [*state.stale, "scene"]
+
+    def steps(self) -> list[Step]:
+        """Make the step that computes the current scene."""
+        if self._view is None:
+            return []
+        design, tab, sheets = (
+            self._session.work.design,
+            str(self._session.state.tab),
+            bool(self._session.state.scene_sheets),
+        )
+        number = self._expected
+
+        def compute() -> tuple[Design, int, Scene]:
+            return design, number, self._scene(design, tab, sheets)
+
+        steps = [Step("scene", compute, self._show, self._fail)]
+        work = self._session.work
+        if self._session.state.scene_saved:
+
+            def compute_saved() -> tuple[str, Scene]:
+                saved = build_design(work.kept, design.name)
+                return f"{work.file} as saved", _scene_alone(saved, sheets)
+
+            steps.append(Step("saved scene", compute_saved, self._show_saved, self._fail))
+        return steps
+
+    def close(self) -> None:
+        """Release the window."""
+        if self._view is not None:
+            self._view.close()
+
+    def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
+        """Compute a scene in a thread.
+
+        The `sheets` are lifted off the board if nothing else lies over it.
+        """
+        scene = None
+        if tab in self._tabs:
+            scene = self._tabs[tab](design, self._board(design))
+        if scene is None and (design.plates or design.target is not None):
+            scene = self._metal(design, self._board(design))
+        if scene is not None:
+            return scene
+        if self._alone is None or self._alone[0] is not design or self._alone[1] != sheets:
+            self._alone = design, sheets, _scene_alone(design, sheets)
+        return self._alone[2]
+
+    def _board(self, design: Design) -> BoardParts:
+        if self._parts is None or self._parts.design is not design:
+            self._parts = BoardParts(design, *board_in_pieces(design.array))
+        return self._parts
+
+    def _show(self, found: tuple[Design, int, Scene]) -> None:
+        """Show a scene and its legend."""
+        if self._view is None:
+            return
+        design, number, scene = found
+
+        def sent() -> None:
+            with self._session.state as state:
+                state.legend, state.scene_problem = _legend(scene), ""
+                if number == self._expected:
+                    self._session.arrived("scene", design)
+
+        if scene is self._drawn:
+            sent()
+        else:
+            self._drawn = scene
+            self._view.show(scene, sent)
+
+    def _show_saved(self, found: tuple[str, Scene]) -> None:
+        """Show the scene of the saved design."""
+        if not self._session.state.scene_saved:  # any more
+            return
+        with self._session.state as state:
+            state.saved_name, self._saved = found
+            if self._view is not None:
+                self._view.make_room_for(self._saved)
+            self._draw_saved()
+
+    def _draw_saved(self) -> None:
+        """Draw the saved design beside the shown design."""
+        if self._view is not None and self._saved is not None and self._session.state.scene_saved:
+            self._session.state.saved_picture = png_url(self._view.picture(self._saved))
+
+    def show_saved(self, there: bool) -> None:
+        """Show or hide the saved design beside the shown design.
+
+        A design without a file has no saved design.
+        """
+        self._session.state.scene_saved = there and bool(self._session.work.kept)
+        self._saved = None
+        if self._view is not None:
+            self._view.make_room_for(None)
+        self._session.state.saved_picture = ""
+
+    def _toggle_saved(self) -> None:
+        self.show_saved(not self._session.state.scene_saved)
+        self._session.redraw()
+
+    def _fail(self, problem: str) -> None:
+        with self._session.state as state:
+            state.scene_problem = problem
+
+    def _at_rest(self, rests: bool) -> None:
+        with self._session.state as state:
+            if rests:
+                self._draw_saved()
+            state.scene_rests = rests
+
+    def _look_from(self, side: Side) -> None:
+        if self._view is not None and side in get_args(Side):
+            self._view.look_from(side)
+
+    def _toggle_sheets(self) -> None:
+        self._session.state.scene_sheets = not self._session.state.scene_sheets
+        self._session.redraw()
+
+    def _toggle(self, name: str) -> None:
+        state = self._session.state
+        hidden = set(state.hidden_groups) ^ {name}
+        state.hidden_groups = sorted(hidden)
+        if self._view is not None:
+            self._view.hide(hidden)
+
+
+def _scene_alone(design: Design, sheets: bool) -> Scene:
+    """Scene of a board without results."""
+    if design.plates:
+        return metal_scene(BoardParts(design, *board_in_pieces(design.array)), None, 0, None)
+    return scene_of_lifted_board(design.array, design.sheets if sheets else ())
+
+
+def _legend(scene: Scene) -> dict[str, Any]:
+    """Legend of a scene as plain values."""
+    bars = [bar_of(scale, _STOPS) for scale in scene.scales]
+    return {
+        "groups": [{"name": name, "colour": gradient(colours)} for name, colours in scene.groups.items()],
+        "bars": [{"title": title, "colours": gradient(colours), "ticks": ticks} for title, colours, ticks in bars],
+        "notes": list(scene.notes),
+    }

@@ -1,18 +1,26 @@
-"""Design of a page as a value.
-
-Every change returns a new value or is refused.
-"""
+"""Design of a page as a value, and the folder of design files that a page may read and write."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-from coilarray.design.model import Design, DesignFile, build_design_file
+from coilarray.compute.files import write_text
+from coilarray.design import bundled
+from coilarray.design.model import (
+    Design,
+    DesignFile,
+    build_design_file,
+    load_design_file,
+    parse_design,
+    parse_design_file,
+)
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import file_text, keeps_comments
-from coilarray.errors import DesignError
+from coilarray.errors import CoilarrayError, DesignError, OutputError
 
 MOST_COILS = 64
 """Largest number of coils of a design in the studio."""
@@ -86,7 +94,7 @@ class Work:
     def for_file(self, file: str, title: str) -> Work:
         """Change the title, and the name for another file.
 
-        An empty title removes it. The name stays the same for its own file.
+        An empty title removes it.
         """
         stem = file.removesuffix(".toml")
         return self._called(self.design.name if stem == self.file.removesuffix(".toml") else stem, title)
@@ -147,3 +155,91 @@ def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any])
     if coils > MOST_COILS:
         key = next(iter(changes))
         raise DesignError(f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {coils:g}.")
+
+
+_NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # short enough for any file system
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """Design files of one folder, and the bundled designs.
+
+    The folder must exist.
+    """
+
+    folder: Path
+
+    def names(self) -> list[str]:
+        """Names of the files of the folder."""
+        try:
+            files = sorted(path.name for path in self.folder.glob("*.toml") if _NAME.fullmatch(path.name))
+        except OSError:
+            files = []
+        return [*files, *bundled.names()]
+
+    def open(self, name: str) -> Work:
+        """Read a design.
+
+        An unknown name or an invalid file raises a DesignError.
+        """
+        if name in bundled.names():
+            return work_on(parse_design_file(bundled.read(name), name), name)
+        path = self.path(name)
+        if not path.is_file():
+            raise DesignError(f"there is no file {name} in {self.folder}.")
+        return work_on(load_design_file(path), name)
+
+    def save(self, work: Work, name: str) -> Work:
+        """Write a design into the folder in one step.
+
+        It is returned with its new file.
+
+        Raises
+        ------
+        OutputError
+            If the name is not allowed, or the file cannot be written.
+        """
+        path = self.path(name)
+        text = work.text()
+        parse_design(text, name)  # refuses a file that would not be readable
+        write_text(path, text)
+        return work.saved_as(name)
+
+    def would_lose(self, work: Work, name: str) -> bool:
+        """Check if saving a design replaces another file.
+
+        The OutputError is the same as in `path`.
+        """
+        path = self.path(name)
+        if not path.exists():
+            return False
+        try:
+            return name != work.file or load_design_file(path).text != work.kept_text
+        except CoilarrayError:
+            return True
+
+    def files(self, suffix: str) -> list[str]:
+        """Names of the files of the folder with a suffix.
+
+        The latest file comes first.
+        """
+        try:
+            found = [path for path in self.folder.glob(f"*{suffix}") if _NAME.fullmatch(path.name)]
+            return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
+        except OSError:
+            return []
+
+    def file(self, name: str, suffixes: Sequence[str]) -> Path:
+        """Path of a file of the folder.
+
+        A name that is not allowed raises an OutputError.
+        """
+        if not (_NAME.fullmatch(name) and name.lower().endswith(tuple(suffixes))):
+            raise OutputError(
+                f"a file must have a plain, short name that ends in {' or '.join(suffixes)}; got {name[:60]!r}."
+            )
+        return self.folder / name
+
+    def path(self, name: str) -> Path:
+        """Path of a design file, as in `file`."""
+        return self.file(name, (".toml",))

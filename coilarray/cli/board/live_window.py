@@ -41,8 +41,7 @@ def show_window(options: LiveOptions, file: DesignFile, table: Path | None, *, l
     """
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, serve
     from coilarray.viz.studio.services import Services
-    from coilarray.viz.studio.shelf import Shelf
-    from coilarray.viz.studio.work import work_on
+    from coilarray.viz.studio.work import Shelf, work_on
 
     check_studio()
     failures: list[str] = []

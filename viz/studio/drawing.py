@@ -1,7 +1,4 @@
-"""Drawing of the board from above in mm.
-
-y points upwards on the board, and downwards on the screen.
-"""
+"""Boards as the studio draws them: from above as plain values, and in pieces for scenes."""
 
 from __future__ import annotations
 
@@ -17,10 +14,11 @@ from coilarray.compute.display_units import number_text
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.viz.datasets.results import semi_axis_factor
-from coilarray.viz.palette import INK, coil_colours
+from coilarray.viz.palette import coil_colours
+from coilarray.viz.scenes.board import CoilColours, recoloured
 from coilarray.viz.scenes.results import CONFIDENCE, colours_of_delta
+from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.scenes.touch import first_states
-from coilarray.viz.studio.touch import Touched
 
 _RIM = 0.02  # width of the rim over the width of the board
 _DIGITS = 3  # of lengths in mm
@@ -54,10 +52,7 @@ class TopView:
         return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Drawn point in mm for a place in m.
-
-        The place is on the board.
-        """
+        """Drawn point in mm for a place in m."""
         return _mm(x), -_mm(y)
 
 
@@ -69,10 +64,7 @@ def top_view(design: Design) -> TopView:
 
 
 def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
-    """Edge and coils of a board in mm.
-
-    They are plain values for the page.
-    """
+    """Edge and coils of a board in mm."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     colours = coil_colours(design.array.names, design.array.centres)
     coils = []
@@ -90,34 +82,6 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * design.array.least_distance * 1e3), 3),
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
-    }
-
-
-def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
-    """Draw the marks of a touch.
-
-    They are the indenter, the paper's ellipses, the located positions, and the colours of the coils.
-    """
-    colours = coil_colours(design.array.names, design.array.centres)
-    x, y = view.point(*touch.at)
-    radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
-    coil_of = {state.name: state.measured[0][0] for state in design.plan}
-    ellipses = []
-    for state, one in touch.ellipses.items():
-        cx, cy = view.point(one.x0 + touch.row[0], touch.row[1])
-        ellipses.append(
-            {"x": cx, "y": cy, "rx": _mm(one.A), "ry": _mm(one.B), "colour": colours.get(coil_of.get(state, ""), INK)}
-        )
-    crossing = None
-    if touch.crossing is not None:
-        (x0, y0), meet = touch.row, touch.crossing
-        crossing = [view.point(x0 + meet.x, y0 + sign * meet.y) for sign in (1, -1)]
-    return {
-        "indenter": {"x": x, "y": y, "r": max(radius, 0.5)},
-        "ellipses": ellipses,
-        "crossing": crossing or [],
-        "pins": pins(view, touch.location),
-        "fills": delta_fills(design, touch.delta),
     }
 
 
@@ -181,3 +145,27 @@ def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) ->
 
 def _mm(value: float) -> float:
     return round(value * 1e3, _DIGITS)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardParts:
+    """Board in pieces.
+
+    They are computed once and can have other colours.
+    """
+
+    design: Design
+    copper: tuple[Part, ...]  # one part per layer
+    rest: Scene  # laminate, barrels, names and rulers
+
+    def coloured(self, colours: CoilColours) -> Scene:
+        """Colour the copper by values of the coils."""
+        return Scene(recoloured(self.copper, colours)) + self.rest
+
+
+def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
+    """Scene of a board with its copper coloured by δ.
+
+    `least` has the same meaning as in `colours_of_delta`.
+    """
+    return board.coloured(colours_of_delta(delta_by_coil(board.design, delta), least))

@@ -1,0 +1,447 @@
+"""What the panels of an open page share: its state and design, its computations and jobs, and its errors."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import io
+import math
+import secrets
+import time
+import traceback
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Coroutine, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coilarray.circuit.network import Network
+from coilarray.compute.html import png_url
+from coilarray.design.model import Design
+from coilarray.errors import CoilarrayError
+from coilarray.viz.studio.job import PATIENCE, Calculator, Job, Outcome, Task, time_left
+from coilarray.viz.studio.messages import MessageError, checked
+from coilarray.viz.studio.services import Document, Services
+from coilarray.viz.studio.work import Shelf, Work
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+_JOINED = 1.0  # s, changes of a slider within it are undone together
+_NOTICED = 0.3  # s after which the page shows that leads are being routed
+_LONGEST = 200  # designs that can be undone
+_NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
+_DPI = 110
+
+
+class ReportPages:
+    """Reports that the pages of one studio have written, each by a key that nobody can guess.
+
+    A file that was changed after it was added is not served any more.
+    """
+
+    def __init__(self) -> None:
+        self._written: dict[str, tuple[Path, bytes]] = {}  # with the SHA-256 digest of the file
+
+    def add(self, path: Path) -> str:
+        """Add a report and return its key, or raise OSError."""
+        key = secrets.token_hex(16)
+        self._written[key] = path, hashlib.sha256(path.read_bytes()).digest()
+        return key
+
+    def read(self, key: str) -> bytes | None:
+        """Report of a key, or None if it is unknown, gone or replaced."""
+        if key not in self._written:
+            return None
+        path, digest = self._written[key]
+        try:
+            page = path.read_bytes()
+        except OSError:
+            return None
+        return page if hashlib.sha256(page).digest() == digest else None
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Constant values that all pages of a studio share."""
+
+    shelf: Shelf
+    services: Services
+    reports: ReportPages  # written by its pages
+    threads: Executor  # computes the steps
+    rendering_problem: str | None  # why there is no picture in 3-D
+
+
+@dataclass(frozen=True, eq=False)
+class Circuit:
+    """Circuit of a design as the converter sees it."""
+
+    network: Network  # coils, switches and tank with all losses and strays
+    coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
+
+
+@dataclass(frozen=True, eq=False)
+class Trail:
+    """Earlier designs, and undone designs, of which the next comes first."""
+
+    before: tuple[Work, ...] = ()
+    after: tuple[Work, ...] = ()
+
+    def left(self, work: Work) -> Trail:
+        """Trail after a new design has replaced `work`."""
+        return Trail((*self.before, work)[-_LONGEST:])
+
+    def undo(self, work: Work) -> tuple[Trail, Work]:
+        """Trail and design before `work`, which must exist, as of the same file."""
+        return Trail(self.before[:-1], (work, *self.after)), self.before[-1].of_file(work)
+
+    def redo(self, work: Work) -> tuple[Trail, Work]:
+        """Trail and design that was undone last, which must exist."""
+        return Trail((*self.before, work), self.after[1:]), self.after[0].of_file(work)
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """Change of the design that waits for earlier changes."""
+
+    made: Callable[[Work], Document]
+    refused: Callable[[str], None]
+    typed: bool
+
+
+class Session(ABC):
+    """State, design and work of one page, which shows them on its panels."""
+
+    def __init__(self, setup: Setup, work: Work) -> None:
+        from trame.app import get_server
+
+        self.setup = setup
+        self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes letters small
+        self.work, self._trail, self._changed_at = work, Trail(), -math.inf
+        self._changes: dict[object, _Change] = {}  # waiting changes
+        self._changing: asyncio.Task[None] | None = None
+        self.server: Any = get_server(self.key, client_type="vue3")
+        self.server.cli.set_defaults(authKey=self.secret)
+        self.state: Any = self.server.state
+        # Numbers and scenes wait neither for each other nor for slow steps (circuit, summary, target).
+        self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
+        self._loop = asyncio.get_running_loop()
+        self._jobs: dict[str, Job] = {}
+        self.state.update(
+            {
+                "problem": "",
+                "job": _NO_JOB,
+                "stale": [],
+                "failures": {},
+                "shown_accuracy": "",
+                "accuracy": "",
+                "can_undo": False,
+                "can_redo": False,
+                "routing": False,
+            }
+        )
+        self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
+        self.trigger("undo", lambda: self._follow_trail(back=True))
+        self.trigger("redo", lambda: self._follow_trail(back=False))
+
+    @abstractmethod
+    def _show(self, work: Work, *, typed: bool) -> None:
+        """Show a design on all panels."""
+
+    @abstractmethod
+    def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
+        """Compute the scene of the current tab again after some seconds.
+
+        A `moving` scene is not marked as stale, because it is always a little late.
+        """
+
+    async def close(self) -> None:
+        """End all computations and processes."""
+        for calculator in (self.calculator, self.scenes, self.slow):
+            calculator.close()
+        if self._changing is not None:
+            self._changing.cancel()
+        jobs = list(self._jobs.values())
+        for job in jobs:
+            job.stop()
+        for job in jobs:
+            await asyncio.to_thread(job.close)
+
+    # ---------------------------------------------------------------- the design
+
+    def take(self, work: Work, *, typed: bool = False) -> None:
+        """Show another or a changed design, `typed` if it comes from the fields."""
+        if work.file != self.work.file:
+            self._trail = Trail()
+            self._changes.clear()
+        elif work is not self.work and not (typed and time.monotonic() - self._changed_at < _JOINED):
+            self._trail = self._trail.left(self.work)
+        self._changed_at = time.monotonic() if typed else -math.inf
+        self._show(work, typed=typed)
+
+    def change(
+        self,
+        made: Callable[[Work], Document],
+        refused: Callable[[str], None],
+        *,
+        entry: str = "",
+        typed: bool = False,
+    ) -> None:
+        """Change the document of the design and show the design.
+
+        `made` makes the new document from the present design. `refused` is called with one line if the change is
+        impossible. Routing all coils to a connector takes seconds, so it is done beside the page, and changes in the
+        meantime wait for it. From several changes of one `entry` only the last is made.
+        """
+        change = _Change(made, refused, typed)
+        if self._changing is None or self._changing.done():
+            try:
+                document = made(self.work)
+                if "connector" not in document:
+                    self._take_change(self.work.with_document(document), change)
+                    return
+            except CoilarrayError as error:
+                refused(str(error))
+                return
+            self._changing = self.begin(self._route)
+        self._changes.pop(entry, None)
+        self._changes[entry or change] = change
+
+    async def _route(self) -> None:
+        """Make the changes that wait, unless the design is undone or another is opened meanwhile."""
+
+        def say(routing: bool) -> None:
+            with self.state:
+                self.state.routing = routing
+
+        saying = self._loop.call_later(_NOTICED, say, True)
+        try:
+            while self._changes:
+                change = self._changes.pop(next(iter(self._changes)))
+                begun = self.work
+                try:
+                    work = await asyncio.to_thread(lambda: begun.with_document(change.made(begun)))  # noqa: B023
+                except CoilarrayError as error:
+                    with self.state:
+                        change.refused(str(error))
+                    continue
+                if self.work.opened.document is begun.opened.document:
+                    self._take_change(work.of_file(self.work), change)
+        finally:
+            saying.cancel()
+            say(False)
+
+    def _take_change(self, work: Work, change: _Change) -> None:
+        if not change.typed or work.design.digest != self.work.design.digest:
+            self.take(work, typed=change.typed)
+
+    @property
+    def earlier(self) -> list[Document]:
+        """Documents of the design before its changes, the last first."""
+        return [*(work.opened.document for work in reversed(self._trail.before)), self.work.kept]
+
+    def _follow_trail(self, *, back: bool) -> None:
+        """Undo the last change, or redo it."""
+        if self._trail.before if back else self._trail.after:
+            self._trail, work = (self._trail.undo if back else self._trail.redo)(self.work)
+            self._changed_at = -math.inf
+            self._changes.clear()
+            self._show(work, typed=False)
+
+    def _say_trail(self) -> None:
+        self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
+
+    # ---------------------------------------------------------------- what is shown of it
+
+    def is_current(self, design: Design) -> bool:
+        """Check if a design is the current design."""
+        return design is self.work.design
+
+    def arrived(self, name: str, design: Design) -> None:
+        """Remove the marks of stale or failed results of the current design."""
+        if self.is_current(design):
+            self.state.stale = [one for one in self.state.stale if one != name]
+            self.state.failures = {one: why for one, why in self.state.failures.items() if one != name}
+        self._say_accuracy()
+
+    def failed(self, name: str, design: Design, problem: str) -> None:
+        """Show beside the picture, in any tab, that results of the current design will not come."""
+        with self.state:
+            self.arrived(name, design)
+            if self.is_current(design):
+                self.state.failures = {**self.state.failures, name: problem}
+                self._say_accuracy()
+
+    def _say_accuracy(self) -> None:
+        """Show the accuracy of the numbers, "full accuracy" if all belong to the current design."""
+        stale, accuracy = self.state.stale, self.state.accuracy
+        if self.state.failures:
+            shown = "not computed"
+        elif "numbers" in stale or accuracy not in ("screen", "full"):
+            shown = "computing"
+        elif accuracy == "screen":
+            shown = "rough"
+        else:
+            shown = "computing" if {"rules", "circuit", "target", "summary"} & set(stale) else "full accuracy"
+        self.state.shown_accuracy = shown
+
+    def say(self, problem: str) -> None:
+        """Show one line above the page, or remove it if it is empty."""
+        with self.state:
+            self.state.problem = problem
+
+    def trigger(self, name: str, function: Callable[..., Any]) -> None:
+        """Let the page call a function or coroutine by name, and show its errors."""
+        strict = checked(name, function)
+
+        async def call(*arguments: Any) -> None:
+            with self._showing_errors():
+                await strict(*arguments)
+
+        self.server.controller.trigger(name)(call)
+
+    # ---------------------------------------------------------------- its work
+
+    def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> asyncio.Task[None]:
+        """Start a coroutine on the page, and show its errors."""
+
+        async def shown() -> None:
+            with self._showing_errors():
+                await work(*arguments)
+
+        return self._loop.create_task(shown())
+
+    def start_job(
+        self,
+        name: str,
+        task: Task,
+        item: Any,
+        *,
+        on_message: Callable[[Any], None],
+        on_end: Callable[[Outcome], None],
+        patience: float = PATIENCE,
+    ) -> bool:
+        """Start a `Job` whose functions are called on the page.
+
+        If a job of this name still runs, the result is False.
+        """
+        if name in self._jobs:
+            return False
+
+        def ended(outcome: Outcome) -> None:
+            self._jobs.pop(name, None)
+            with self.state:
+                on_end(outcome)
+
+        def message(value: Any) -> None:
+            with self.state:
+                on_message(value)
+
+        self._jobs[name] = Job(task, item, self._on_loop(message), self._on_loop(ended), patience=patience)
+        return True
+
+    def start_bar(
+        self,
+        name: str,
+        text: str,
+        task: Task,
+        item: Any,
+        done: Callable[[Any], None],
+        failed: Callable[[str], None] | None = None,
+        cancelled: Callable[[], None] = lambda: None,
+        watch: Callable[[Any], None] = lambda message: None,
+    ) -> bool:
+        """Start a job with a progress bar.
+
+        At its end exactly one of `done`, `failed` and `cancelled` is called. Without `failed` a failure is shown above
+        the page, in whatever tab is open by then. Messages other than (done, total) go to `watch`.
+        """
+        begun = time.monotonic()
+
+        def heard(message: Any) -> None:
+            (progress if isinstance(message, tuple) else watch)(message)
+
+        def progress(message: tuple[int, int] | None = None) -> None:
+            part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
+            left = "" if part is None else time_left(part / 100, time.monotonic() - begun)
+            self.state.job = {"name": name, "text": text, "part": part, "left": left, "running": True}
+
+        def ended(outcome: Outcome) -> None:
+            self.state.job = _NO_JOB
+            if outcome.kind == "done":
+                done(outcome.result)
+            elif outcome.kind == "failed":
+                (failed or (lambda problem: self.say(f"{text}: {problem}")))(outcome.problem)
+            else:
+                cancelled()
+
+        started = self.start_job(name, task, item, on_message=heard, on_end=ended)
+        if started:
+            self.say("")
+            progress()
+        return started
+
+    def tell_job(self, name: str, order: str) -> None:
+        """Send an order to a job."""
+        if name in self._jobs:
+            self._jobs[name].send(order)
+
+    def stop_job(self, name: str) -> None:
+        """Ask a job to end."""
+        if name in self._jobs:
+            self._jobs[name].stop()
+
+    def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Let another thread call a function on the page's loop."""
+
+        def shown(value: Any) -> None:
+            with self._showing_errors():
+                function(value)
+
+        def call(value: Any) -> None:
+            if not self._loop.is_closed():
+                self._loop.call_soon_threadsafe(shown, value)
+
+        return call
+
+    @contextmanager
+    def _showing_errors(self) -> Iterator[None]:
+        """Show an error of the block on the page, as no other code would see it."""
+        try:
+            yield
+        except MessageError as error:
+            self.say(str(error))
+        except Exception as error:
+            traceback.print_exc()
+            self.say(f"{type(error).__name__}: {error}")
+
+
+class Panel:
+    """Panel of a page.
+
+    It puts its first `values` into the page's state. The page calls its functions by their names.
+    """
+
+    def __init__(self, session: Session, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
+        self._session = session
+        session.state.update(values)
+        for name, function in triggers.items():
+            session.trigger(name, function)
+
+
+def template(name: str) -> str:
+    """Part of the page from the folder ``html``."""
+    return resources.files("coilarray.viz.studio").joinpath("html", f"{name}.html").read_text(encoding="utf-8")
+
+
+def image_of(figure: Figure) -> str:
+    """Figure as an image in a data URL."""
+    from coilarray.viz.plots.style import save  # imported late, as Matplotlib loads slowly
+
+    buffer = io.BytesIO()
+    save(figure, buffer, format="png", dpi=_DPI)
+    return png_url(buffer.getvalue())

@@ -1,0 +1,208 @@
+"""Tab of switches: each coil is measured, grounded or open; the readings and the field are shown."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.circuit.network import Resonance, StateResult, resonate
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import true_minus
+from coilarray.design.model import Design
+from coilarray.design.scan_states import ScanState
+from coilarray.electromagnetics.field import grid_points, magnetic_field
+from coilarray.errors import NetworkError
+from coilarray.geometry.array import Array
+from coilarray.viz.datasets.field import AMOUNT, flux_grid, require_memory
+from coilarray.viz.scenes.field import Span, scale_of_field, scene_of_slices
+from coilarray.viz.scenes.results import colours_of_currents
+from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.studio.drawing import BoardParts
+from coilarray.viz.studio.session import Circuit, Panel, Session
+
+if TYPE_CHECKING:
+    import pyvista
+
+
+Setting = Literal["measure", "ground", "open"]
+"""Connection of a coil."""
+
+SETTINGS: tuple[Setting, ...] = get_args(Setting)
+SPACING = 1e-3
+"""Default distance of the points on the plane of the field in m."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitFields:
+    """B of one ampere in every coil alone.
+
+    Lengths are in m.
+    """
+
+    x: FloatArray  # shape (nx,)
+    y: FloatArray  # shape (ny,)
+    height: float  # height of the plane above the board
+    fields: FloatArray  # T/A, shape (coils, nx, ny, 1, 3)
+
+    def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
+        """Field of currents in A, shape (coils,).
+
+        It is given in the form of `coilarray.viz.flux_density`.
+        """
+        B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
+        return flux_grid(self.x, self.y, [self.height], B)
+
+
+def kept_settings(array: Array, settings: Mapping[str, Setting]) -> dict[str, Setting]:
+    """Keep settings for other coils."""
+    kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in array.names}
+    return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), array.middle_coil: "measure"}
+
+
+def state_of(settings: Mapping[str, Setting]) -> ScanState:
+    """State of the multiplexer.
+
+    Several measured coils are in series. Without a measured coil it raises a NetworkError.
+
+    Examples
+    --------
+    >>> state = state_of({"a": "measure", "b": "open", "c": "ground"})
+    >>> state.measured, state.others, state.exceptions
+    ((('a', 1),), 'ground', {'b': 'open'})
+    """
+    measured = tuple((name, 1) for name, setting in settings.items() if setting == "measure")
+    if not measured:
+        raise NetworkError("at least one coil must be measured.")
+    opened = [name for name, setting in settings.items() if setting == "open"]
+    name = " + ".join(name for name, _ in measured)
+    return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
+
+
+def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
+    """Compute B of every coil on a plane.
+
+    The plane is at the design's field height. Too many points raise a GeometryError.
+    """
+    x_min, y_min, x_max, y_max = design.array.bounds
+    x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
+    conductors = design.array.conductors()
+    require_memory(x.count * y.count * len(conductors), f"a spacing of {spacing * 1e3:g} mm")
+    points = grid_points(x.points, y.points, design.field_height)
+    fields = np.stack([magnetic_field([conductor], points) for conductor in conductors])
+    return UnitFields(x.points, y.points, design.field_height, fields)
+
+
+def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult) -> Scene:
+    """Scene of a switch state.
+
+    Above it is a plane of B for 1 mA in its first coil. The `fields` are None for a design with plates, because beside
+    plates they differ at every frequency.
+    """
+    names = board.design.array.names
+    first = names.index(result.state.measured[0][0])
+    scene = board.coloured(colours_of_currents(result.currents, first))
+    if fields is None:
+        return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
+    plane = fields.plane(result.currents.real * 1e-3)
+    if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
+        scene += scene_of_slices([plane], scale_of_field([plane]))
+    note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; 1 mA."
+    return scene + Scene(notes=(note,))
+
+
+class SwitchesPanel(Panel):
+    """Panel with a state of the switches chosen by hand."""
+
+    def __init__(self, session: Session, circuit: Callable[[], Circuit | None]) -> None:
+        self._circuit = circuit
+        self._result: Resonance | None = None
+        self._fields: tuple[Design, UnitFields] | None = None
+        values = {"settings": {}, "switched": [], "currents": [], "switch_problem": ""}
+        super().__init__(session, values, switch=self._switch)
+
+    def show(self, design: Design, *, anew: bool) -> None:
+        """Show another design.
+
+        `anew` is true for another file.
+        """
+        self._session.state.settings = kept_settings(design.array, {} if anew else self._session.state.settings)
+        self._result = None
+
+    def solve(self) -> None:
+        """Solve the state with the current circuit."""
+        circuit, state = self._circuit(), self._session.state
+        if circuit is None:
+            return
+        with state:
+            try:
+                self._result = resonate(circuit.network, state_of(state.settings))
+            except NetworkError as error:
+                self.fail(str(error))
+            else:
+                state.switched, state.switch_problem = _rows(self._result), ""
+                state.currents = _currents(self._session.work.design, self._result)
+
+    def fail(self, problem: str) -> None:
+        """Show why the converter has no readings."""
+        self._result = None
+        with self._session.state as state:
+            state.switched, state.currents, state.switch_problem = [], [], problem
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Make the scene of the state.
+
+        It is None without a solution. The method runs in a thread.
+        """
+        result = self._result
+        if result is None or len(result.currents) != len(design.array.names):
+            return None
+        if design.plates:
+            return switched_scene(board, None, result)
+        if self._fields is None or self._fields[0] is not design:
+            self._fields = design, unit_fields(design)
+        return switched_scene(board, self._fields[1], result)
+
+    def _switch(self, name: str, setting: Setting) -> None:
+        """Set the switch of a coil."""
+        state = self._session.state
+        if name not in state.settings or setting not in SETTINGS:
+            return
+        state.settings = {**state.settings, name: setting}
+        self.solve()
+        self._session.redraw()
+
+
+def _rows(result: Resonance) -> list[list[str]]:
+    """Rows of the readings of the converter.
+
+    A row has label, number, unit and all digits.
+    """
+    values = (
+        ("L_eff", result.effective_inductance, 1e6, "µH", 3),
+        ("R_eff", result.effective_resistance, 1.0, "Ω", 2),
+        ("resonance", result.frequency, 1e-6, "MHz", 4),
+        ("Q", result.quality_factor, 1.0, "", 1),
+        ("R_p", result.parallel_resistance, 1e-3, "kΩ", 2),
+    )
+    return [
+        [name, f"{value * factor:.{digits}f}" if math.isfinite(value) else "∞", unit, repr(float(value))]
+        for name, value, factor, unit, digits in values
+    ]
+
+
+def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:
+    """Magnitude and phase of every coil's current.
+
+    They are relative to the current of the first measured coil.
+    """
+    rows = []
+    for name, current in zip(design.array.names, result.currents.tolist(), strict=True):
+        angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0
+        rows.append({"name": name, "amount": f"{abs(current):.4f}", "phase": true_minus(f"{angle:+.0f}°")})
+    return rows
