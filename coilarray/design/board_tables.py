@@ -535,10 +535,7 @@ class LatticeArray(Table):
 def array_entries(
     array: Array, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the table of an array, a lattice or free placements.
-
-    `shapes` are the names of the placements' shapes; coils and layers may get other names.
-    """
+    """Return the table of an array, as a lattice or as placements of the `shapes` of its coils."""
     if array.lattice is not None and _is_on(array.lattice, array):
         return LatticeArray.of(array.lattice, shapes[0], names, layers)
     placements = [

@@ -22,10 +22,7 @@ _PLACES = 12
 
 
 def digest_of(*values: object) -> str:
-    """Return the hexadecimal SHA-256 of values.
-
-    The values are dataclasses, mappings, sequences, arrays and plain values in any nesting.
-    """
+    """Return the hexadecimal SHA-256 of dataclasses, mappings, sequences, arrays and plain values."""
     return hashlib.sha256(json.dumps([_plain(value) for value in values], sort_keys=True).encode()).hexdigest()
 
 
@@ -65,10 +62,7 @@ def _plain(value: Any) -> Any:
 
 
 def _array(array: Array) -> Any:
-    """Return every coil shape of an array once.
-
-    It counts once, however many placements share it. The lattice is a hint and does not count.
-    """
+    """Return every coil shape of an array once; the lattice is a hint and does not count."""
     coils: dict[int, str] = {}
     placements = [_placement(place, coils) for place in array.placements]
     return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
@@ -82,10 +76,7 @@ def _placement(place: Placement, coils: dict[int, str]) -> Any:
 
 
 def _coil(coil: Coil) -> Any:
-    """Return the values that a coil was made from.
-
-    They are the sizes of a spiral, or the lines of another coil. Its name does not count.
-    """
+    """Return the sizes of a spiral, or the lines of another coil; names do not count."""
     if coil.wound is not None:
         return coil.wound
     lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)

@@ -126,10 +126,7 @@ def _format_of(path: Path) -> Format:
 
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
-    """Read a board back and return its first three faults.
-
-    Faults are coils that are cut or touch, foreign copper, and wrong nets.
-    """
+    """Read a board back and return its first three faults: cut or touching coils, foreign copper, wrong nets."""
     from coilarray.geometry.connectivity import board_layers, check_names, check_nets
 
     if to == "kicad":

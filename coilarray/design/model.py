@@ -100,10 +100,7 @@ class Circuit:
 
     @property
     def short_resistance(self) -> float:
-        """Resistance of a short across a passive coil in Ω.
-
-        Its path grounds both ends of the coil through two closed switches.
-        """
+        """Resistance in Ω of the two closed switches that ground both ends of a passive coil."""
         return 2 * self.switches.on_resistance
 
 
@@ -321,10 +318,7 @@ class Design:
                     )
 
     def _check_indentation(self, setup: Indentation) -> None:
-        """Refuse an indentation that the sheets do not allow.
-
-        The origin on the board and the positions over the array are found as well.
-        """
+        """Refuse an indentation that the sheets do not allow, and find its origin and positions."""
         for k, sheet in enumerate(self.sheets):
             if sheet.youngs_modulus is None:
                 raise DesignError(
@@ -412,10 +406,7 @@ _Placed = TypeVar("_Placed", Indentation, Target)
 def _over_array(
     setup: _Placed, array: Array, table: str, within: tuple[float, float, float, float] | None = None
 ) -> _Placed:
-    """Find the origin of a map and its positions.
-
-    The origin is on the board. The positions lie over the array if the map has no positions of its own.
-    """
+    """Find the origin of a map on the board, and positions over the array if the map has none."""
     if setup.origin is not None:
         if setup.origin not in array.names:
             raise DesignError(

@@ -153,10 +153,7 @@ class Readout:
 
     @property
     def counting_limit(self) -> float:
-        """Relative step of a frequency by counting, 1/(16 RCOUNT).
-
-        It holds for a conversion that only counts the reference's periods.
-        """
+        """Relative step of a frequency by counting the reference's periods alone, 1/(16 RCOUNT)."""
         return 1 / (16 * self.rcount)
 
     @property

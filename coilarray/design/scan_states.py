@@ -118,10 +118,7 @@ class ScanState:
 
 
 def paper_plan(names: Sequence[str]) -> tuple[ScanState, ...]:
-    """Return the scan plan of Gast & Zimmermann (2020).
-
-    It measures each coil in turn, with all others grounded at both ends.
-    """
+    """Return the plan of Gast & Zimmermann (2020): each coil in turn, all others grounded at both ends."""
     return tuple(ScanState(name, ((name, 1),)) for name in names)
 
 
@@ -133,10 +130,7 @@ def terminated_state(
     exceptions: Mapping[str, Passive] | None = None,
     load_resistance: float = 50.0,
 ) -> ScanState:
-    """Return a state with the given terminations of other coils.
-
-    `terminations` has the termination of every coil. It applies to all coils that the state does not mention.
-    """
+    """Return a state in which coils that it does not mention have their terminations."""
     own = dict(exceptions or {})
     taken = {coil for coil, _ in measured} | set(own)
     own |= {coil: passive for coil, passive in terminations.items() if coil not in taken and passive != "ground"}
@@ -146,11 +140,7 @@ def terminated_state(
 def referenced_names(
     states: Sequence[str], reference: Sequence[str], error: type[CoilarrayError] = NetworkError
 ) -> tuple[str, ...]:
-    """Return the states of all but the reference coils.
-
-    They are in their order. An `error` is raised for an empty `reference`, a reference that is missing or named twice,
-    or if no other state is left.
-    """
+    """Return the states of all but the reference coils, in order; an `error` for impossible references."""
     for name in reference:
         if name not in states:
             raise error(f"a reference coil must be one of {', '.join(states)}; got {name!r}.")
@@ -163,11 +153,7 @@ def referenced_names(
 
 
 def check_state(state: ScanState, names: Sequence[str]) -> None:
-    """Refuse a state that is impossible with these coils.
-
-    The NetworkError names the state and the coil. Such a state measures no coil, names an unknown coil or a coil twice,
-    or has a value that is not allowed.
-    """
+    """Raise NetworkError, with the state and the coil, for a state that is impossible with these coils."""
     known = ", ".join(names)
     if not state.measured:
         raise NetworkError(f"state {state.name} measures no coil; name at least one of {known}.")

@@ -72,10 +72,7 @@ class TomlFiles:
             raise self.error(f"cannot read {cut!r}: {error}.") from None
 
     def _meant(self, path: Path) -> str:
-        """End of a message about a missing file.
-
-        It suggests a file beside it, or a file of the package, with a similar name.
-        """
+        """End of a message about a missing file, with a file of a similar name beside it or in the package."""
         names = {name: name for name in self.names()}
         with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, or an impossible name
             names |= {entry.stem: str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
@@ -107,10 +104,7 @@ class TomlFiles:
 
 
 def _unusable(tables: dict[str, Any]) -> str:
-    """Describe content that no reader of a document can take.
-
-    Such content is too deeply nested tables, and integers of thousands of digits.
-    """
+    """Describe nesting that is too deep, or an integer of thousands of digits."""
     level: list[tuple[str, Any]] = [("", tables)]
     for _ in range(_DEEPEST):
         below: list[tuple[str, Any]] = []
@@ -128,10 +122,7 @@ def _unusable(tables: dict[str, Any]) -> str:
 
 
 def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
-    """Describe the first mistake of a document in one line.
-
-    The line has the key, the allowed values, and the given value.
-    """
+    """Describe the first mistake of a document with its key, the allowed and the given value."""
     errors = error.errors(include_url=False)
     more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
     return f"{_describe(errors[0], document)}{more}"

@@ -94,18 +94,12 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
 
 
 def vary_chosen(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a changed document with chosen values.
-
-    The changes are made as by `vary_document`. Chosen values are no longer assumed.
-    """
+    """Change a document as `vary_document` does; the chosen values are no longer assumed."""
     return no_longer_assumed(vary_document(document, changes), changes)
 
 
 def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
-    """Return a document whose chosen values are not assumed.
-
-    The chosen values are given by dotted keys, or by names of tables that have them.
-    """
+    """Return a document in which values of dotted keys, or of whole tables, are not assumed."""
     chosen = tuple(keys)
     assumed = {
         name: reason
@@ -155,10 +149,7 @@ def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
 
 
 def plain(value: Any) -> Any:
-    """Return a value or table in the form of TOML.
-
-    It has no numpy, lists for tuples, and integers for whole numbers.
-    """
+    """Return a value or table without numpy, with lists for tuples and integers for whole numbers."""
     if isinstance(value, Mapping):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -48,10 +48,7 @@ def design_facts(design: Design) -> list[tuple[str, str]]:
 
 
 def file_facts(file: DesignFile) -> list[tuple[str, str]]:
-    """Return the facts of a design file beyond its design.
-
-    They are the number of values it gives, and the assumed values.
-    """
+    """Return the number of values that a file gives, and the assumed values."""
     assumed = [key for key in file.values if key in file.assumed]
     given = sum(key in file.given and key not in file.assumed for key in file.values)
     counts = f"{given} given, {len(file.values) - given - len(assumed)} by default, {len(assumed)} assumed"

@@ -117,10 +117,7 @@ class ForwardModel(ResponseSpline):
 
     @property
     def common_noise(self) -> FloatArray:
-        """Standard deviation of δ by all common causes.
-
-        The causes are common to all states. It has the shape (states,).
-        """
+        """Standard deviation of δ by all causes that are common to the states, shape (states,)."""
         return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
@@ -205,10 +202,7 @@ class ForwardModel(ResponseSpline):
 
 
 def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Return the wanted states after a check.
-
-    Raises LocalizeError for no state, an unknown name, or a name that is given twice.
-    """
+    """Return the wanted states; LocalizeError for none, an unknown one, or one given twice."""
     for name in wanted:
         if name not in known:
             raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(known)}.")
@@ -224,10 +218,7 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
 
 
 def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
-    """Return the standard deviation of δ of every state.
-
-    Shape (states,). It is the given noise, by default the noise of the model. Raises LocalizeError as `checked_noise`.
-    """
+    """Return the standard deviation of δ of every state, by default the model's."""
     return checked_noise(model.states, model.noise if noise is None else noise)
 
 
@@ -255,11 +246,7 @@ def whitening_of(
 
 
 def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
-    """Return the standard deviation of δ of every state.
-
-    Shape (states,). Raises LocalizeError for values that are not positive and finite, or are neither one number nor a
-    number for each state.
-    """
+    """Return the standard deviation of δ of every state from one number, or one for each."""
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(states),)):
         raise LocalizeError(

@@ -374,10 +374,7 @@ class _Minima:
     known: FloatArray  # `fisher` without the unread states
 
     def is_new(self, first: int, k: int) -> bool:
-        """Test whether minimum k is a mode of its own.
-
-        It must be farther than one standard deviation from every minimum since the first.
-        """
+        """Test whether minimum k is more than a standard deviation from every one since the first."""
         away = (self.points[k] - self.points[first:k])[:, self.free]
         return bool((np.einsum("ni,nij,nj->n", away, self.fisher[first:k], away) > _SAME).all())
 
@@ -432,10 +429,7 @@ def _is_gaussian(
     weights: Whitening,
     quantile: float,
 ) -> BoolArray:
-    """Test whether the ellipsoid of every minimum describes χ².
-
-    At the ends of its axes χ² must rise as expected, and all ends must be in the table.
-    """
+    """Test whether χ² rises as expected at the ends of every ellipsoid's axes, all in the table."""
     scale = np.sqrt(np.maximum(np.diagonal(fisher, axis1=1, axis2=2), _LEAST))
     values, vectors = np.linalg.eigh(fisher / (scale[:, :, None] * scale[:, None, :]))
     axes = vectors / scale[:, :, None] * np.sqrt(quantile / np.maximum(values, _LEAST))[:, None, :]

@@ -173,10 +173,7 @@ class _Line:
         self._sums = np.zeros((5, states))  # of w, w u, w u², w δ and w u δ with u = time − present
 
     def advance(self, time: float) -> None:
-        """Advance to a time in s.
-
-        A time that is not later, for example after a restart of the board, counts as the same.
-        """
+        """Advance to a time in s; one that is not later, after a restart of the board, counts as the same."""
         self.step = step = max(time - self._time, 0.0) if math.isfinite(self._time) else 0.0
         self._time = time
         weight, first, second, one, moment = self._sums
@@ -185,10 +182,7 @@ class _Line:
         moment -= step * one
 
     def add(self, values: FloatArray, kept: float) -> None:
-        """Add the present δ of all states.
-
-        δ is NaN for a state without a value. `kept` is the factor of all earlier weights.
-        """
+        """Add the present δ of all states, NaN without a value; earlier weights are multiplied by `kept`."""
         self.count += 1
         known = np.isfinite(values)
         self._sums *= kept
@@ -196,10 +190,7 @@ class _Line:
         self._sums[3] += np.where(known, values, 0.0)
 
     def now(self) -> tuple[FloatArray, FloatArray]:
-        """Return the present values and their variances.
-
-        The variances are multiples of the variance of a δ. NaN for fewer than two times.
-        """
+        """Return the present values and their variances, in variances of a δ; NaN for fewer than two times."""
         weight, first, second, one, moment = self._sums
         spread = weight * second - first**2
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -60,10 +60,7 @@ class Scan:
     forms: FloatArray
 
     def badness(self, readings: FloatArray) -> FloatArray:
-        """Compute |e|² − |Qᵀe|² of every cell, shape (n, *shape).
-
-        The readings are multiplied by W, shape (n, states).
-        """
+        """Compute |e|² − |Qᵀe|² of every cell, shape (n, *shape), for whitened readings (n, states)."""
         offsets = np.einsum("fsc,cs->fc", self.forms, self.scaled)
         along = np.tensordot(readings, self.forms, axes=(1, 1))
         total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
@@ -187,10 +184,7 @@ def refine(
 def _step(
     A: FloatArray, e: FloatArray, damping: FloatArray, at_low: BoolArray, at_high: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Damped step in units, and the predicted fall of χ².
-
-    The linear model gives the prediction. Parameters stay at their bounds.
-    """
+    """Damped step in units within the bounds, and the fall of χ² that the linear model predicts."""
     g, H = np.einsum("nsi,ns->ni", A, e), A.swapaxes(1, 2) @ A
     held = (at_low & (g < 0)) | (at_high & (g > 0))
     g[held] = 0

@@ -56,10 +56,7 @@ class Whitening:
         return np.asarray((self.residuals(values) ** 2).sum(axis=-1))
 
     def of(self, rows: Any) -> Whitening:
-        """Take some of many covariances by an index.
-
-        The index is of the leading axis. A single covariance for all is returned as it is.
-        """
+        """Take some of many covariances by an index of the leading axis; a single one is for all."""
         if self.deviations.ndim == 1:
             return self
         return Whitening(self.deviations[rows], self.directions[rows], self.shares[rows])

@@ -213,10 +213,7 @@ def _balls(
 
 
 def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
-    """Return the standard deviations over draws.
-
-    `drawn` is x0 of draws with neighbours grounded and open (draw, 2, state, delta).
-    """
+    """Return the deviations over draws of x0 with neighbours grounded and open (draw, 2, state, delta)."""
     effect, rms = np.full(result.effect.shape, np.nan), np.full(result.rms.shape, np.nan)
     neighbours = drawn[:, 0] - drawn[:, 1]
     effect[0], rms[0] = neighbours.std(axis=0, ddof=1), _rms(neighbours).std(axis=0, ddof=1)
@@ -225,10 +222,7 @@ def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
 
 
 class _Maps:
-    """Maps of a design on several grids.
-
-    The grid is its own or a larger or finer grid. The maps are counted for a progress bar.
-    """
+    """Maps of a design on its own, a larger or a finer grid, counted for a progress bar."""
 
     def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None, draws: int = 0) -> None:
         self._design, self._imperfections = design, imperfections
@@ -258,10 +252,7 @@ class _Maps:
         return response_map(self._design, depths=depths, x=x, y=y, imperfections=given, progress=self.count)
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:
-        """Average every coil with itself turned by half a turn.
-
-        This removes the leads and the asymmetry of the spiral.
-        """
+        """Average every coil with itself turned by half a turn, without leads and asymmetry."""
         paths = self._design.array.conductors()
         about = zip(paths, self._design.array.centres, strict=True)
         turned = [_placed(path, path.vertices * [-1.0, -1.0, 1.0] + [*(2 * centre), 0.0]) for path, centre in about]
@@ -279,10 +270,7 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
-        """Compute maps with indenters of metal and ferrite.
-
-        They are listed by their material. Empty if the indenter is no such ball.
-        """
+        """Compute maps with an indenter of metal and of ferrite, by material; none if it is no such ball."""
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
             return {}
@@ -329,10 +317,7 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
 
 
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
-    """Fit the ellipses of a map at given levels.
-
-    The map is the map of the first depth. Between the steps of the sweep the interpolation in δ is linear.
-    """
+    """Fit the ellipses of a map's first depth at given levels, linear in δ between the steps."""
     fits = fit_ellipses(response, states=states)
     curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
     undetermined = np.zeros((len(states), len(levels)), dtype=bool)
@@ -346,10 +331,7 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Middle of the level curves in m.
-
-    It is the middle of the two places on y = 0 where the hill of a state falls to the level.
-    """
+    """Middle in m of the two places on y = 0 where the hill of a state falls to a level."""
     middles = np.full((len(states), len(levels)), np.nan)
     for row, state in enumerate(states):
         fine = refined_map(response.delta.isel(depth=0).sel(state=state))

@@ -161,10 +161,7 @@ def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent:
 
 
 def closes(x: FloatArray, x0: float, A: float) -> bool:
-    """Test whether points extend far enough on both sides.
-
-    The points at x (n,) in m on an ellipse must reach `LEAST_REACH` semi-axes beyond its centre on both sides.
-    """
+    """Test whether points at x (n,) reach `LEAST_REACH` semi-axes beyond the centre on both sides."""
     return bool(len(x) and min(x0 - float(x.min()), float(x.max()) - x0) >= LEAST_REACH * A)
 
 
@@ -419,10 +416,7 @@ def _require_few_levels(largest: float, first: float, step: float, points: int) 
 
 
 def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:
-    """Refuse a map with another axis than the coils'.
-
-    Its y must count from the coils. The response may state where they are.
-    """
+    """Refuse a map whose y does not count from the axis of its coils, where it states them."""
     if not {"coil", "coil_y"} <= set(response.coords):
         return
     spacing = float(np.abs(np.diff(delta.y.values)).min(initial=np.inf))

@@ -373,10 +373,7 @@ def _coil_from(data: object) -> CoilEllipses:
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
-    """Return the steps of one state with a valid ellipse.
-
-    The ellipse must be about the coil's centre. Refuses a state with too few steps.
-    """
+    """Return the steps of a state with an ellipse about the coil's centre, or refuse too few of them."""
     kept = fit.isel(step=np.flatnonzero(fit.refused.values == ""))
     known = kept.x0.values[~kept.undetermined.values]
     if len(known):

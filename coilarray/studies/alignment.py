@@ -75,10 +75,7 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """δ of a model of one state and its slopes.
-
-    δ has the shape (n,). The slopes (n, 2) are along x and y in 1/m. The places (n, 3) must be `inside`.
-    """
+    """δ (n,) of a model of one state and its slopes (n, 2) in 1/m along x and y, at places `inside`."""
     delta, jacobian = model.linear(places)
     return delta[:, 0], jacobian[:, 0, :2]
 
@@ -151,10 +148,7 @@ def _solve(
     axes: Sequence[int],
     sigma: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Scale and shifts, standard deviations and residual scatter.
-
-    The shifts are along some axes, relative to the largest shifts.
-    """
+    """Scale and shifts in units of the largest shifts, standard deviations and residual scatter."""
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 

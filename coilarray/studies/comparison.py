@@ -157,10 +157,7 @@ def compare_responses(
 def _compared(
     measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
 ) -> _Compared:
-    """Compare a map with the model of its state.
-
-    The map has the shape (y, x). `sigma` is the noise of δ of both together.
-    """
+    """Compare a map (y, x) with the model of its state; `sigma` is the noise of both together."""
     shape = measured.delta.shape
     X, Y = np.meshgrid(measured.x.values, measured.y.values)
     places = np.column_stack((X.ravel(), Y.ravel(), np.full(X.size, float(measured.depth))))
@@ -217,10 +214,7 @@ def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[fl
 
 
 def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Pearson's coefficient and its standard deviation.
-
-    The standard deviation is under noise of the first map, where 1 − ρ is treated as rms² above.
-    """
+    """Pearson's coefficient and its deviation under noise, with 1 − ρ treated as rms² above."""
     if measured.size < 2 or not np.isfinite(other).all():
         return np.nan, np.nan
     a, b = measured - measured.mean(), other - other.mean()
@@ -236,10 +230,7 @@ def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> 
 def _windows(
     measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, noise: FloatArray | None
 ) -> tuple[tuple[xr.Dataset, FloatArray | None], ...]:
-    """Both maps at the common positions, with their noise.
-
-    The positions are the measured positions, a rectangle, that are in the simulated map.
-    """
+    """Both maps at the measured positions that are in the simulated map, with their noise."""
     x, y = measured.x.values, measured.y.values
     along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
     across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))
@@ -301,10 +292,7 @@ def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[st
 
 
 def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Dataset, str]:
-    """Keep the measured depths within the simulated map.
-
-    The simulated map must have a depth or enclose it. Also lists the other depths in m.
-    """
+    """Keep the measured depths that are in the simulated map; also list the other depths in m."""
     depths = measured.depth.values
     if len(model.depth) > 1:
         slack = _SAME_DEPTH * model.depth[-1]
@@ -318,10 +306,7 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
-    """Noise of the difference of measured and simulated δ.
-
-    It is the standard deviation, of shape (depth, y, x, state). None if neither response has any noise.
-    """
+    """Return the deviation of measured minus simulated δ (depth, y, x, state); None without any noise."""
     own, other = (own_noise(data) for data in (measured, simulated))
     if own is None and other is None:
         return None
