@@ -11,7 +11,7 @@ import typer
 from coilarray.cli import shared
 from coilarray.cli.replacing import remember, require_own
 from coilarray.compute.files import remove_left
-from coilarray.design.export_formats import SUFFIXES, Format
+from coilarray.design.export import SUFFIXES, Format
 from coilarray.errors import OutputError
 
 

@@ -1,16 +1,30 @@
-"""Write the board of a design to files.
-
-The files are for fabrication or for another program. Fabrication data are read back and checked.
-"""
+"""Boards of designs as files for fabrication, which are read back and checked, or for another program."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
-from coilarray.design.export_formats import SUFFIXES, Format
-from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.errors import OutputError, RuleViolationError
+
+if TYPE_CHECKING:  # not loaded for the help of a command
+    from coilarray.design.model import Design, DesignFile
+
+Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
+"""Format of an exported board."""
+
+SUFFIXES: Mapping[Format, tuple[str, ...]] = {
+    "kicad": ("",),
+    "gerber": (".zip",),
+    "dxf": (".dxf",),
+    "svg": (".svg",),
+    "step": (".step", ".stp"),
+    "stl": (".stl",),
+    "glb": (".glb",),
+}
+"""Suffixes of the files of each format. KiCad's files lie in a folder, whose name has no suffix."""
 
 _SHOWN_FAULTS = 3
 
@@ -71,6 +85,8 @@ def export(
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.txt: the suffix must be .zip, .dxf, .svg, .step, .stp, .stl or ...
     """
+    from coilarray.design.model import design_of
+
     design = design_of(design)
     if to is not None and to not in SUFFIXES:
         raise OutputError(f"to must be one of {', '.join(SUFFIXES)}; got {to!r}.")

@@ -22,10 +22,9 @@ from coilarray.compute.display_units import true_minus
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError, listed
-from coilarray.localize.forward import ForwardModel, checked_noise, require_states, whitening_of
+from coilarray.localize.forward import ForwardModel, Whitening, checked_noise, require_states, whitening_of
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, starts
-from coilarray.localize.whitening import Whitening
 from coilarray.response.interpolation import PARAMETERS
 
 IntArray = npt.NDArray[np.intp]

@@ -1,7 +1,7 @@
 """Search for the most likely positions: a scan of the table and a refinement.
 
 Both minimise χ²(θ) = |W (δ − model(θ))|², which is −2 ln of the likelihood up to a constant, for many readings at once.
-W is the whitening of `coilarray.localize.whitening`. The refinement is by least squares.
+W is the whitening of `coilarray.localize.forward`. The refinement is by least squares.
 
 The scan examines the cells of the table. Around the centre θ_c of a cell the model is taken as linear, and a step u
 away from the centre, in sizes of the cell, costs |u|². The minimum over u has a closed form,
@@ -24,8 +24,7 @@ from scipy.ndimage import minimum_filter
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges
-from coilarray.localize.forward import ForwardModel, whitening_of
-from coilarray.localize.whitening import Whitening
+from coilarray.localize.forward import ForwardModel, Whitening, whitening_of
 
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]

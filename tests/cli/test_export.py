@@ -19,7 +19,7 @@ from coilarray import Design, export, load_design
 from coilarray.cli.main import main
 from coilarray.compute import files
 from coilarray.design.bundled import read
-from coilarray.design.export_formats import SUFFIXES
+from coilarray.design.export import SUFFIXES
 from coilarray.geometry import Array, Placement, Spiral
 from coilarray.geometry.export import kicad
 

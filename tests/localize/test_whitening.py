@@ -11,10 +11,9 @@ import pytest
 from scipy.stats import chi2
 from support.localize_boards import FIELD, board
 
-from coilarray.localize.forward import forward_model, whitening_of
+from coilarray.localize.forward import forward_model, whitening, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import deviance, locate, locate_all
-from coilarray.localize.whitening import whitening
 
 OWN, DRIFT = 1e-6, 1e-5
 POINT = np.array([2e-3, 1e-3, 1e-3])

@@ -9,9 +9,8 @@ import coilarray.studies.comparison
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import LocalizeError
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.level_curves import LevelCurves
 from coilarray.paper.published import published_map
-from coilarray.studies.comparison import compare_responses
+from coilarray.studies.comparison import LevelCurves, compare_responses
 
 pytestmark = pytest.mark.slow
 

@@ -12,8 +12,7 @@ from typing import Any, get_args
 
 from coilarray.compute.threads import Progress
 from coilarray.design import fabs
-from coilarray.design.export import export
-from coilarray.design.export_formats import SUFFIXES, Format
+from coilarray.design.export import SUFFIXES, Format, export
 from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.values import SIDES

@@ -5,8 +5,8 @@ import pytest
 from support.localize_boards import ROW, board
 
 from coilarray.paper.ellipse import PARAMETERS, STEP, fit_ellipses
-from coilarray.paper.level_curves import level_axis, level_curves
 from coilarray.paper.published import published_map
+from coilarray.studies.comparison import level_axis, level_curves
 
 pytestmark = pytest.mark.slow
 
