@@ -65,7 +65,8 @@ def board_circuit(
     above = design.circuit.elastomer_permittivity if design.sheets else 1.0
     key = (digest_of(design.array, design.sheets, above), accuracy)
     windings = _KEPT.get(key, lambda: _windings(design, above, accuracy, keep, progress))
-    return _KEPT.get((design.digest, accuracy), lambda: BoardCircuit(design, windings))
+    circuit: BoardCircuit = _KEPT.get((design.digest, accuracy), lambda: BoardCircuit(design, windings))
+    return circuit
 
 
 def _windings(design: Design, above: float, accuracy: Accuracy, keep: Keep, progress: Progress | None) -> Windings:

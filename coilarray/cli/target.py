@@ -118,8 +118,9 @@ def target(
 
 def _accuracy(text: str) -> Accuracy | float:
     """Return the accuracy of an option."""
-    if text == "full" or text == "screen":
-        return text
+    named: dict[str, Accuracy] = {"full": "full", "screen": "screen"}
+    if text in named:
+        return named[text]
     with suppress(ValueError):
         if 0.5 <= (fineness := float(text)) <= 4.0:
             return fineness

@@ -81,7 +81,7 @@ class ChangeOverFrequency:
     """
 
     band: FrequencyBand
-    values: ComplexArray
+    values: FloatArray | ComplexArray
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
         """Weights (f, nodes) of the values at the nodes, for frequencies in Hz."""

@@ -6,16 +6,17 @@ capacitance.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress, part_of, ranges
 from coilarray.design.model import Design
 from coilarray.elastomer.dented_layer import dent_inductance
@@ -36,7 +37,7 @@ from coilarray.response.setup import Experiment, Level, MapAxes, indentation_of,
 if TYPE_CHECKING:
     from coilarray.compute.store import Keep
 
-Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
+Variable = tuple[tuple[str, ...], Any, dict[str, str]]
 """Variable of a dataset: dimensions, values and attributes."""
 
 _POSITIONS = 1000  # in a part of a map that is kept, which holds a single depth
@@ -157,7 +158,7 @@ def _dent_changes(
     change = np.concatenate([part.change.values - (1j * part.loss.values if "loss" in part else 0) for part in parts])
     shift = changes_by_bounds(pressed, design.array, mesh, backing)
     if pressed.correction is not None:
-        change = change + (shift if backing is not None else shift.real).reshape(change.shape)
+        change = change + np.reshape(shift if backing is not None else shift.real, change.shape)
     return change, np.concatenate([part.capacitance_change.values for part in parts])
 
 
@@ -277,19 +278,12 @@ def metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequ
     matrix = ("depth", "y", "x", "coil", "other")
     values = share.reshape(*axes.shape, *share.shape[1:])
     loss = -2 * np.pi * frequency * values.imag
-    return {
-        "metal_delta": (
-            ("depth", "y", "x", "state"),
-            delta.reshape(*axes.shape, -1),
-            {"units": "1", "long_name": "share of the indenter's material in delta"},
-        ),
-        "metal_inductance_change": (
-            matrix,
-            values.real,
-            {"units": "H", "long_name": "share of the indenter's material"},
-        ),
-        "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
-    }
+    return variables(
+        ("metal_delta", ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1), "1",
+         "share of the indenter's material in delta"),
+        ("metal_inductance_change", matrix, values.real, "H", "share of the indenter's material"),
+        ("metal_resistance_change", matrix, loss, "ohm", "eddy-current loss in the indenter"),
+    )  # fmt: skip
 
 
 def metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:

@@ -221,9 +221,9 @@ def response_map(
     true, mesh = imperfections or Imperfections(), accuracy or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
-    more = (_BYTES_OF_METAL if ball is not None else 0.0) + (_BYTES_OF_PLATES if design.plates else 0.0)
-    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=more > 0)
-    _require_room(axes, coils, len(design.plan), error, more)
+    per_value = (_BYTES_OF_METAL if ball is not None else 0.0) + (_BYTES_OF_PLATES if design.plates else 0.0)
+    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=per_value > 0)
+    _require_room(axes, coils, len(design.plan), error, per_value)
     check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
     if network is None:
@@ -246,15 +246,9 @@ def response_map(
     if true.noise:
         delta = _noisy(delta, true)
     solved.attributes["noise"] = float(solved.budget.independent.max())
+    more = solved.variables | solved.budget.variables()
     return response_dataset(
-        design,
-        axes,
-        pressed.contact,
-        delta,
-        solved.base,
-        flat.inductance,
-        variables=solved.variables | solved.budget.variables(),
-        attributes=solved.attributes,
+        design, axes, pressed.contact, delta, solved.base, flat.inductance, more=more, attributes=solved.attributes
     )
 
 
@@ -466,33 +460,27 @@ def response_dataset(
     coils: Sequence[str] | None = None,
     states: Sequence[str] | None = None,
     per_length: bool = False,
-    variables: Mapping[str, Variable] | None = None,
+    more: Mapping[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
     """Assemble the dataset of a response δ (…, states) at the axes, for all coils and states or for the named.
 
-    With `per_length` inductances are in H/m and forces in N/m. `variables` are additional variables.
+    With `per_length` inductances are in H/m and forces in N/m. `more` are additional variables.
     """
     setup, per = indentation_of(design), "/m" if per_length else ""
     names = list(design.array.names if coils is None else coils)
     kept = [design.array.names.index(name) for name in names]
     states = [state.name for state in design.plan] if states is None else states
+    state, pair = ("state",), ("coil", "other")
+    rows = (
+        ("delta", (*_PLACES, "state"), delta.reshape(*axes.shape, -1), "1", "relative change of inductance"),
+        ("base_inductance", state, base, f"H{per}", "L_0 as the converter sees it"),
+        ("inductance", pair, inductance, f"H{per}", "inductance matrix, flat sheets"),
+        ("force", ("depth",), contact.force.values, f"N{per}", "force on the indenter"),
+        ("contact_radius", ("depth",), contact.contact_radius.values, "m", "contact radius or half width"),
+    )
     return xr.Dataset(
-        {
-            "delta": (
-                ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
-                {"units": "1", "long_name": "relative change of inductance"},
-            ),
-            "base_inductance": ("state", base, {"units": f"H{per}", "long_name": "L_0 as the converter sees it"}),
-            **(variables or {}),
-            "inductance": (
-                ("coil", "other"), inductance, {"units": f"H{per}", "long_name": "inductance matrix, flat sheets"}
-            ),
-            "force": ("depth", contact.force.values, {"units": f"N{per}", "long_name": "force on the indenter"}),
-            "contact_radius": (
-                "depth", contact.contact_radius.values, {"units": "m", "long_name": "contact radius or half width"}
-            ),
-        },
+        variables(*rows[:2]) | (more or {}) | variables(*rows[2:]),
         coords={
             "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),
             **map_coordinates(setup, axes.x, axes.y, states, names, design.array.centres[kept]),
@@ -506,7 +494,7 @@ def response_dataset(
             **_ellipse_window(setup, axes),
             **(attributes or {}),
         },
-    )  # fmt: skip
+    )
 
 
 def _ellipse_window(setup: Indentation, axes: MapAxes) -> dict[str, list[float]]:
@@ -554,18 +542,11 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: fl
 def _change_variables(axes: MapAxes, change: FloatArray, capacitance_change: FloatArray) -> dict[str, Variable]:
     """Return the variables of the changes of inductance (cases, n, n) in H and capacitance (cases, n) in F."""
     n = change.shape[-1]
-    return {
-        "inductance_change": (
-            (*_PLACES, "coil", "other"),
-            change.reshape(*axes.shape, n, n),
-            {"units": "H", "long_name": "inductance matrix, dented minus flat"},
-        ),
-        "capacitance_change": (
-            (*_PLACES, "coil"),
-            capacitance_change.reshape(*axes.shape, n),
-            {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
-        ),
-    }
+    L, C = change.reshape(*axes.shape, n, n), capacitance_change.reshape(*axes.shape, n)
+    return variables(
+        ("inductance_change", (*_PLACES, "coil", "other"), L, "H", "inductance matrix, dented minus flat"),
+        ("capacitance_change", (*_PLACES, "coil"), C, "F", "capacitance of each coil, dented minus flat"),
+    )
 
 
 def _band(flats: Sequence[Resonance]) -> FrequencyBand:
@@ -585,17 +566,15 @@ def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> d
     each = np.moveaxis(over.values, 1, 0)
     shape = (*axes.shape, *each.shape[2:])
     losses = -2 * np.pi * f[:, None, None, None] * each.imag
-    loss = {"units": "ohm", "long_name": "change of the eddy-current loss in the plates, dented minus flat"}
-    return {
-        "resistance_change": (matrix, -2 * np.pi * mean * over.at(mean).imag.reshape(shape), loss),
-        "plate_frequency": (("plate_frequency",), f, {"units": "Hz", "long_name": "frequency"}),
-        "plate_inductance_change": (
-            ("plate_frequency", *matrix),
-            each.real.reshape(len(f), *shape),
-            {"units": "H", "long_name": "inductance matrix over frequency, dented minus flat"},
-        ),
-        "plate_resistance_change": (("plate_frequency", *matrix), losses.reshape(len(f), *shape), loss),
-    }
+    loss = "change of the eddy-current loss in the plates, dented minus flat"
+    over_f = ("plate_frequency", *matrix)
+    return variables(
+        ("resistance_change", matrix, -2 * np.pi * mean * over.at(mean).imag.reshape(shape), "ohm", loss),
+        ("plate_frequency", ("plate_frequency",), f, "Hz", "frequency"),
+        ("plate_inductance_change", over_f, each.real.reshape(len(f), *shape), "H",
+         "inductance matrix over frequency, dented minus flat"),
+        ("plate_resistance_change", over_f, losses.reshape(len(f), *shape), "ohm", loss),
+    )  # fmt: skip
 
 
 def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:

@@ -4,7 +4,7 @@ Who checks whom:
 
 ==================  =====================================================================================
 SPICE subcircuit    ngspice against `active_coil`, nodal analysis with capacitors and `impedance`; text against matrix
-FastHenry input     our reader: geometry, inductance and resistance again; units by hand; FastHenry where installed
+FastHenry input     the paths read back; FastHenry where installed
 FastHenry Zc.mat    a file in its printf formats, typed by hand
 Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z + R)
 ==================  =====================================================================================
@@ -27,7 +27,7 @@ from support.coil_paths import random_matrix
 from coilarray import Conductor, couple_design, dc_resistance, inductance_matrix, load_design
 from coilarray.circuit.board_circuit import bare_network, board_circuit
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.fasthenry import fasthenry_input, read_fasthenry_input, read_zc_matrix
+from coilarray.circuit.fasthenry import fasthenry_input, read_zc_matrix
 from coilarray.circuit.impedance import sweep_design
 from coilarray.circuit.network import Network, between_coils, solve_state
 from coilarray.circuit.network_files import (
@@ -37,6 +37,7 @@ from coilarray.circuit.network_files import (
     spice_subcircuit,
     touchstone,
 )
+from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 
@@ -294,28 +295,41 @@ def test_bad_subcircuits(arguments, message):
     assert "\n" not in str(caught.value)
 
 
-def same_paths(read, written):
-    assert [path.name for path in read] == list(plain_names([path.name for path in written]))
-    for a, b in zip(read, written, strict=True):
-        assert a.vertices.shape == b.vertices.shape
-        # 17 digits and one scaling by 1000: rounding of 1e-16 × 0.1 m, far inside the 1e-9 m that a board needs
-        np.testing.assert_allclose(a.vertices, b.vertices, rtol=0, atol=1e-15)
-        for size in ("widths", "thicknesses", "areas"):
-            np.testing.assert_allclose(getattr(a, size), getattr(b, size), rtol=1e-14)
+def paths_of(text):
+    """Paths of a FastHenry file of ours in mm: nodes and segments, one path after the other."""
+    number = r"(\S+)"
+    nodes, segments = {}, {}
+    for line in text.splitlines():
+        if found := re.fullmatch(rf"N(\d+)_\d+ x={number} y={number} z={number}", line):
+            nodes.setdefault(found[1], []).append([float(word) for word in found.groups()[1:]])
+        elif found := re.match(rf"E(\d+)_(\d+) N\1_\2 N\1_(\d+) w={number} h={number}(.*)", line):
+            assert int(found[3]) == int(found[2]) + 1
+            resistivity = re.search(r"rho=(\S+)", found[6])
+            segments.setdefault(found[1], []).append(
+                [float(found[4]), float(found[5]), resistivity and float(resistivity[1])]
+            )
+    return [(np.array(nodes[key]), segments[key]) for key in nodes]
 
 
-@pytest.mark.slow
+def same_paths(text, written, resistivity):
+    """Compare the paths of a file with conductors: 17 digits, and one scaling by 1000."""
+    read = paths_of(text)
+    assert len(read) == len(written)
+    for (vertices, segments), path in zip(read, written, strict=True):
+        np.testing.assert_allclose(vertices, 1e3 * path.vertices, rtol=0, atol=1e-12)
+        widths, thicknesses, _ = zip(*segments, strict=True)
+        np.testing.assert_allclose(widths, 1e3 * path.widths, rtol=1e-14)
+        np.testing.assert_allclose(thicknesses, 1e3 * path.thicknesses, rtol=1e-14)
+        area = [w * h * resistivity * 1e3 / (rho or resistivity * 1e3) for w, h, rho in segments]
+        np.testing.assert_allclose(area, 1e6 * path.areas, rtol=1e-13)
+
+
 @pytest.mark.parametrize("name", ["gast2020", "starter"])
-def test_fasthenry_round_trip(name):
+def test_fasthenry_has_the_paths(name):
     conductors = load_design(name).array.conductors()
     text = fasthenry_input(conductors, np.geomspace(1e5, 1e7, 5), title=name)
     assert text.startswith(f"* {name}\n.units mm\n")
-    again = read_fasthenry_input(text)
-    same_paths(again, conductors)
-    L = inductance_matrix(conductors)
-    # vertices that differ by 1e-17 m (asked: 1e-9 m) change L by as little; measured 2e-15
-    np.testing.assert_allclose(inductance_matrix(again), L, rtol=0, atol=1e-9 * L.max())
-    np.testing.assert_allclose(dc_resistance(again), dc_resistance(conductors), rtol=1e-13)  # the barrels' areas too
+    same_paths(text, conductors, RESISTIVITY_COPPER)
 
 
 def test_fasthenry_vias_and_filaments():
@@ -330,7 +344,7 @@ def test_fasthenry_vias_and_filaments():
     assert float(via.split("rho=")[1]) == pytest.approx(8e-5, rel=1e-14)
     assert "rho" not in next(line for line in lines if line.startswith("E1_1 "))
     assert lines[-3:-1] == [".external N1_1 N1_3 coil_1", ".freq fmin=2000000 fmax=2000000 ndec=1"]
-    same_paths(read_fasthenry_input(text), [path])
+    same_paths(text, [path], 2e-8)
 
 
 LOOP = Conductor(SQUARE, 1e-4, 3e-5, name="loop")
@@ -363,66 +377,6 @@ def test_sweep_is_the_one_of_fasthenry():
     while not swept or 10 ** (np.log10(low) + len(swept) / density) <= 1.001 * high:
         swept.append(10 ** (np.log10(low) + len(swept) / density))
     np.testing.assert_allclose(swept, f, rtol=1e-13)  # logarithms and powers, rounded
-
-
-FOREIGN = """A file by hand
-* two wires; inches, continuations, spaces, capitals, a segment against the current
-.Units in
-.Default z = 1 sigma=1.4732e6 w=0.1
-NA x=0 y=0
-nb X = 2
-+ y=0
-Nc x=2 y=1
-N1 x=0 y=0 z=0
-N2 x=0 y=0 z=1
-E1 NA NB h=0.01
-E2 nc nb h=0.02 w=0.2
-Evia n1 n2 w=.05 h=.05 wx=-2 wy=0 wz=0 sigma=0.7366e6
-.External na nc
-.external N1 N2 Via
-.freq fmin=1e4 fmax=1e6 ndec=0.5
-.end
-nonsense after the end
-"""
-
-
-def test_foreign_fasthenry_file():
-    wire, via = read_fasthenry_input(FOREIGN)
-    assert (wire.name, via.name) == ("na to nc", "Via")
-    inch = 0.0254
-    np.testing.assert_allclose(wire.vertices, inch * np.array([[0, 0, 1], [2, 0, 1], [2, 1, 1]]), rtol=1e-15)
-    np.testing.assert_allclose(wire.widths, [0.1 * inch, 0.2 * inch], rtol=1e-15)
-    np.testing.assert_allclose(wire.thicknesses, [0.01 * inch, 0.02 * inch], rtol=1e-15)
-    np.testing.assert_allclose(wire.areas, wire.widths * wire.thicknesses, rtol=1e-15)
-    np.testing.assert_allclose(via.areas, (0.05 * inch) ** 2 / 2, rtol=1e-15)  # half the conductivity
-
-
-@pytest.mark.parametrize(("old", "new", "message"), [
-    ("* two wires", "+ two wires", "line 2: nothing to continue"),
-    (".Units in", ".units furlong", "line 3: units must be one of km, m"),
-    ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
-    ("Nc x=2", "Na x=2", "line 8: node Na again"),
-    ("Nc x=2", "Nc x=two", "line 8: cannot read 'x=two'"),
-    ("Nc x=2", "Nc x=1e999", "line 8: numbers must be finite"),
-    ("Nc x=2", "Nc u=1 x=2", "line 8: cannot read 'u'"),
-    ("E1 NA NB", "E1 NA ND", "line 11: a segment needs two nodes given before it; got 'E1 NA ND'"),
-    ("E1 NA NB h=0.01", "E1 NA NB", "line 11: segment E1 needs a positive w and h"),
-    ("wx=-2", "wx=0 wy=0 wz=0", "line 13: the width of segment Evia must lie in the x-y plane"),
-    ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
-    ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
-    (".External na nc", ".external na", "line 14: a port needs two nodes"),
-    (".External na nc", ".external na n2", "line 14: a port needs its own unbranched path from na to n2"),
-    (".External na nc", "* no port", "line 11: the segment is not on the path of any port"),
-    ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments continue from na"),
-    (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
-    ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
-    (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
-])  # fmt: skip
-def test_bad_fasthenry_files(old, new, message):
-    assert old in FOREIGN
-    with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        read_fasthenry_input(FOREIGN.replace(old, new))
-    assert "\n" not in str(caught.value)
 
 
 ZC = """Row 2:  n2_1  to  n2_5, port name: upper
