@@ -124,7 +124,9 @@ def dent_changes(
         _dent_changes(pressed, permittivity, mesh, one, keep, part_of(progress, k, len(backings)))
         for k, one in enumerate(backings)
     ]
-    return ChangeOverFrequency(band, np.stack([change for change, _ in cases], axis=1)), cases[0][1]
+    return ChangeOverFrequency(
+        band, np.asarray(np.stack([change for change, _ in cases], axis=1), dtype=np.complex128)
+    ), cases[0][1]
 
 
 def _dent_changes(

@@ -460,7 +460,7 @@ def response_dataset(
     coils: Sequence[str] | None = None,
     states: Sequence[str] | None = None,
     per_length: bool = False,
-    more: Mapping[str, Variable] | None = None,
+    more: dict[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
     """Assemble the dataset of a response δ (…, states) at the axes, for all coils and states or for the named.
