@@ -28,10 +28,15 @@ from coilarray.errors import OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
-
 _ROOT = Path(__file__).parent.parent
 _COMPUTES_WITH = ("numpy", "scipy", "numba")
 _SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without influence on results
+
+Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]
+"""Returns the dataset kept for some parts, as in `content_key`, or computes and keeps it."""
+FOLDER_VARIABLE = "COILARRAY_CACHE"
+"""Environment variable that names the default folder of the store."""
+_ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 
 @functools.cache
@@ -54,15 +59,6 @@ def _sources() -> list[Path]:
         inside[:] = [name for name in inside if name not in _SHOWS]
         found += [Path(folder, name) for name in files if name.endswith((".py", ".toml", ".csv"))]
     return sorted(found, key=lambda path: path.relative_to(_ROOT).as_posix())
-
-
-Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]
-"""Returns the dataset kept for some parts, as in `content_key`, or computes and keeps it."""
-
-FOLDER_VARIABLE = "COILARRAY_CACHE"
-"""Environment variable that names the default folder of the store."""
-
-_ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,6 +26,8 @@ Result = TypeVar("Result")
 Progress = Callable[[int, int], None]
 """Called with (done, total) as work goes on."""
 
+Value = TypeVar("Value")
+
 
 def cores() -> int:
     """Return the number of processor cores this process may use, or ``COILARRAY_THREADS``."""
@@ -120,9 +122,6 @@ def serial_algebra() -> Iterator[None]:
 def _controller(with_scipy: bool) -> ThreadpoolController:
     """Find the linear algebra libraries once, in milliseconds. SciPy brings its own."""
     return ThreadpoolController()
-
-
-Value = TypeVar("Value")
 
 
 class Recent(Generic[Value]):

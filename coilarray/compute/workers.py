@@ -22,6 +22,7 @@ import logging
 import os
 import pickle
 import signal
+import sys
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator
@@ -101,20 +102,24 @@ def dask_executor(address: str) -> Iterator[Executor]:
     name, _, port = host.rpartition(":")
     if scheme not in ("tcp", "tls") or not name or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ClusterError(f"the address of a cluster must be tcp://HOST:PORT; got {address!r}.")
-    with _quiet(), ExitStack() as stack:
+    with _quiet():
         try:
             client = dask.Client(address, timeout=ANSWER_WITHIN, set_as_default=False, name="coilarray")
         except OSError:
             raise ClusterError(f"no Dask scheduler answers at {address} within {ANSWER_WITHIN:g} s.") from None
-        stack.enter_context(suppress(ConnectionError, TimeoutError))
-        stack.callback(client.close, timeout=2)
         try:
-            client.wait_for_workers(1, timeout=ANSWER_WITHIN)
-        except TimeoutError:
-            raise ClusterError(
-                f"the Dask scheduler at {address} has no worker; start one: dask worker {address}"
-            ) from None
-        yield client.get_executor(pure=False)
+            _require_worker(client, address)
+            yield client.get_executor(pure=False)
+        finally:
+            with suppress(Exception):  # of a lost scheduler
+                client.close(timeout=2)
+
+
+def _require_worker(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=ANSWER_WITHIN)
+    except TimeoutError:
+        raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}") from None
 
 
 def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[tuple[int, Any]]:
@@ -241,6 +246,7 @@ class _Processes(ProcessPoolExecutor):
     """Local processes, each started when there is work for it."""
 
     def __init__(self, count: int) -> None:
+        count = min(count, 61) if sys.platform == "win32" else count  # which waits for no more at once
         with starting():  # the tracker of shared resources is a process too
             super().__init__(count, mp_context=get_context("spawn"), initializer=_begin)  # OpenMP kills forked children
 

@@ -33,7 +33,6 @@ _LEAST_SHARE = 0.5  # of the noisy maps: if fewer have a level, its scatter is N
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
 _SAME_DEPTH = 1e-6  # relative
-
 _Compared = dict[str, Any]
 """Figures of one state at one depth by the names of the dataset. Maps have the shape (y, x)."""
 

@@ -40,6 +40,9 @@ _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 1
 _SAME = 1e-3  # m: largest distance of a coil in the design from the same coil in the data
 _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not determine the peak
 
+COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
+"""Mesh that is accurate to 1e-3 of δ, and twice as fast."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
@@ -196,10 +199,6 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
     coords = {"quantity": quantity, "state": state, "level": of_level}
     request = {"kind": "ellipses", "states": list(states), "levels": levels.tolist()}
     return Measurement(np.array(values), np.array(std), np.array(weights), coords, request, freedom)
-
-
-COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
-"""Mesh that is accurate to 1e-3 of δ, and twice as fast."""
 
 
 def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:

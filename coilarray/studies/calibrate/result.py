@@ -28,6 +28,25 @@ from coilarray.studies.calibrate.plan import Choice, Plan, Unknown, separated
 
 _DRAWS = 4096  # of a scrambled Sobol sequence
 
+DRAWS = 1000
+"""Number of draws from the posterior of every combination of choices."""
+_FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
+_WEAKEST = 0.15  # of the largest share in a direction: smaller shares are not mentioned,
+_FELT = 0.3  # unless they alone change the data by this part of their noise
+_INTERVAL = (0.025, 0.975)
+_FIGURES = (
+    "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_likelihood", "bic", "log_evidence",
+    "determined", "evaluations",
+)  # fmt: skip
+_SAID = {
+    "start": "first guess", "value": "value", "std": "± value", "low": "95 % interval, from",
+    "high": "95 % interval, to", "model": "fitted", "before": "as first guessed", "model_std": "± fitted",
+    "residual": "fitted less measured, in standard deviations", "chi_square": "χ²",
+    "degrees_of_freedom": "degrees of freedom", "fit_probability": "probability of a larger χ²",
+    "noise_scale": "scale of the noise", "log_likelihood": "ln likelihood", "bic": "BIC",
+    "log_evidence": "ln evidence", "determined": "directions that the data determine", "evaluations": "evaluations",
+}  # fmt: skip
+
 
 def bounded_normal(
     mean: FloatArray, covariance: FloatArray, low: FloatArray, high: FloatArray, count: int, freedom: float = np.inf
@@ -74,15 +93,6 @@ def _separated(
         normal[:, k] = np.clip(np.where(upper, -at, at), a, b)
         weight += mass
     return np.clip(mean + scale[:, None] * (normal @ lower.T), low, high), weight
-
-
-DRAWS = 1000
-"""Number of draws from the posterior of every combination of choices."""
-
-_FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
-_WEAKEST = 0.15  # of the largest share in a direction: smaller shares are not mentioned,
-_FELT = 0.3  # unless they alone change the data by this part of their noise
-_INTERVAL = (0.025, 0.975)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,17 +313,3 @@ def result_dataset(
         window = indentation_of(design).in_ellipse_window().x
         about["window_x_m"] = [min(window), max(window)]
     return xr.Dataset(data, coords, {**provenance(design), **about})
-
-
-_FIGURES = (
-    "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_likelihood", "bic", "log_evidence",
-    "determined", "evaluations",
-)  # fmt: skip
-_SAID = {
-    "start": "first guess", "value": "value", "std": "± value", "low": "95 % interval, from",
-    "high": "95 % interval, to", "model": "fitted", "before": "as first guessed", "model_std": "± fitted",
-    "residual": "fitted less measured, in standard deviations", "chi_square": "χ²",
-    "degrees_of_freedom": "degrees of freedom", "fit_probability": "probability of a larger χ²",
-    "noise_scale": "scale of the noise", "log_likelihood": "ln likelihood", "bic": "BIC",
-    "log_evidence": "ln evidence", "determined": "directions that the data determine", "evaluations": "evaluations",
-}  # fmt: skip

@@ -14,6 +14,22 @@ from coilarray.errors import DesignError
 from coilarray.geometry.array import LatticeKind
 from coilarray.geometry.values import SIDES, Side
 
+_RINGS = {7: 1, 19: 2, 37: 3}
+_TRIANGLE = 3
+_MOST = 1000
+_COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), 3-hex, 7-hex, 19-hex or 37-hex; got {!r}."
+Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
+SHAPES: tuple[Shape, ...] = get_args(Shape)
+LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")
+"""Shapes with a width and a height."""
+Overlap = Literal["none", "decoupled"]
+_FROM_TO = {
+    "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
+    "inductance": (1e-9, 0.1, 1e6, "µH"), "frequency": (1e3, 1e9, 1e-6, "MHz"),
+    "capacitance": (1e-12, 1e-3, 1e12, "pF"),
+}  # fmt: skip
+"""Range of each choice in SI, wider than usual for planar coils, and the unit of its option."""
+
 
 @dataclass(frozen=True)
 class Arrangement:
@@ -44,12 +60,6 @@ class Arrangement:
         if self.lattice == "rings":
             return Arrangement("hexagonal", 2, 2)
         return replace(self, columns=min(self.columns, 2), rows=min(self.rows, 2))
-
-
-_RINGS = {7: 1, 19: 2, 37: 3}
-_TRIANGLE = 3
-_MOST = 1000
-_COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), 3-hex, 7-hex, 19-hex or 37-hex; got {!r}."
 
 
 def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
@@ -87,19 +97,6 @@ def read_size(text: str) -> float | tuple[float, float]:
     if len(sides) not in (1, 2):
         raise DesignError(f"size must be a width, as 16, or width and height, as 20x12; got {text[:40]!r}.")
     return sides[0] if len(sides) == 1 else (sides[0], sides[1])
-
-
-Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
-SHAPES: tuple[Shape, ...] = get_args(Shape)
-LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")
-"""Shapes with a width and a height."""
-Overlap = Literal["none", "decoupled"]
-_FROM_TO = {
-    "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
-    "inductance": (1e-9, 0.1, 1e6, "µH"), "frequency": (1e3, 1e9, 1e-6, "MHz"),
-    "capacitance": (1e-12, 1e-3, 1e12, "pF"),
-}  # fmt: skip
-"""Range of each choice in SI, wider than usual for planar coils, and the unit of its option."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,17 @@ _SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
 _PITCH_STEP = 1e-5  # m, to which a pitch is given
 _ROUGHLY = 2e-3  # of the width: accuracy of the search in the rough model, which the corrections improve
 _SLOPE, _CORRECTIONS = 0.01, 2
+_FABS = ("oshpark-2-layer", "oshpark-4-layer", "multi-cb-35um")  # the last one makes any number of layers
+_TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
+_GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
+_CORNERED = 0.75  # of half the hole: wider traces of polygons, whose turns slope, would touch at the inner corners
+_WIDEST = 5e-3  # m, of traces: a good part of the skin depths at 10 MHz for which the AC resistance holds
+_USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding without a wanted inductance
+_HOLES = (0.45, 0.6, 0.75, 0.3)  # the same for coils that overlap, in which their neighbours' terminals may lie
+_WINDING_LAYERS = (2, 4)
+_BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
+_KEPT = 512  # results of single coils
+_PASSES, _CLOSE = 3, 1e-3  # corrections of the search for a winding, and the change at which they end
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
@@ -76,19 +87,6 @@ def _neighbours(array: Array) -> tuple[IntArray, IntArray]:
     """Numbers of both coils of every nearest pair."""
     i, j = np.array(array.neighbours, dtype=np.intp).reshape(-1, 2).T
     return i, j
-
-
-_FABS = ("oshpark-2-layer", "oshpark-4-layer", "multi-cb-35um")  # the last one makes any number of layers
-_TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
-_GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
-_CORNERED = 0.75  # of half the hole: wider traces of polygons, whose turns slope, would touch at the inner corners
-_WIDEST = 5e-3  # m, of traces: a good part of the skin depths at 10 MHz for which the AC resistance holds
-_USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding without a wanted inductance
-_HOLES = (0.45, 0.6, 0.75, 0.3)  # the same for coils that overlap, in which their neighbours' terminals may lie
-_WINDING_LAYERS = (2, 4)
-_BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
-_KEPT = 512  # results of single coils
-_PASSES, _CLOSE = 3, 1e-3  # corrections of the search for a winding, and the change at which they end
 
 
 def lay_out(plan: Plan, choices: Choices) -> Plan:

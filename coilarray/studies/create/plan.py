@@ -24,6 +24,14 @@ _TRACE_STEP = 1e-6  # m, to which a trace is drawn
 _MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
 
 
+_COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
+_DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
+_TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
+_PAD_STEP = 50e-6
+_SIDES = tuple({"first_side": side} for side in ("top", "bottom", "right", "left"))
+_ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
+
+
 @dataclass(frozen=True)
 class Winding:
     """Turns per layer, trace width and gap of a winding in m."""
@@ -128,12 +136,6 @@ def _out_of_reach(inductance: float, what_can: str, room: Room) -> str:
     )
 
 
-_COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
-_DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
-_TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
-_PAD_STEP = 50e-6
-
-
 _UNDECIDED = Winding(1, 0.15e-3, 0.15e-3)
 
 
@@ -141,12 +143,10 @@ def _corners(*degrees: float) -> tuple[dict[str, Any], ...]:
     return tuple({"first_corner_deg": degree} for degree in degrees)
 
 
-_SIDES = tuple({"first_side": side} for side in ("top", "bottom", "right", "left"))
 _STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
     "hexagon": _corners(90, 270, 30, 150, 210, 330), "square": _corners(45, 135, 225, 315),
     "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315), "rectangle": _SIDES, "racetrack": _SIDES,
 }  # fmt: skip
-_ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
 # corners of a hexagon that face its neighbours
 _TURNED = _corners(0, 180, 60, 120, 240, 300)
 

@@ -23,6 +23,9 @@ _MOVES, _MOVE = 13, 0.5e-3  # steps, and their length in m, by which coils are m
 _LONGEST_LEAD, _LEAD_STEP = 1.0, 0.25e-3  # widths of a coil, and m
 _SHORT = 1e-9  # m: no lead is a point
 _MOST_TRIALS = 3  # of lengths at one start, as rules may break that the quick look does not see
+_DISTANCES = (5.0, 6.0, 8.0, 10.0)  # mm from the coils; for several rows from the second on, with room for ways between
+_PITCH_STEP = 0.5e-3  # m
+_LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie further apart at each distance
 
 
 def with_terminals(plan: Plan, *, movable: bool) -> Plan:
@@ -117,11 +120,6 @@ def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
 
 def _apart(lines: npt.NDArray[np.object_], others: npt.NDArray[np.object_]) -> float:
     return float(np.min(np.asarray(shapely.distance(lines[:, None], others)), initial=np.inf))
-
-
-_DISTANCES = (5.0, 6.0, 8.0, 10.0)  # mm from the coils; for several rows from the second on, with room for ways between
-_PITCH_STEP = 0.5e-3  # m
-_LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie further apart at each distance
 
 
 def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:

@@ -27,6 +27,11 @@ _QUANTITY = r"([^\[\]<>=]+(?:\[[^\[\]]*\])?)"
 _DIRECTED = re.compile(rf"(minimize|maximize)\s+{_QUANTITY}")
 _TARGET = re.compile(rf"{_QUANTITY}\s*=\s*{_NUMBER}")
 _BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
+_TABLES = ("variable", "objective", "constraint")
+_UNKNOWNS = 3  # of a position: x, y and the depth
+_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
+_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
+_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
 def parse_wish(text: str) -> dict[str, Any] | None:
@@ -75,13 +80,6 @@ def axis_of(variable: Variable) -> Axis:
     count = round((variable.high - variable.low) / variable.step)
     places = {round(count * k / (_STEPS - 1)) for k in range(_STEPS)}
     return Axis(variable.entry, tuple(variable.low + variable.step * place for place in sorted(places)))
-
-
-_TABLES = ("variable", "objective", "constraint")
-_UNKNOWNS = 3  # of a position: x, y and the depth
-_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
-_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
-_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,10 @@ _ROUNDING = 1e-9  # of a bound: less is not a violation
 
 Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
+_SCORE_ROUNDING = 1e-9  # of a score: less is not a gain
+RULES = ("fab_margin_mm", "fab_broken")
+"""Quantities by which a goal treats the fabrication rules."""
+
 
 def _key(asked: Any) -> str:
     """Return the canonical text of a quantity, given as a text or as a table with options."""
@@ -275,11 +279,6 @@ def parse_goal(text: str, origin: str = "goal") -> Goal:
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
     """Read a goal from the tables of a TOML file. See `parse_goal`."""
     return GOALS.check(Goal, document, origin)
-
-
-_SCORE_ROUNDING = 1e-9  # of a score: less is not a gain
-RULES = ("fab_margin_mm", "fab_broken")
-"""Quantities by which a goal treats the fabrication rules."""
 
 
 @dataclass(frozen=True)

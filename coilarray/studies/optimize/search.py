@@ -25,7 +25,6 @@ import sqlite3
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -49,9 +48,19 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
     from optuna.trial import Trial as AskedTrial
 
-
 FILE = "study.db"
 """Name of the database in the folder of the results. Any tool for Optuna reads it."""
+
+Outcome: TypeAlias = Mapping[str, float] | str
+"""Quantities of a point by name, or the reason why it has none."""
+Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
+"""Function of the changes of several points and an accuracy. It yields the index and outcome of each, in any order."""
+_REBUILT = "tpe:"  # prefix of system attributes that no later point reads; storing them costs time
+_FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
+_LAST_RADIUS = 1e-7
+_WORSE = 10.0  # cost of an impossible point, relative to the first point
+_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
+_MOST_EVALUATIONS = 1_000_000
 
 
 class StudyFile:
@@ -163,14 +172,6 @@ def _first_line(error: Exception) -> str:
     """Return the first line of an error without the class that SQLAlchemy puts before it."""
     line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
     return re.sub(r"^\([\w.]+\) ", "", line)
-
-
-Outcome: TypeAlias = Mapping[str, float] | str
-"""Quantities of a point by name, or the reason why it has none."""
-Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
-"""Function of the changes of several points and an accuracy. It yields the index and outcome of each, in any order."""
-
-_REBUILT = "tpe:"  # prefix of system attributes that no later point reads; storing them costs time
 
 
 def search(
@@ -361,13 +362,6 @@ def _outcomes(
             yield places[index], outcome
 
 
-_FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
-_LAST_RADIUS = 1e-7
-_WORSE = 10.0  # cost of an impossible point, relative to the first point
-_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
-_MOST_EVALUATIONS = 1_000_000
-
-
 def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
     """Return the reason why polishing is impossible in one line, or ""."""
     if len(goal.objectives) > 1:
@@ -390,16 +384,56 @@ def polish(
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-    local = _Local(goal, axes, best, store, evaluate, report)
-    n = len(local.begin)
-    constraints = [NonlinearConstraint(local.violations, -np.inf, -_INSIDE)] if best.violations else []
+    free = [axis for axis in axes if axis.continuous]
+    every = (stored_trial(goal, axes, frozen) for frozen in store.trials())
+    stored = {json.dumps(trial.changes): trial for trial in every if trial.kind == "polish"}
+    seen = {json.dumps(best.changes): best} if goal.search.accuracy == "full" else {}
+    unit, tried = abs(best.scores[0]) or 1.0, 0
+
+    def trial_at(point: FloatArray) -> Trial:
+        """Return the trial at a point of the unit box. The solver asks for cost and violations separately."""
+        nonlocal tried
+        parts = zip(free, point.tolist(), strict=True)
+        changes = {**best.changes, **{axis.entry: axis.value(axis.at(part)) for axis, part in parts}}
+        key = json.dumps(changes)
+        if key in seen:  # points closer than the fabrication resolution are one point
+            return seen[key]
+        if tried >= goal.polish:
+            raise _EnoughError
+        if key not in stored:
+            ((_, outcome),) = evaluate([changes], "full")
+            trial = trial_of(goal, "polish", len(stored), changes, outcome)
+            parameters = {axis.entry: axis.parameter(changes[axis.entry]) for axis in axes}
+            store.add(frozen_trial(axes, parameters, trial))
+            stored[key] = trial
+        tried += 1
+        report(stored[key])
+        seen[key] = stored[key]
+        return stored[key]
+
+    def cost(point: FloatArray) -> float:
+        """Return 1 or −1 at the first point."""
+        trial = trial_at(point)
+        if trial.reason:
+            return _WORSE
+        score = trial.scores[0] / unit
+        if goal.objectives[0].target is not None:
+            return score * score
+        return -score if goal.objectives[0].maximized else score
+
+    def violations(point: FloatArray) -> FloatArray:
+        """Return the violation of each bound. An impossible point violates all."""
+        trial = trial_at(point)
+        return np.array([trial.violations.get(key, 1.0) for key in best.violations])
+
+    begin = np.array([axis.part(best.changes[axis.entry]) for axis in free])
     with suppress(_EnoughError):
         minimize(
-            local.cost,
-            local.begin,
+            cost,
+            begin,
             method="COBYQA",
-            bounds=Bounds(np.zeros(n), np.ones(n)),
-            constraints=constraints,
+            bounds=Bounds(np.zeros(len(begin)), np.ones(len(begin))),
+            constraints=[NonlinearConstraint(violations, -np.inf, -_INSIDE)] if best.violations else [],
             # the evaluations are counted here
             options={"maxfev": _MOST_EVALUATIONS, "initial_tr_radius": _FIRST_RADIUS, "final_tr_radius": _LAST_RADIUS},
         )
@@ -407,63 +441,3 @@ def polish(
 
 class _EnoughError(Exception):
     """The goal's number of points has been evaluated."""
-
-
-@dataclass
-class _Local:
-    """Cost and violations of the points chosen by the solver, with a trial for each."""
-
-    _goal: Goal
-    _axes: Sequence[Axis]
-    _best: Trial
-    _store: StudyFile
-    _evaluate: Evaluate
-    _report: Callable[[Trial], None]
-
-    def __post_init__(self) -> None:
-        goal, axes, best = self._goal, self._axes, self._best
-        self._free = [axis for axis in axes if axis.continuous]
-        self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
-        self._tried = 0
-        self._seen = {json.dumps(best.changes): best} if goal.search.accuracy == "full" else {}
-        stored = [stored_trial(goal, axes, frozen) for frozen in self._store.trials()]
-        self._stored = {json.dumps(trial.changes): trial for trial in stored if trial.kind == "polish"}
-        self._objective = goal.objectives[0]
-        self._unit = abs(best.scores[0]) or 1.0
-
-    def cost(self, point: FloatArray) -> float:
-        """Return the value that the solver minimizes, 1 or −1 at the first point."""
-        trial = self._at(point)
-        if trial.reason:
-            return _WORSE
-        score = trial.scores[0] / self._unit
-        if self._objective.target is not None:
-            return score * score
-        return -score if self._objective.maximized else score
-
-    def violations(self, point: FloatArray) -> FloatArray:
-        """Return the violation of each bound. An impossible point violates all."""
-        trial = self._at(point)
-        return np.array([trial.violations.get(key, 1.0) for key in self._best.violations])
-
-    def _at(self, point: FloatArray) -> Trial:
-        """Return the trial at a point of the unit box."""
-        changes = dict(self._best.changes)
-        parts = zip(self._free, point.tolist(), strict=True)
-        changes |= {axis.entry: axis.value(axis.at(part)) for axis, part in parts}
-        key = json.dumps(changes)
-        if key in self._seen:  # points closer than the fabrication resolution are one point
-            return self._seen[key]
-        if self._tried >= self._goal.polish:
-            raise _EnoughError
-        trial = self._stored.get(key)
-        if trial is None:
-            ((_, outcome),) = self._evaluate([changes], "full")
-            trial = trial_of(self._goal, "polish", len(self._stored), changes, outcome)
-            parameters = {axis.entry: axis.parameter(changes[axis.entry]) for axis in self._axes}
-            self._store.add(frozen_trial(self._axes, parameters, trial))
-            self._stored[key] = trial
-        self._tried += 1
-        self._report(trial)
-        self._seen[key] = trial
-        return trial

@@ -29,6 +29,8 @@ from coilarray.studies.optimize.space import Axis, distributions_of
 LEAST_POINTS = 30
 """Smallest number of feasible points for an importance. The best tenth of fewer would be two points."""
 
+_DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
+
 
 def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
     """Compute the importance of the variables for each objective, the largest share first.
@@ -54,9 +56,6 @@ def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> lis
         found = get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
         parts.append(found if all(math.isfinite(part) for part in found.values()) else {})
     return parts
-
-
-_DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:

@@ -21,7 +21,6 @@ It is shapes alone, inductances, the circuit of every state, a target at some di
 or an indentation at a whole table of places and depths.
 """
 
-
 _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in the form used in brackets
 
 

@@ -46,6 +46,8 @@ from coilarray.studies.tolerance.tolerances import UNITS, Contributor, Limit, Po
 UNREAD = "unread values"
 """Name of an outcome that is not an output."""
 _MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a readable table
+_LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much
+_LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less than 1e-3
 
 
 def default_quantities(design: Design) -> tuple[str, ...]:
@@ -131,10 +133,6 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
 def _mm(length: float) -> str:
     """Write a length in mm, to the nanometre."""
     return f"{round(length * 1e3, 6):g}"
-
-
-_LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much
-_LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less than 1e-3
 
 
 def analyse(

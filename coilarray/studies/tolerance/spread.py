@@ -30,6 +30,15 @@ _BLOCK, _MOST_PAIRED = 64, 4096  # boards that are paired at once at first, and 
 _WELL_PAIRED = 6  # errors of which 64 Sobol points correlate by 0.2 at the most
 _MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be uncorrelated to all before
 
+STEPS = (1.0, 0.5)
+"""Half widths of the central differences in standard deviations. The second gives the derivative, both its check."""
+BoolArray = npt.NDArray[np.bool_]
+LEAST_SAMPLES = 8
+"""Smallest number of boards for a sampled spread."""
+_ENOUGH = 32  # values whose fourth moment is known to better than its own size, in a normal distribution
+CENTRAL = (2.5, 97.5)
+"""Percentiles between which 95 % of the boards lie."""
+
 
 def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, sampling: Sampling = "sobol") -> FloatArray:
     """Draw the errors of boards in SI, shape (count, contributors).
@@ -110,10 +119,6 @@ def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dic
     return errors
 
 
-STEPS = (1.0, 0.5)
-"""Half widths of the central differences in standard deviations. The second gives the derivative, both its check."""
-
-
 def error_steps(contributors: Sequence[Contributor]) -> dict[str, float]:
     """Return the standard deviation in SI of every moved error, in the order of contributors."""
     variances: dict[str, float] = {}
@@ -176,15 +181,6 @@ def sensitivity(contributors: Sequence[Contributor], steps: dict[str, float], va
     for k, one in enumerate(contributors):
         moved[k, [names.index(target) for target in one.targets]] = one.deviation
     return Sensitivity(moved @ narrow, moved @ wide)
-
-
-BoolArray = npt.NDArray[np.bool_]
-
-LEAST_SAMPLES = 8
-"""Smallest number of boards for a sampled spread."""
-_ENOUGH = 32  # values whose fourth moment is known to better than its own size, in a normal distribution
-CENTRAL = (2.5, 97.5)
-"""Percentiles between which 95 % of the boards lie."""
 
 
 def deviation_error(values: FloatArray) -> FloatArray:

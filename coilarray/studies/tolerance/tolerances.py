@@ -33,6 +33,13 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 }
 """Errors of `coilarray.studies.tolerance.perturb` by the tables of a file."""
 
+SCHEMA = 1
+"""Version of the tolerance file format."""
+_TOLERANCES = TomlFiles("tolerance", GoalError)
+# bounds far beyond any board, so that a typo is refused at its place
+_Micrometres = Annotated[float, Field(ge=0, le=10_000)]
+_UpTo100 = Annotated[float, Field(ge=0, le=100)]
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -136,12 +143,6 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
     return tuple(found)
 
 
-SCHEMA = 1
-"""Version of the tolerance file format."""
-
-_TOLERANCES = TomlFiles("tolerance", GoalError)
-
-
 def load_tolerances(path: str | Path | None = None) -> Tolerances:
     """Read a tolerance file (TOML), by default typical values of board houses.
 
@@ -174,11 +175,6 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
 def typical_text() -> str:
     """Return the text of the bundled tolerance file, which serves as a template."""
     return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
-
-
-# bounds far beyond any board, so that a typo is refused at its place
-_Micrometres = Annotated[float, Field(ge=0, le=10_000)]
-_UpTo100 = Annotated[float, Field(ge=0, le=100)]
 
 
 class _Errors(Table):
