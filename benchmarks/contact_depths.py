@@ -19,7 +19,7 @@ import numpy as np
 from coilarray.elastomer.contact import indent
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid, Seat, Sheet
-from coilarray.geometry.sheet import Base
+from coilarray.geometry.elastomer import Base
 
 RESULTS = Path(__file__).with_suffix(".json")
 DEPTH, THICKNESS = 1e-3, 8e-3

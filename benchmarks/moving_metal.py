@@ -21,8 +21,7 @@ from scipy.optimize import minimize_scalar
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, load_design
-from coilarray.geometry.material import MATERIALS
-from coilarray.geometry.plate import FinitePlate, Rectangle
+from coilarray.geometry.bodies import MATERIALS, FinitePlate, Rectangle
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.paper.published import published_model
 from coilarray.response.map import respond, response_map

@@ -153,6 +153,11 @@ class SeveralCoils(CurrentPaths):
 
         return self._labelled(dc_resistance(self.conductors()), "resistance", "ohm")
 
+    def _repr_html_(self) -> str:
+        from coilarray.fabrication.drawings import array_html
+
+        return array_html(self.as_array())
+
     def _labelled(self, values: FloatArray, name: str, unit: str) -> xr.DataArray:
         """Label values by the names of the coils."""
         import xarray as xr

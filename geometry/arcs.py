@@ -5,11 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.geometry.values import Point
+from coilarray.compute.display_units import true_minus
+
+Point = tuple[float, float]
+"""x and y, in m unless stated otherwise."""
+Side = Literal["right", "top", "left", "bottom"]
+SIDES: tuple[Side, ...] = get_args(Side)
+"""Sides in the order of the quarter turns from +x to their outward normals."""
+
+
+def place_in_mm(x: float, y: float) -> str:
+    """Write a place in m as "(1.5, 2) mm"."""
+    numbers = (round(float(value) * 1e3, 3) + 0.0 for value in (x, y))  # + 0.0: no −0
+    return true_minus("({:.4g}, {:.4g}) mm".format(*numbers))
+
 
 Place = Point | FloatArray
 CHORD_ERROR = 0.9e-6

@@ -14,14 +14,17 @@ import shapely
 import shapely.affinity
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.compute.html import html_card, html_table
+from coilarray.compute.display_units import MM
 from coilarray.errors import GeometryError, require_finite, require_positive
 from coilarray.geometry.answers import CHORD, SeveralCoils, SingleCoil
+from coilarray.geometry.arcs import SIDES, Side, place_in_mm
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.spiral import RoundedSpiral
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import SIDES, Side, place_in_mm
 
+_SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
+_MOST_NAMES = 12  # of coils, in a row of a table
 _NEAREST = 1.01  # of the least distance: limit for neighbours
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
@@ -309,14 +312,7 @@ class Array(SeveralCoils):
                 self.stackup.index(layer)
 
     def __repr__(self) -> str:
-        from coilarray.geometry.words import array_words
-
         return f"<Array: {array_words(self)}>"
-
-    def _repr_html_(self) -> str:
-        from coilarray.geometry.words import array_facts, array_picture
-
-        return html_card("Array", array_picture(self), html_table((), array_facts(self)))
 
     @classmethod
     def row(
@@ -640,3 +636,78 @@ def _rings(count: int) -> IntArray:
         along = np.arange(ring)[None, :, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
         points.append((ring * corners[:, None] + along).reshape(-1, 2))
     return np.vstack(points)
+
+
+def array_words(array: Array) -> str:
+    """Describe number, shape, size and spacing of the coils.
+
+    Ways to a connector are left out. The spacing is the distance of the nearest coils. Circles, and windings that step
+    in at every corner, have the size of their copper added.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> array_words(load_design("proximity").array)
+    '1 round coil of 29 × 29 mm (copper 28.848 × 28.848 mm)'
+    """
+    array = array.unrouted
+    outlines = [place.coil.outline for place in array.placements]
+    shapes = {_shape(place.coil) for place in array.placements}
+    shape = shapes.pop() if len(shapes) == 1 else ""
+    sizes = {tuple(f"{side:.4g}" for side in MM.of(np.ptp(outline, axis=0))) for outline in outlines}
+    coppers = {copper_words(place.coil) for place in array.placements}
+    copper = coppers.pop() if len(coppers) == 1 else ""
+    size = f" of {' × '.join(sizes.pop())} mm{copper}" if len(sizes) == 1 else ""
+    if len(outlines) == 1:
+        return f"1 {shape}coil{size}"
+    apart = np.hypot(*(array.centres[:, None] - array.centres).transpose(2, 0, 1))
+    np.fill_diagonal(apart, np.inf)
+    return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.4g} mm apart"
+
+
+def copper_words(coil: Coil) -> str:
+    """Return the size of a winding's copper in brackets.
+
+    It is width by height. The text is empty if they are not below the stated size.
+    """
+    if coil.wound is None or coil.wound.is_parallel:
+        return ""
+    spiral = coil.wound
+    lines = shapely.MultiLineString([spiral.centre_line(layer) for layer in range(spiral.layers)])
+    copper = lines.buffer(spiral.width / 2, cap_style="flat", join_style="mitre")
+    width, height = np.ptp(np.reshape(copper.bounds, (2, 2)), axis=0)
+    return f" (copper {MM.of(width):.5g} × {MM.of(height):.5g} mm)"
+
+
+def array_facts(array: Array) -> list[tuple[str, str]]:
+    """Return facts about a board as rows.
+
+    A row has a name and a value.
+    """
+    names, layers = array.names, array.stackup.names
+    shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
+    x_min, y_min, x_max, y_max = array.bounds
+    return [
+        ("coils", array_words(array)),
+        ("names", ", ".join(shown)),
+        ("board", f"{MM.of(x_max - x_min):.4g} × {MM.of(y_max - y_min):.4g} mm, copper {', '.join(layers)}"),
+    ]
+
+
+def _shape(coil: Coil) -> str:
+    """Return the word for a coil's shape.
+
+    A blank follows the word. It is empty for a path.
+    """
+    if coil.wound is None:
+        return ""
+    spiral = coil.wound
+    if not isinstance(spiral, RoundedSpiral):
+        return f"{_SHAPES.get(spiral.sides, f'{spiral.sides}-sided')} "
+    if spiral.is_circle:
+        return "round "
+    if spiral.sides != 4:
+        return f"rounded {_SHAPES.get(spiral.sides, f'{spiral.sides}-sided')} "
+    if spiral.corner_radius >= min(spiral.extent, spiral.breadth) / 2:
+        return "racetrack "
+    return "square " if spiral.extent == spiral.breadth else "rectangular "

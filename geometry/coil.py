@@ -16,11 +16,10 @@ import shapely
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LARGEST, GeometryError, require_positive
 from coilarray.geometry.answers import CHORD, SingleCoil
-from coilarray.geometry.arcs import Arc, arc_size, coarser_line
+from coilarray.geometry.arcs import Arc, arc_size, coarser_line, place_in_mm
 from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.usual_values import require_coil_size, warn_unusual
-from coilarray.geometry.values import place_in_mm
 
 if TYPE_CHECKING:
     from coilarray.geometry.spiral import Winding

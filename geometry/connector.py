@@ -21,12 +21,11 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
-from coilarray.geometry.arcs import Arc, rounded_line
+from coilarray.geometry.arcs import SIDES, Arc, Side, rounded_line
 from coilarray.geometry.array import Array, Connector, Placement, Routing
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import disc, drills, trace_outline
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import SIDES, Side
 
 _ACROSS = 4.0  # weight of a way across a winding, over the same way beside it
 _MOST_NODES = 90_000  # of the grid: a larger board gets a coarser grid

@@ -12,6 +12,7 @@ import shapely
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError
+from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.copper import MITRE_LIMIT, simple_outline, trace_outline
 from coilarray.geometry.rules import (
@@ -23,7 +24,6 @@ from coilarray.geometry.rules import (
     trace_to_trace,
 )
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import place_in_mm
 
 _NO_GAP = FabRules(min_gap=0.0)
 _JOINED = FabRules().min_gap  # the corners that the rules count as joined copper, by their default

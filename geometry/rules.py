@@ -17,9 +17,9 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN, true_minus
 from coilarray.compute.threads import Recent
 from coilarray.errors import LARGEST, GeometryError, RuleViolationError
+from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
-from coilarray.geometry.values import place_in_mm
 
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress

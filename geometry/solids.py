@@ -13,9 +13,9 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array
+from coilarray.geometry.bodies import FinitePlate, Plate
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
-from coilarray.geometry.plate import FinitePlate, Plate
-from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.elastomer import Sheet
 
 if TYPE_CHECKING:
     import trimesh

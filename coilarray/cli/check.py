@@ -55,8 +55,8 @@ def check(
     from coilarray.design.fab_limits import load_profile
     from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
+    from coilarray.geometry.array import array_words
     from coilarray.geometry.rules import KEPT_WITHIN
-    from coilarray.geometry.words import array_words
     from coilarray.report.tables import rules_table
 
     if list_fabs:

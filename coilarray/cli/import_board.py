@@ -13,7 +13,8 @@ from coilarray.cli import shared
 from coilarray.errors import BoardError
 
 if TYPE_CHECKING:
-    from coilarray.geometry.readers import BoardCopper, TracedArray, Tracing
+    from coilarray.fabrication.board import BoardCopper
+    from coilarray.fabrication.tracing import TracedArray, Tracing
 
 _NO_FAB = (
     "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
@@ -45,7 +46,7 @@ def import_board(
     from coilarray.compute.files import write_text
     from coilarray.design.model import Design, parse_design
     from coilarray.design.write import design_text
-    from coilarray.geometry.readers import trace_coils, traced_array
+    from coilarray.fabrication.tracing import trace_coils, traced_array
 
     copper = _read(board, stackup)
     wanted = None if nets is None else [net.strip() for net in nets.split(",") if net.strip()]
@@ -75,7 +76,8 @@ def import_board(
 
 def _read(board: Path, stackup: str | None) -> BoardCopper:
     from coilarray.design.model import load_design
-    from coilarray.geometry.readers import read_gerbers, read_kicad
+    from coilarray.fabrication.gerber_reader import read_gerbers
+    from coilarray.fabrication.kicad_reader import read_kicad
 
     try:
         is_folder = stat.S_ISDIR(board.stat().st_mode)

@@ -181,7 +181,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     from coilarray.circuit.coupling import design_inductance
     from coilarray.circuit.impedance import scan_design
     from coilarray.compute.display_units import number_text
-    from coilarray.geometry.words import copper_words
+    from coilarray.geometry.array import copper_words
     from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
 
     design, values = file.design, file.values

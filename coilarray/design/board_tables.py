@@ -45,9 +45,9 @@ from coilarray.geometry import (
     lattice_array,
     path_coil,
 )
+from coilarray.geometry.arcs import SIDES, Side
 from coilarray.geometry.array import Connector, LatticeKind
 from coilarray.geometry.spiral import Sense, Winding, WindingRule
-from coilarray.geometry.values import SIDES, Side
 
 _MOST_SEGMENTS = 100_000
 _TURNED = 1e-12  # rad

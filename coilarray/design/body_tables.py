@@ -55,8 +55,8 @@ from coilarray.geometry import (
     Target,
     Unevenness,
 )
-from coilarray.geometry.plate import TOUCHING
-from coilarray.geometry.sheet import KPA_PER_MM, Base, Strain
+from coilarray.geometry.bodies import TOUCHING
+from coilarray.geometry.elastomer import KPA_PER_MM, Base, Strain
 
 if TYPE_CHECKING:
     from coilarray.design.model import Indentation

@@ -44,7 +44,7 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.answers import CurrentPaths
 from coilarray.geometry.connector import route_leads
-from coilarray.geometry.sheet import Base, Strain
+from coilarray.geometry.elastomer import Base, Strain
 from coilarray.geometry.usual_values import reading, unusual_values
 
 

@@ -38,7 +38,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.contact_grid import Stack, graded
 from coilarray.geometry import Seat
-from coilarray.geometry.sheet import Base
+from coilarray.geometry.elastomer import Base
 
 _DIGITS = 12  # digits of springs in units of the stack, slabs with equal digits are alike
 _COPIES = 3  # of a slab's matrix at a time, beside the matrices of all widths

@@ -33,7 +33,7 @@ from coilarray.elastomer.elasticity import Compliance, compliance
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
 from coilarray.errors import LARGEST, ElastomerError
 from coilarray.geometry import Cone, Indenter, Seat, Sheet
-from coilarray.geometry.sheet import Base, RigidBase, Strain
+from coilarray.geometry.elastomer import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()  # force to about 0.1 % and contact radius to about 0.3 %, by a convergence study
 

@@ -21,8 +21,7 @@ from skfem import Basis, BilinearForm, ElementQuad1, ElementQuad2, ElementVector
 from coilarray.compute.arrays import FloatArray, IndexArray
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Seat, Sheet
-from coilarray.geometry.indenter import Symmetry
-from coilarray.geometry.sheet import Base
+from coilarray.geometry.elastomer import Base, Symmetry
 
 _MARGIN = 1.1  # elements grow from this multiple of the expected contact radius on
 _NEAR = 6.0  # thicknesses from the contact, beyond which the elements grow without bound

@@ -34,7 +34,7 @@ from coilarray.elastomer.contact_grid import (
     weight,
 )
 from coilarray.geometry import Indenter
-from coilarray.geometry.indenter import Symmetry
+from coilarray.geometry.elastomer import Symmetry
 
 _SOFT = 1e-6  # added 1/K of the factorised system in 1/μ: each refinement leaves at most 1e-5 of the error
 _REFINEMENTS = 2

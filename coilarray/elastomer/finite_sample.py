@@ -34,7 +34,7 @@ from coilarray.elastomer.box import Axis, Box, factorised, wide_field
 from coilarray.elastomer.contact_grid import Stack, graded, stack_of
 from coilarray.errors import ElastomerError
 from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
-from coilarray.geometry.sheet import Base
+from coilarray.geometry.elastomer import Base
 
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
 _POINTS = 0.1, 0.2  # spacing of points on a side: thicknesses, or part of the distance to a contact if larger

@@ -23,7 +23,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
-from coilarray.geometry.plate import FinitePlate
+from coilarray.geometry.bodies import FinitePlate
 from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
 from coilarray.metal.layered_air import ITSELF, Image, LayeredAir
 from coilarray.metal.surface_impedance import SurfaceImpedance

@@ -20,7 +20,7 @@ from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.geometry.plate import TOUCHING, FinitePlate, Plate
+from coilarray.geometry.bodies import TOUCHING, FinitePlate, Plate
 from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, SolvedPlates, linked_fluxes
 from coilarray.metal.frequencies import checked_frequencies
 from coilarray.metal.half_body import EddyBody
@@ -176,8 +176,8 @@ def moving_plate(
 
     Examples
     --------
-    >>> from coilarray.geometry.material import MATERIALS
-    >>> from coilarray.geometry.plate import Disc
+    >>> from coilarray.geometry.bodies import MATERIALS
+    >>> from coilarray.geometry.bodies import Disc
     >>> angle = np.linspace(0, 2 * np.pi, 49)
     >>> loop = np.column_stack((8e-3 * np.cos(angle), 8e-3 * np.sin(angle), 0 * angle))
     >>> coin = FinitePlate("coin", Disc(5e-3), (0, 0, 3e-3), 0.5e-3, MATERIALS["aluminium"])

@@ -27,7 +27,7 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Plate, Sheet
-from coilarray.geometry.plate import TOUCHING
+from coilarray.geometry.bodies import TOUCHING
 
 _DIGITS = 14.0  # −ln of the amplitude of the shortest waves that are included
 _LONGEST = 0.1  # radians across all bodies, longer waves carry 1e-4 of a coupling

@@ -49,7 +49,7 @@ from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.triangles import double_layers
 from coilarray.errors import MetalError
 from coilarray.geometry import Conductor
-from coilarray.geometry.plate import FinitePlate
+from coilarray.geometry.bodies import FinitePlate
 from coilarray.metal.coupled_plates import ALONE, PlatesInAir, PosedPlate, distinct_sums, fields_on
 from coilarray.metal.half_body import MIRROR, ROWS, EddyBody, inductance, pair_integrals
 from coilarray.metal.layered_air import ITSELF, Image

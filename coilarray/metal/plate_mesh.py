@@ -24,7 +24,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.errors import GeometryError, require_positive
-from coilarray.geometry.plate import Outline
+from coilarray.geometry.bodies import Outline
 
 # lengths in the coarse mesh for fineness 1
 _ALONG = 28  # pieces of all rims together, if the plate is not narrow

@@ -31,7 +31,7 @@ import numpy as np
 
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves
-from coilarray.geometry.material import Material
+from coilarray.geometry.bodies import Material
 
 _TERMS = 4096  # of F, whose remainder falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: below this |F| the rim carries no current along it, to double precision

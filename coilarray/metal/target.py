@@ -12,7 +12,7 @@ from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
-from coilarray.geometry.target import Body
+from coilarray.geometry.bodies import Body
 from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance

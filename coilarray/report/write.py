@@ -29,7 +29,7 @@ from coilarray.design.words import metal_words
 from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import check_rules
-from coilarray.geometry.words import array_words
+from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.paper.published import difference_from_published, published_model
 from coilarray.report import (

@@ -23,7 +23,7 @@ from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_c
 from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import CoilarrayError, ElastomerError, MetalError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Plate, Sheet, Target
-from coilarray.geometry.sheet import Base, Strain
+from coilarray.geometry.elastomer import Base, Strain
 from coilarray.metal.backing import require_below
 from coilarray.metal.finite_plates import outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance

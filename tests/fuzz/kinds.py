@@ -48,9 +48,11 @@ from coilarray.design import bundled
 from coilarray.design.model import load_design_file, parse_design, parse_design_file
 from coilarray.design.write import design_text
 from coilarray.errors import CoilarrayError, RuleViolationError
+from coilarray.fabrication.gerber_reader import read_gerbers
+from coilarray.fabrication.gerber_writer import write_gerbers
+from coilarray.fabrication.kicad_reader import read_kicad
+from coilarray.fabrication.tracing import trace_coils, traced_array
 from coilarray.geometry import check_rules, require_rules
-from coilarray.geometry.export.gerber import write_gerbers
-from coilarray.geometry.readers import read_gerbers, read_kicad, trace_coils, traced_array
 from coilarray.hardware.emulator.indenter import Indenter
 from coilarray.hardware.record.baseline_drift import Drift
 from coilarray.hardware.record.calibration_file import calibration_to_toml, load_calibration, save_calibration

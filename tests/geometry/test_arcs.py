@@ -11,21 +11,14 @@ import pytest
 import shapely
 from support.boards import many_layers, round_spiral
 
-from coilarray.geometry import (
-    Array,
-    FabRules,
-    Placement,
-    RoundedSpiral,
-    board_layers,
-    check_nets,
-    copper_by_layer,
-)
+from coilarray.fabrication.drawings import write_dxf
+from coilarray.fabrication.gerber_reader import read_gerbers
+from coilarray.fabrication.gerber_writer import write_gerbers
+from coilarray.fabrication.kicad_reader import read_kicad
+from coilarray.fabrication.kicad_writer import write_kicad
+from coilarray.fabrication.nets import board_layers, check_nets
+from coilarray.geometry import Array, FabRules, Placement, RoundedSpiral, copper_by_layer
 from coilarray.geometry.arcs import CHORD_ERROR, Arc, arc_size, coarser_line, pieces_of, rounded_line
-from coilarray.geometry.export.dxf import write_dxf
-from coilarray.geometry.export.gerber import write_gerbers
-from coilarray.geometry.export.kicad import write_kicad
-from coilarray.geometry.readers.gerber_board import read_gerbers
-from coilarray.geometry.readers.kicad_board import read_kicad
 
 
 def arcs_board():

@@ -12,6 +12,7 @@ from coilarray import Design
 from coilarray.design.model import build_design
 from coilarray.design.write import design_document
 from coilarray.errors import GeometryError
+from coilarray.fabrication.nets import Barrel, check_nets
 from coilarray.geometry import (
     Connector,
     FabRules,
@@ -20,14 +21,12 @@ from coilarray.geometry import (
     PlatedHole,
     RoundedSpiral,
     Spiral,
-    check_nets,
     check_rules,
     copper_by_layer,
     drills,
     lattice_array,
     route_leads,
 )
-from coilarray.geometry.connectivity import Barrel
 from coilarray.geometry.connector import _Grid, _rounded
 
 SMALL = Leads(1.3e-3, 1.6e-3, PlatedHole(0.4e-3, 0.8e-3))

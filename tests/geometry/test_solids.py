@@ -13,10 +13,10 @@ from support.boards import SHEETS, VIA, WOUND, many_layers, one_coil, reference_
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, OutputError
+from coilarray.fabrication.solid_files import write_solids
 from coilarray.geometry import Sheet, solids
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills
-from coilarray.geometry.export import write_solids
 
 VOLUME = 1e-9  # relative: triangulated prisms of coordinates up to 1000 times their height, in float64
 
@@ -105,7 +105,7 @@ def test_solids_that_touch_are_closed_and_sheets_differ_in_name():
 
 @pytest.mark.slow
 def test_geometry_is_imported_without_trimesh():
-    code = "import sys, coilarray.geometry, coilarray.geometry.export; print('trimesh' in sys.modules)"
+    code = "import sys, coilarray.geometry, coilarray.fabrication.solid_files; print('trimesh' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

@@ -17,8 +17,7 @@ from support.refusals import refused
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Ball, Sheet, Target
-from coilarray.geometry.material import MATERIALS, Material
-from coilarray.geometry.plate import Disc, FinitePlate, Plate, Rectangle, Ring
+from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Plate, Rectangle, Ring
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.layered_air import LayeredAir, _fitted

@@ -22,8 +22,7 @@ from coilarray.electromagnetics.field import vector_potential
 from coilarray.electromagnetics.flat_layer import magnetic_slab
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.geometry.material import MATERIALS, Material
-from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Rectangle, Ring
+from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Plate, Polygon, Rectangle, Ring
 from coilarray.metal import coupled_plates
 from coilarray.metal.finite_plates import eddy_currents, moving_plate
 from coilarray.metal.flat_plates import plate_inductance

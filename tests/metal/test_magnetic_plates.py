@@ -18,8 +18,7 @@ from support.refusals import refused
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Sheet
-from coilarray.geometry.material import MATERIALS, Material
-from coilarray.geometry.plate import Disc, FinitePlate, Plate, Rectangle, Ring
+from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Plate, Rectangle, Ring
 from coilarray.metal.backing import _pieces
 from coilarray.metal.finite_plates import (
     eddy_currents,

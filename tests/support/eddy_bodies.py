@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coilarray.geometry.plate import Disc
+from coilarray.geometry.bodies import Disc
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.plate_mesh import plate_mesh
 

@@ -8,8 +8,7 @@ from dataclasses import astuple, dataclass, fields, replace
 import numpy as np
 
 from coilarray.constants import MU_0
-from coilarray.geometry.material import MATERIALS, Material
-from coilarray.geometry.plate import Disc, FinitePlate, Polygon, Rectangle, Ring
+from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Polygon, Rectangle, Ring
 from coilarray.metal.plate_mesh import inscribed_radius
 from support.axial_plates import AxialPlate, axial_truth
 from support.coil_paths import loop

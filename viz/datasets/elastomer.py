@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.geometry.indenter import Indenter
-from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.viz.datasets.meshes import MM_PER_M, solid_mesh, triangles
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.geometry import Ball, FinitePlate, Plate
+from coilarray.geometry.bodies import Body
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.solids import plate_solid
-from coilarray.geometry.target import Body
 
 if TYPE_CHECKING:
     import pyvista

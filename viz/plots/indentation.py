@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from coilarray.compute.display_units import MM
-from coilarray.geometry.indenter import Indenter
+from coilarray.geometry.elastomer import Indenter
 from coilarray.viz.datasets.elastomer import indenter_outline
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled

@@ -17,7 +17,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import MetalError
 from coilarray.geometry import Array, Ball, FinitePlate, Plate
-from coilarray.geometry.target import Body
+from coilarray.geometry.bodies import Body
 from coilarray.metal.finite_plates import eddy_currents
 from coilarray.metal.plate_field import plate_currents
 from coilarray.response.setup import target_of

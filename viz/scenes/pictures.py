@@ -16,8 +16,7 @@ from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_atomically
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.geometry.array import Array
-from coilarray.geometry.indenter import Indenter
-from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.viz.offscreen import rendering_problem, silent_screen, window_problem, without_screen
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.board import board_scene, dent_scene, scene_of_lifted_board

@@ -24,7 +24,7 @@ from coilarray.compute.store import Store
 from coilarray.design.model import Design, build_design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import GoalError
-from coilarray.geometry.values import place_in_mm
+from coilarray.geometry.arcs import place_in_mm
 from coilarray.paper.distortion import ellipse_curves
 from coilarray.paper.ellipse import PARAMETERS
 from coilarray.paper.ellipse_model import DEGREE, EllipseModel

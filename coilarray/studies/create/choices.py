@@ -11,8 +11,8 @@ from typing import Any, Literal, get_args
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.switch_parts import PARTS, PartName
 from coilarray.errors import DesignError
+from coilarray.geometry.arcs import SIDES, Side
 from coilarray.geometry.array import LatticeKind
-from coilarray.geometry.values import SIDES, Side
 
 _RINGS = {7: 1, 19: 2, 37: 3}
 _TRIANGLE = 3

@@ -11,7 +11,7 @@ from coilarray.design.keys import Name, Table
 from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.switch_parts import PartName
 from coilarray.design.vary import plain
-from coilarray.geometry.values import Side
+from coilarray.geometry.arcs import Side
 from coilarray.studies.create.choices import Choices, Overlap, Shape
 from coilarray.studies.create.layout import lay_out, most_on_fewer_layers
 from coilarray.studies.create.plan import Plan

@@ -15,8 +15,8 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.board_tables import ConnectorTable
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
 from coilarray.geometry import Placement, require_rules, route_leads
+from coilarray.geometry.arcs import Side
 from coilarray.geometry.connector import NoWayError
-from coilarray.geometry.values import Side
 from coilarray.studies.create.plan import Plan
 
 _MOVES, _MOVE = 13, 0.5e-3  # steps, and their length in m, by which coils are moved apart for their terminals

@@ -1,0 +1,1 @@
+"""Files of boards: written for fabrication and other programs, and read back."""

@@ -1,0 +1,237 @@
+"""Copper of a board that was made elsewhere, with assumptions for values missing in its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.geometry.arcs import Point
+from coilarray.geometry.copper import disc
+from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILON_R, Stackup
+
+
+@dataclass(frozen=True)
+class Track:
+    """Straight piece of trace with round or flat ends.
+
+    Arcs are divided into such pieces.
+
+    Parameters
+    ----------
+    layer : str
+        Name of the copper layer in the stack-up.
+    start, end : tuple of float
+        Ends of the centre line in m, in the frame of the board (x right, y up).
+    width : float
+        Width in m.
+    net : str or None
+        Name of the net. None if the file names no net.
+    where : str
+        Place in the file for messages: "file:line" or "file".
+    """
+
+    layer: str
+    start: Point
+    end: Point
+    width: float
+    net: str | None
+    where: str
+
+
+@dataclass(frozen=True)
+class Hole:
+    """Drilled and plated hole of a via or a pad.
+
+    Parameters
+    ----------
+    x, y : float
+        Centre in m.
+    drill : float
+        Diameter of the hole in m. For a slot it is the smaller side.
+    pad : float
+        Diameter of the pad in m. For a pad that is not round it is the smaller side.
+    layers : tuple of str
+        Copper layers that it joins, top to bottom.
+    net, where
+        As in `Track`.
+    kind : {"via", "pad"}
+        Kind of hole. A net may begin and end at a pad.
+    number : str
+        Number of a pad in its footprint ("1", "A4"). Empty for vias, and if the file has no number.
+    shapes : mapping of str to shapely geometry
+        The pad in m on the layers where it exists. Empty for a disc of `pad` on all layers.
+    """
+
+    x: float
+    y: float
+    drill: float
+    pad: float
+    layers: tuple[str, ...]
+    net: str | None
+    kind: Literal["via", "pad"]
+    where: str
+    number: str = ""
+    shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
+
+    def copper(self, layer: str) -> BaseGeometry:
+        """Return the copper on one layer in m.
+
+        It is the pad, or the barrel alone if the layer has no pad.
+        """
+        size = self.drill if self.shapes else self.pad
+        return self.shapes[layer] if layer in self.shapes else disc(self.x, self.y, size)
+
+
+@dataclass(frozen=True)
+class SurfacePad:
+    """Pad without a hole.
+
+    Parameters
+    ----------
+    x, y : float
+        Centre in m.
+    layer, net, where, number
+        As in `Track` and `Hole`.
+    size : float
+        Smaller side or diameter in m. A track that ends within half of it from the centre is joined to the pad.
+    shape : shapely geometry, optional
+        Area that it covers, in m. By default a disc of diameter `size`.
+    """
+
+    x: float
+    y: float
+    layer: str
+    net: str | None
+    where: str
+    number: str = ""
+    size: float = 0.0
+    shape: BaseGeometry | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def copper(self) -> BaseGeometry:
+        """Area covered by the pad, in m."""
+        return disc(self.x, self.y, self.size) if self.shape is None else self.shape
+
+
+@dataclass(frozen=True, eq=False)
+class CopperArea:
+    """Copper that is not a track.
+
+    It is a filled zone, a region, a polygon, a drawn line or text.
+
+    Parameters
+    ----------
+    layer, net, where
+        As in `Track`.
+    shape : shapely geometry
+        The copper in m. For a zone without fill it is the outline.
+    what : str
+        Name for messages: "a filled zone", "a drawn line".
+    """
+
+    layer: str
+    shape: BaseGeometry
+    net: str | None
+    what: str
+    where: str
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCopper:
+    """Conductors of a board as its file has them.
+
+    Parameters
+    ----------
+    source : str
+        Name of the file or folder, for messages.
+    stackup : Stackup
+        Layers of the board, with the layer names of the file.
+    tracks : tuple of Track
+        Tracks in the order of the file.
+    holes : tuple of Hole
+        Plated holes only.
+    pads : tuple of SurfacePad
+        Pads without a hole.
+    assumed : dict of str to str
+        Dotted keys of the design's [stackup] table that are missing in the file, with the assumed value and the reason.
+    areas : tuple of CopperArea
+        Copper that cannot be followed as a path. It is refused if a coil touches it or shares its net.
+    edge : tuple of float, optional
+        x_min, y_min, x_max, y_max in m of the board's outline, if the file has an outline.
+    notes : tuple of str
+        Sentences for the user about the reading of the file.
+    """
+
+    source: str
+    stackup: Stackup
+    tracks: tuple[Track, ...]
+    holes: tuple[Hole, ...]
+    pads: tuple[SurfacePad, ...]
+    assumed: dict[str, str] = field(default_factory=dict)
+    areas: tuple[CopperArea, ...] = ()
+    edge: tuple[float, float, float, float] | None = None
+    notes: tuple[str, ...] = ()
+
+
+Slab = tuple[float | None, float | None]
+"""Thickness in m and relative permittivity of a dielectric, None if unknown."""
+
+
+def united(parts: Sequence[Slab]) -> Slab:
+    """Return one dielectric equivalent to several in series.
+
+    It has the same thickness and the same capacitance between two copper layers. If a part has no thickness, the result
+    has none, and the permittivity is computed for equal parts.
+
+    Examples
+    --------
+    >>> thickness, epsilon_r = united([(0.1e-3, 4.0), (0.3e-3, 3.0)])
+    >>> round(thickness, 9), round(epsilon_r, 9)
+    (0.0004, 3.2)
+    """
+    thicknesses = [thickness for thickness, _ in parts if thickness is not None]
+    epsilons = [epsilon for _, epsilon in parts if epsilon is not None]
+    thickness = sum(thicknesses) if parts and len(thicknesses) == len(parts) else None
+    if len(parts) == 1 or not parts or len(epsilons) < len(parts) or min(epsilons) <= 0:
+        return thickness, parts[0][1] if len(parts) == 1 else None
+    weights = [1.0] * len(parts) if thickness is None else thicknesses
+    return thickness, sum(weights) / sum(d / epsilon for d, epsilon in zip(weights, epsilons, strict=True))
+
+
+def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, str]) -> tuple[float, ...]:
+    """Fill in missing thicknesses of copper.
+
+    They have the usual thickness. Assumed values are recorded in `assumed`. `files` is "the files do".
+    """
+    if None in given:
+        assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"
+    return tuple(COPPER_THICKNESS if thickness is None else thickness for thickness in given)
+
+
+def filled_dielectrics(
+    slabs: Sequence[Slab], copper: Sequence[float], board: float | None, files: str, assumed: dict[str, str]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Fill in usual values of dielectrics where they are missing.
+
+    The dielectrics are given top to bottom. Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are
+    thicknesses in m, `board` is the thickness of the whole board if known, and `files` is "the files do". Returns
+    thicknesses in m, not positive if the board is too thin for its copper, and relative permittivities.
+    """
+    missing = sum(thickness is None for thickness, _ in slabs)
+    share = 0.0
+    if missing:
+        whole = BOARD_THICKNESS if board is None else board
+        share = (whole - sum(copper) - sum(thickness or 0.0 for thickness, _ in slabs)) / missing
+        assumed["stackup.dielectric_thickness_mm"] = (
+            f"{files} not say; equal parts of what is left of the {'usual' if board is None else 'given'} board "
+            f"thickness of {whole * 1e3:g} mm"
+        )
+    if any(epsilon is None for _, epsilon in slabs):
+        assumed["stackup.dielectric_epsilon_r"] = f"{files} not say; FR-4, {EPSILON_R:g}"
+    return (
+        tuple(share if thickness is None else thickness for thickness, _ in slabs),
+        tuple(EPSILON_R if epsilon is None else epsilon for _, epsilon in slabs),
+    )

@@ -1,0 +1,284 @@
+"""Drawings of a board: SVG for screens and DXF for other programs."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.extras import import_extra
+from coilarray.compute.files import require_suffix, write_atomically, write_text
+from coilarray.compute.html import html_card, html_table
+from coilarray.errors import OutputError
+from coilarray.geometry.arcs import pieces_of
+from coilarray.geometry.array import Array, array_facts
+from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+    from ezdxf.layouts.layout import Modelspace
+
+_MM = 1e3
+_MOST_POINTS = 10_000  # of traces, which are drawn in about a second
+_ON_SCREEN = 3000  # parts of the board that a screen shows
+_DIGITS = 4  # of a coordinate in mm: 0.1 µm, a thousandth of the finest trace
+_TEXT_HEIGHT = 1.5  # mm
+_BASELINE = "0.5"  # mm below the middle of the text: half the height of a capital
+_LAMINATE = "#F4F1E8"
+_MARGIN = 0.5  # mm of paper around the board
+# Okabe & Ito (2008), "Color Universal Design": neighbouring layers differ strongly, for eyes of any colour vision
+_LAYER_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9", "#CC79A7", "#009E73")
+_INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+
+
+def write_svg(array: Array, path: Path, *, title: str = "") -> None:
+    """Write the board as an SVG drawing.
+
+    It has the size of the board.
+
+    Parameters
+    ----------
+    array : Array
+        The board.
+    path : Path
+        File name ending in ``.svg``. The file is written completely or not at all.
+    title : str
+        Title of the drawing.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is different, or the file cannot be written.
+
+    Notes
+    -----
+    Inside the group ``board`` coordinates are in mm, with y upwards and the origin of the design. Its groups, from the
+    back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``, ``drills`` and ``names``. ``copper-<n>`` is
+    the n-th copper layer, with the lowest first. It has a path for each coil, with the name as its title, filled by the
+    even-odd rule. The same board gives the same bytes.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_svg(board, Path("board.png"))
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.png: the suffix must be .svg; got '.png'.
+    """
+    require_suffix(path, ".svg")
+    write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
+
+
+def svg_text(array: Array, *, title: str = "", coarse: bool = False) -> str:
+    """Return the drawing of `write_svg` as an ``svg`` element.
+
+    A `coarse` drawing, for the screen, is accurate to a three-thousandth of the board and much shorter.
+    """
+    outline = board_outline(array)
+    within = max(np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0)) / _ON_SCREEN if coarse else 0.0
+    digits = max(-math.floor(math.log10(within * _MM)), 0) if coarse else _DIGITS
+    x_min, y_min, x_max, y_max = (np.array(outline.bounds) * _MM + np.array([-1, -1, 1, 1]) * _MARGIN).tolist()
+    width, height = _number(x_max - x_min), _number(y_max - y_min)
+    namespaces = {"xmlns": "http://www.w3.org/2000/svg", "xmlns:inkscape": _INKSCAPE}
+    box = f"{_number(x_min)} {_number(-y_max)} {width} {height}"
+    root = ET.Element("svg", {**namespaces, "width": f"{width}mm", "height": f"{height}mm", "viewBox": box})
+    if title:
+        ET.SubElement(root, "title").text = title
+    board = ET.SubElement(root, "g", {"id": "board", "transform": "scale(1 -1)"})
+    edge = _layer(board, "outline", "outline", fill=_LAMINATE, stroke="#202020", stroke_width="0.1")
+    ET.SubElement(edge, "path", {"d": _path_data(outline, digits)})
+    names = array.stackup.names
+    copper_of = copper_by_layer(array)
+    for k in reversed(range(len(names))):
+        colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
+        copper = _layer(board, f"copper-{k + 1}", names[k], fill=colour, fill_rule="evenodd", fill_opacity="0.75")
+        for net, shape in copper_of[names[k]].items():
+            trace = ET.SubElement(
+                copper, "path", {"d": _path_data(shape.simplify(within) if coarse else shape, digits)}
+            )
+            ET.SubElement(trace, "title").text = net
+    holes = _layer(board, "drills", "drills", fill="#FFFFFF", stroke="#202020", stroke_width="0.05")
+    for hole in (hole for hole in drills(array) if hole.drilled):
+        x, y, r = (_number(value * _MM) for value in (hole.x, hole.y, hole.diameter / 2))
+        ET.SubElement(holes, "circle", {"cx": x, "cy": y, "r": r})
+    font = {"font_family": "sans-serif", "font_size": f"{_TEXT_HEIGHT:g}", "text_anchor": "middle"}
+    # so that names on copper can be read
+    halo = {"stroke": _LAMINATE, "stroke_width": "0.3", "paint_order": "stroke"}
+    texts = _layer(board, "names", "names", fill="#202020", **font, **halo)
+    for placement in array.placements:
+        at = f"translate({_number(placement.x * _MM)} {_number(placement.y * _MM)}) scale(1 -1)"
+        ET.SubElement(texts, "text", {"transform": at, "y": _BASELINE}).text = placement.name
+    ET.indent(root, " ")
+    return ET.tostring(root, encoding="unicode")
+
+
+def array_html(array: Array) -> str:
+    """Return a board for a notebook: its picture and facts."""
+    return html_card("Array", array_picture(array), html_table((), array_facts(array)))
+
+
+def array_picture(array: Array, title: str = "") -> str:
+    """Return a drawing as an HTML image.
+
+    The board is drawn to scale. For a board that takes too long to draw it is a sentence.
+    """
+    points = sum(len(line) for place in array.placements for line, _, _ in place.traces())
+    if points > _MOST_POINTS:
+        return f"<p>not drawn here, as its traces have {points} points; coilarray.export draws it</p>"
+    drawing = base64.b64encode(svg_text(array, title=title, coarse=True).encode()).decode()
+    return f'<p><img alt="the board" src="data:image/svg+xml;base64,{drawing}"></p>'
+
+
+def _layer(parent: ET.Element, identity: str, label: str, **style: str) -> ET.Element:
+    attributes = {"id": identity, "inkscape:groupmode": "layer", "inkscape:label": label}
+    return ET.SubElement(parent, "g", attributes | {key.replace("_", "-"): value for key, value in style.items()})
+
+
+def _path_data(shape: BaseGeometry, digits: int) -> str:
+    rings = [shapely.get_coordinates(ring)[:-1] * _MM for ring in shapely.get_rings(shapely.get_parts(shape))]
+    # Z closes the ring
+    return " ".join(
+        f"M{' '.join(f'{_number(x, digits)},{_number(y, digits)}' for x, y in ring.tolist())}Z" for ring in rings
+    )
+
+
+def _number(value: float, digits: int = _DIGITS) -> str:
+    return f"{round(value, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
+
+
+# Digits of a coordinate in mm: far below anything made, and short numbers in the file.
+_DXF_DIGITS = 9
+_RELEASE = "R2010"  # the first that every program of today reads and that is UTF-8 throughout
+# colours of the AutoCAD colour index, away from the black or white of the background
+_DXF_COLOURS = (1, 5, 3, 6, 30, 4)
+_DRILL_COLOUR, _OUTLINE_COLOUR, _SILK_COLOUR = 8, 7, 2
+_NOT_IN_NAMES = '<>/\\":;?*|=`'
+
+
+def write_dxf(array: Array, path: Path) -> None:
+    """Write the board as a DXF drawing in mm.
+
+    Parameters
+    ----------
+    array : Array
+        The board.
+    path : Path
+        File name ending in ``.dxf``. The file is written completely or not at all.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is different, DXF cannot hold the names of the copper layers, or the file cannot be written.
+    MissingDependencyError
+        If ezdxf is not installed or broken.
+
+    Notes
+    -----
+    x points to the right, y upwards, and the origin is the origin of the design. The layers:
+
+    - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width.
+      A polyline inside another is a hole. Cutters, field solvers and CAM programs read this layer. Drilled holes are
+      not cut out.
+    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, arcs as arcs, for
+      programs that route. Switched off and not plotted, because it shows the same copper again.
+    - ``drill``: a circle for each hole, with its diameter. Holes that are not through the whole board lie on layers of
+      their own, named by the copper they pierce, such as ``drill_L1_L2``.
+    - ``outline``: edge of the board.
+    - ``silk``: names of the coils at their centres.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_dxf(board, Path("board.dwg"))
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.dwg: the suffix must be .dxf; got '.dwg'.
+    """
+    require_suffix(path, ".dxf")
+    names = array.stackup.names
+    listed = ", ".join(names)
+    if any(character in name for name in names for character in _NOT_IN_NAMES):
+        raise OutputError(f"cannot write {path}: names of layers must be free of {_NOT_IN_NAMES}; got {listed}.")
+    if len({name.casefold() for name in names}) < len(names):
+        raise OutputError(f"cannot write {path}: names of layers must differ in more than capitals; got {listed}.")
+    drawing = _drawing(array)
+    write_atomically(path, drawing.saveas)
+
+
+def _drawing(array: Array) -> Drawing:
+    """Make the drawing of a board."""
+    ezdxf = import_extra("ezdxf", "DXF files", package="ezdxf", extra="fab")
+    drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
+    holes = [hole for hole in drills(array) if hole.drilled]
+    _add_layers(drawing, array, holes)
+    space = drawing.modelspace()
+    for name, nets in reversed(copper_by_layer(array).items()):  # the top in front
+        for copper in nets.values():
+            for ring in shapely.get_rings(shapely.get_parts(copper)):
+                _add_ring(space, ring, f"copper_{name}")
+    _add_paths(space, array)
+    for hole in holes:
+        x, y = _in_mm(np.array([hole.x, hole.y])).tolist()
+        space.add_circle((x, y), hole.diameter / 2 * _MM, dxfattribs={"layer": _drill_layer(array, hole)})
+    outline = board_outline(array)
+    _add_ring(space, outline.exterior, "outline")
+    for placement in array.placements:
+        x, y = _in_mm(np.array([placement.x, placement.y])).tolist()
+        text = space.add_text(placement.name, height=_TEXT_HEIGHT, dxfattribs={"layer": "silk"})
+        text.set_placement((x, y), align=ezdxf.enums.TextEntityAlignment.MIDDLE_CENTER)
+    x_min, y_min, x_max, y_max = _in_mm(np.array(outline.bounds)).tolist()
+    space.reset_extents((x_min, y_min, 0), (x_max, y_max, 0))
+    # programs open the drawing on the whole board
+    drawing.set_modelspace_vport(1.1 * max(x_max - x_min, y_max - y_min), ((x_min + x_max) / 2, (y_min + y_max) / 2))
+    return drawing
+
+
+def _add_layers(drawing: Drawing, array: Array, holes: Iterable[Drill]) -> None:
+    """Add the layers of the drawing, with their colours."""
+    for k, name in enumerate(array.stackup.names):
+        colour = _DXF_COLOURS[k % len(_DXF_COLOURS)]
+        drawing.layers.add(f"copper_{name}", color=colour)
+        drawing.layers.add(f"path_{name}", color=colour, plot=False).off()
+    for name in sorted({_drill_layer(array, hole) for hole in holes}):
+        drawing.layers.add(name, color=_DRILL_COLOUR)
+    drawing.layers.add("outline", color=_OUTLINE_COLOUR)
+    drawing.layers.add("silk", color=_SILK_COLOUR)
+
+
+def _drill_layer(array: Array, hole: Drill) -> str:
+    return "drill" if hole.layers == array.stackup.names else "_".join(("drill", *hole.layers))
+
+
+def _add_paths(space: Modelspace, array: Array) -> None:
+    """Add the centre lines of all traces.
+
+    They have widths and arcs.
+    """
+    for placement in array.placements:
+        for k, (line, widths, layer) in enumerate(placement.traces()):
+            pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
+            # a vertex carries width and bulge of the piece that begins there, but no piece begins at the last vertex
+            begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
+            begun = np.vstack((begun, (begun[-1, 0], 0.0)))
+            places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])
+            vertices = np.column_stack((places, begun[:, [0, 0, 1]])).tolist()
+            space.add_lwpolyline(vertices, format="xyseb", dxfattribs={"layer": f"path_{layer}"})
+
+
+def _add_ring(space: Modelspace, ring: shapely.LinearRing, layer: str) -> None:
+    corners = _in_mm(shapely.get_coordinates(ring))[:-1]  # the closing edge is implied
+    space.add_lwpolyline(corners.tolist(), close=True, dxfattribs={"layer": layer})
+
+
+def _in_mm(lengths: FloatArray) -> FloatArray:
+    return np.round(lengths * _MM, _DXF_DIGITS) + 0.0  # + 0.0: no −0 in the file

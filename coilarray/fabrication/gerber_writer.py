@@ -1,0 +1,371 @@
+"""Fabrication data in one zip: Gerber X2 layers, Excellon drills and a Gerber job file."""
+
+from __future__ import annotations
+
+import json
+import re
+import uuid
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.files import require_suffix, write_atomically
+from coilarray.errors import OutputError
+from coilarray.fabrication.gerber_files import gerbonara
+from coilarray.fabrication.silk import silk_labels
+from coilarray.geometry.arcs import arc_centre, arc_size, pieces_of
+from coilarray.geometry.array import Array
+from coilarray.geometry.copper import Drill, drills
+
+_MM = 1e3
+_DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends
+_SILK_LINE = 0.15  # width of a letter's strokes over its height, as in KiCad
+_PROFILE_LINE = 0.05  # mm
+# equal bytes from equal designs: the zip files have a fixed time
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+def write_gerbers(
+    array: Array, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
+) -> None:
+    """Write the fabrication data as one zip.
+
+    Parameters
+    ----------
+    array : Array
+        The board.
+    path : Path
+        File name ending in ``.zip``. The file is written completely or not at all.
+    name : str
+        Name of the project, with which the names of the files begin.
+    revision : str
+        Revision of the project.
+    check : callable, optional
+        Called with the path of the finished zip before it is moved to its place. If it raises, nothing is changed.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is different, the name is empty, or a file cannot be written.
+    MissingDependencyError
+        If gerbonara is not installed.
+
+    Notes
+    -----
+    The files are in mm, with the origin of the design. They are named as in KiCad:
+
+    - a Gerber X2 file for each copper layer, with traces as strokes with round apertures and pads as flashes. Every
+      object has its net, the coil's name. Pads of terminals also have the coil and their number, 1 where the path
+      begins.
+    - solder masks with an opening as large as each pad of a terminal on the outer layers. Board houses widen it to
+      their registration. Vias are covered.
+    - the names of the coils on top, where they fit.
+    - the edge of the board.
+    - Excellon files of the plated holes, one for each span of layers. A terminal that reaches one layer of several
+      only is a pad without a hole.
+    - a Gerber job file with the stack-up.
+
+    Traces are strokes and arcs, not regions. Board houses edit and check traces as strokes, and readers recover the
+    path. Their ends and corners are round, whereas the outlines of `coilarray.geometry.copper` are mitred. At a corner
+    of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the trace. For a
+    hexagonal coil of 30 turns with 0.1 mm traces this is 2e-4 of its copper.
+
+    No file has a date, so equal designs give equal bytes.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_gerbers(board, Path("board.rar"), name="board")
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.rar: the suffix must be .zip; got '.rar'.
+    """
+    require_suffix(path, ".zip")
+    if not name.strip():
+        raise OutputError(f"cannot write {path}: the project must have a name; got {name!r}.")
+    project = _Project(name, revision)
+    files = [*_copper_files(array, project), *_mask_files(array, project)]
+    files += [_silk_file(array, project), _profile_file(array, project), *_drill_files(array, project)]
+    content = {file.name: file.text for file in files}
+    content[f"{project.stem}-job.gbrjob"] = _job(array, project, files)
+
+    def write(temporary: Path) -> None:
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file, text in content.items():
+                entry = zipfile.ZipInfo(file, _ZIP_TIME)
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                entry.create_system = 3  # Unix, on every machine
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, text.encode("utf-8"))
+        if check is not None:
+            check(temporary)
+
+    write_atomically(path, write)
+
+
+@dataclass(frozen=True)
+class _Project:
+    name: str
+    revision: str
+
+    @property
+    def stem(self) -> str:
+        """Name without characters that file systems may refuse."""
+        return re.sub(r"[^A-Za-z0-9._-]+", "_", self.name)
+
+    @property
+    def guid(self) -> str:
+        return str(uuid.uuid5(uuid.NAMESPACE_URL, f"coilarray:{self.name}"))
+
+    @property
+    def software(self) -> tuple[str, str, str]:
+        """Vendor, application and version."""
+        return "coilarray", "coilarray", metadata.version("coilarray")
+
+    def attributes(self, function: Sequence[str], polarity: str = "") -> dict[str, tuple[str, ...]]:
+        """File attributes of one layer."""
+        attributes = {
+            ".GenerationSoftware": self.software,
+            ".ProjectId": (_field(self.name), self.guid, _field(self.revision)),
+            ".Part": ("Single",),
+            ".SameCoordinates": ("Original",),
+            ".FileFunction": tuple(function),
+        }
+        return attributes | ({".FilePolarity": (polarity,)} if polarity else {})
+
+
+class _Layer:
+    """Text of a Gerber layer as it grows.
+
+    A round aperture is defined at its first use.
+    """
+
+    def __init__(self) -> None:
+        self._apertures: dict[tuple[str, str], int] = {}
+        self._body: list[str] = []
+        self._selected = 0
+        self._at: tuple[str, str] | None = None
+
+    def attribute(self, command: str) -> None:
+        """Add an X2 command, such as "TO.N,coil1" or "TD"."""
+        self._body.append(f"%{command}*%")
+
+    def stroke(
+        self, start: FloatArray, end: FloatArray, width: float, function: str = "", middle: FloatArray | None = None
+    ) -> None:
+        """Draw a straight stroke or an arc.
+
+        An arc passes through `middle`. All points are in mm. Consecutive strokes share the point between them.
+        """
+        self._select(width, function)
+        if self._at != _coordinates(start):
+            self._operation(start, "D02")
+        centre = None if middle is None else arc_centre(start, middle, end)
+        if middle is None or centre is None:
+            self._operation(end, "D01")
+            return
+        self._body.append("G02*" if arc_size(start, middle, end)[1] < 0 else "G03*")
+        self._operation(end, "I{}J{}D01".format(*_coordinates(centre - start)))
+        self._body.append("G01*")
+
+    def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
+        """Flash a disc.
+
+        The place is in m, the diameter in mm.
+        """
+        self._select(diameter, function)
+        self._operation(_mm((x, y)), "D03")
+
+    def text(self, attributes: Mapping[str, Sequence[str]]) -> str:
+        """Return the file with its attributes."""
+        lines = [f"%TF{key},{','.join(value)}*%" for key, value in attributes.items()]
+        lines += ["%MOMM*%", f"%FSLAX4{_DIGITS}Y4{_DIGITS}*%", "G75*", "G01*", "%LPD*%"]
+        for (diameter, function), number in self._apertures.items():
+            definition = f"%ADD{number}C,{diameter}*%"
+            lines += [f"%TA.AperFunction,{function}*%", definition, "%TD*%"] if function else [definition]
+        return "\n".join([*lines, *self._body, "M02*"]) + "\n"
+
+    def _select(self, diameter: float, function: str) -> None:
+        key = (f"{diameter:.{_DIGITS}f}", function)
+        number = self._apertures.setdefault(key, len(self._apertures) + 10)  # smaller ones are reserved
+        if number != self._selected:
+            self._body.append(f"D{number}*")
+            self._selected = number
+
+    def _operation(self, at: FloatArray, code: str) -> None:
+        self._at = _coordinates(at)
+        self._body.append("X{}Y{}".format(*self._at) + f"{code}*")
+
+
+def _coordinates(at: FloatArray) -> tuple[str, str]:
+    """Write a point in mm as the format's whole numbers."""
+    x, y = np.rint(at * 10**_DIGITS).astype(np.int64).tolist()
+    return str(x), str(y)
+
+
+@dataclass(frozen=True)
+class _File:
+    name: str
+    text: str
+    function: tuple[str, ...]
+    polarity: str = ""
+
+
+def _copper_files(array: Array, project: _Project) -> Iterator[_File]:
+    names = array.stackup.names
+    for k, layer in enumerate(names):
+        side = "Top" if k == 0 else "Bot" if k == len(names) - 1 else "Inr"
+        file = {"Top": "F_Cu", "Bot": "B_Cu", "Inr": f"In{k}_Cu"}[side]
+        yield _gerber(project, file, _copper(array, layer), ("Copper", f"L{k + 1}", side), "Positive")
+
+
+def _copper(array: Array, name: str) -> _Layer:
+    """Make a copper layer of traces and pads."""
+    layer = _Layer()
+    holes = drills(array)
+    for placement in array.placements:
+        own = [hole for hole in holes if hole.net == placement.name]
+        layer.attribute(f"TO.N,{_field(placement.name)}")
+        for k in placement.lines_on(name):
+            line, widths = placement.to_board(placement.coil.lines[k]), _mm(placement.coil.widths[k]).tolist()
+            for piece in pieces_of(line, placement.coil.arcs_of(k)):
+                start, middle, end = map(_mm, piece.points(line))
+                layer.stroke(start, end, widths[piece.first], "Conductor", middle if piece.bulge else None)
+        for hole in own:
+            if hole.kind == "via" and name in hole.layers:
+                layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ViaPad")
+        for number, hole in enumerate((hole for hole in own if hole.kind == "terminal"), start=1):
+            if name in hole.layers:
+                layer.attribute(f"TO.P,{_field(placement.name)},{number}")
+                layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ComponentPad" if hole.drilled else "SMDPad,CuDef")
+        layer.attribute("TD")
+    return layer
+
+
+def _mask_files(array: Array, project: _Project) -> Iterator[_File]:
+    """Yield the solder masks, open at the pads of terminals."""
+    for side, file, name in (("Top", "F_Mask", array.stackup.names[0]), ("Bot", "B_Mask", array.stackup.names[-1])):
+        openings = _Layer()
+        for hole in drills(array):
+            if hole.kind == "terminal" and name in hole.layers:
+                openings.flash(hole.x, hole.y, float(_mm(hole.pad)))
+        yield _gerber(project, file, openings, ("Soldermask", side), "Negative")
+
+
+def _silk_file(array: Array, project: _Project) -> _File:
+    """Make the silk screen with the names of the coils."""
+    font = gerbonara("newstroke").Newstroke.load()
+    layer = _Layer()
+    for placement, label in zip(array.placements, silk_labels(array), strict=True):
+        if label is None:
+            continue
+        size = float(_mm(label.size))
+        text = " ".join(placement.name.split())  # the font has no other blanks
+        strokes = [np.array(stroke) for stroke in font.render(text, size=size, scale=(1, -1))]
+        points = np.vstack(strokes)
+        shift = _mm((label.x, label.y)) - 0.5 * (points.min(axis=0) + points.max(axis=0))
+        for stroke in strokes:
+            for start, end in pairwise(np.round(stroke + shift, _DIGITS)):
+                layer.stroke(start, end, _SILK_LINE * size)
+    return _gerber(project, "F_Silkscreen", layer, ("Legend", "Top"), "Positive")
+
+
+def _profile_file(array: Array, project: _Project) -> _File:
+    """Make the file of the board's edge."""
+    x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
+    corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)])
+    layer = _Layer()
+    for start, end in pairwise(corners):
+        layer.stroke(start, end, _PROFILE_LINE, "Profile")
+    return _gerber(project, "Edge_Cuts", layer, ("Profile", "NP"))
+
+
+def _gerber(project: _Project, name: str, layer: _Layer, function: tuple[str, ...], polarity: str = "") -> _File:
+    text = layer.text(project.attributes(function, polarity))
+    return _File(f"{project.stem}-{name}.gbr", text, function, polarity)
+
+
+def _drill_files(array: Array, project: _Project) -> Iterator[_File]:
+    """Yield a drill file for each span of layers."""
+    names = array.stackup.names
+    spans: dict[tuple[int, int], list[Drill]] = {}
+    for hole in drills(array):
+        if hole.drilled:
+            span = names.index(hole.layers[0]) + 1, names.index(hole.layers[-1]) + 1
+            spans.setdefault(span, []).append(hole)
+    for (first, last), holes in sorted(spans.items()):
+        outer = (first == 1) + (last == len(names))
+        kind = ("Buried", "Blind", "PTH")[outer]
+        file = f"{project.stem}-PTH.drl" if outer == 2 else f"{project.stem}-PTH-L{first}-L{last}.drl"
+        yield _excellon(project, file, holes, ("Plated", str(first), str(last), kind))
+
+
+def _excellon(project: _Project, name: str, holes: Sequence[Drill], function: tuple[str, ...]) -> _File:
+    """Make an Excellon file of plated holes."""
+    places: dict[float, list[str]] = {}
+    for hole in holes:
+        x, y = _mm((hole.x, hole.y)).tolist()
+        places.setdefault(float(_mm(hole.diameter)), []).append(f"X{x:.{_DIGITS}f}Y{y:.{_DIGITS}f}")
+    # Excellon has no attributes: they stand in comments of the header
+    lines = ["M48", *(f"; #@! TF{key},{','.join(value)}" for key, value in project.attributes(function).items())]
+    lines += ["METRIC", *(f"T{k:02d}C{diameter:.{_DIGITS}f}" for k, diameter in enumerate(places, start=1)), "%", "G05"]
+    for k, at in enumerate(places.values(), start=1):
+        lines += [f"T{k:02d}", *at]
+    return _File(name, "\n".join([*lines, "M30"]) + "\n", function)
+
+
+def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
+    """Make the text of the Gerber job file."""
+    stackup = array.stackup
+    vendor, application, version = project.software
+    x_min, y_min, x_max, y_max = array.bounds
+    layers: list[dict[str, Any]] = []
+    for k, (name, copper) in enumerate(zip(stackup.names, stackup.copper_thickness, strict=True)):
+        layers.append({"Type": "Copper", "Thickness": float(_mm(copper)), "Name": name})
+        if k + 1 < len(stackup.names):
+            layers.append(
+                {
+                    "Type": "Dielectric",
+                    "Thickness": float(_mm(stackup.dielectric_thickness[k])),
+                    "DielectricConstant": stackup.epsilon_r[k],
+                    "Name": f"{name}/{stackup.names[k + 1]}",
+                }
+            )
+    job = {
+        "Header": {"GenerationSoftware": {"Vendor": vendor, "Application": application, "Version": version}},
+        "GeneralSpecs": {
+            "ProjectId": {"Name": project.name, "GUID": project.guid, "Revision": project.revision},
+            "Size": {"X": float(_mm(x_max - x_min)), "Y": float(_mm(y_max - y_min))},
+            "LayerNumber": len(stackup.names),
+            "BoardThickness": float(_mm(stackup.thickness)),
+        },
+        "FilesAttributes": [
+            {"Path": file.name, "FileFunction": ",".join(file.function)}
+            | ({"FilePolarity": file.polarity} if file.polarity else {})
+            for file in files
+        ],
+        "MaterialStackup": layers,
+    }
+    return json.dumps(job, indent=2, ensure_ascii=False) + "\n"
+
+
+def _field(text: str) -> str:
+    """Escape characters with a meaning in Gerber attributes."""
+    return re.sub(r"[%*,\\\x00-\x1f]", lambda match: f"\\u{ord(match[0]):04X}", text)
+
+
+def _mm(lengths: npt.ArrayLike) -> FloatArray:
+    """Convert lengths to mm, rounded for the file.
+
+    Negative zeros are avoided.
+    """
+    return np.round(np.asarray(lengths, dtype=np.float64) * _MM, _DIGITS) + 0.0

@@ -1,0 +1,707 @@
+"""KiCad project folders: the board, its rules, and footprints of its coils."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import tempfile
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import IntArray
+from coilarray.compute.files import announce, hidden_prefix, make_folder, remove_left
+from coilarray.errors import OutputError
+from coilarray.fabrication.silk import Label, silk_labels
+from coilarray.geometry.arcs import pieces_of
+from coilarray.geometry.array import Array, Placement
+from coilarray.geometry.copper import Drill, drills
+from coilarray.geometry.rules import FabRules
+from coilarray.geometry.stackup import Stackup
+
+# The format of KiCad 6, the oldest with a stack-up in today's form. Later versions read it too.
+FILE_VERSION = "20211014"
+
+# Generator named in every file.
+GENERATOR = "coilarray"
+
+# KiCad's unit of length.
+_NANOMETRES = 1e9
+
+# Namespace of the identifiers of everything that this package writes.
+_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "coilarray")
+
+# The layers of a board beside its copper: number, name, and the shown name if it differs.
+OTHER_LAYERS = (
+    (34, "B.Paste", ""), (35, "F.Paste", ""), (36, "B.SilkS", "B.Silkscreen"), (37, "F.SilkS", "F.Silkscreen"),
+    (38, "B.Mask", ""), (39, "F.Mask", ""), (40, "Dwgs.User", "User.Drawings"), (41, "Cmts.User", "User.Comments"),
+    (44, "Edge.Cuts", ""), (45, "Margin", ""), (46, "B.CrtYd", "B.Courtyard"), (47, "F.CrtYd", "F.Courtyard"),
+    (48, "B.Fab", ""), (49, "F.Fab", ""),
+)  # fmt: skip
+_MOST_COPPER_LAYERS = 32
+BOTTOM = 31
+# Characters that KiCad's dialogue refuses in a layer's name.
+_FORBIDDEN = frozenset('\\/:*?"<>|%')
+# Height in m of the letters that are not printed.
+_FAB_LETTERS = 1e-3
+# Width of a stroke by the height of its letter, KiCad's own.
+_STROKE = 0.15
+# Attributes of a coil, which is not bought or placed.
+_NO_PART = ("exclude_from_pos_files", "exclude_from_bom")
+
+
+def node(name: str, *items: str) -> str:
+    """Write an expression on one line: ``(name item item)``."""
+    return f"({' '.join((name, *items))})"
+
+
+def block(name: str, head: Iterable[str], children: Iterable[str]) -> str:
+    """Write an expression with each child on its own lines.
+
+    The children are indented by two spaces.
+    """
+    lines = [f"({' '.join((name, *head))}"]
+    for child in children:
+        lines += [f"  {line}" for line in child.split("\n")]
+    return "\n".join((*lines, ")"))
+
+
+def on_layer(name: str) -> str:
+    """Write the ``(layer …)`` of one of KiCad's layers."""
+    return node("layer", quoted(name))
+
+
+def quoted(text: str) -> str:
+    r"""Text in quotes, with escaped backslashes, quotes and newlines.
+
+    Examples
+    --------
+    >>> quoted('a "b"')
+    '"a \\"b\\""'
+    """
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\r", "\\r")
+    return f'"{escaped}"'
+
+
+def nanometres(metres: npt.ArrayLike) -> IntArray:
+    """Round lengths in m to whole numbers of nanometres."""
+    return np.rint(np.asarray(metres, dtype=np.float64) * _NANOMETRES).astype(np.int64)
+
+
+def mm(nm: int) -> str:
+    """Write a whole number of nanometres in mm, exactly.
+
+    Examples
+    --------
+    >>> mm(-1_500_000), mm(100), mm(2_000_000)
+    ('-1.5', '0.0001', '2')
+    """
+    whole, part = divmod(abs(nm), 1_000_000)
+    digits = f"{whole}.{part:06d}".rstrip("0").rstrip(".")
+    return f"-{digits}" if nm < 0 else digits
+
+
+def length(metres: float) -> str:
+    """Write a length in mm, rounded to 1 nm.
+
+    `metres` is the length in m.
+    """
+    return mm(int(nanometres(metres)))
+
+
+def at(name: str, point: npt.ArrayLike) -> str:
+    """Write the position ``(name x y)`` of a point.
+
+    The point is in nm. The point is on the sheet.
+    """
+    x, y = np.asarray(point).tolist()
+    return node(name, mm(x), mm(y))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Mapping of a design into one file.
+
+    `root` begins the identifiers of the file's pieces. `layers` are KiCad's names of the stack-up's copper layers. `x0`
+    and `y0` are the origin of the design on the sheet in nm. The sheet's y axis points down.
+    """
+
+    root: str
+    layers: dict[str, str]
+    x0: int = 0
+    y0: int = 0
+
+    def points(self, xy: npt.ArrayLike) -> IntArray:
+        """Transform points of the design to the sheet, in nm.
+
+        The points have the shape (…, 2), in m.
+        """
+        return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
+
+    def point(self, x: float, y: float) -> IntArray:
+        """Transform a point of the design to the sheet.
+
+        The point is in m. The result has the shape (2,), in nm.
+        """
+        return self.points((x, y))
+
+    def within(self, part: str) -> Drawing:
+        """Return the drawing of a part, with its own identifiers."""
+        return replace(self, root=f"{self.root}/{part}")
+
+    def layer(self, name: str) -> str:
+        """Write the ``(layer …)`` of a copper layer.
+
+        The layer belongs to the stack-up.
+        """
+        return on_layer(self.layers[name])
+
+    def identifier(self, *parts: object) -> str:
+        """Write the ``(tstamp …)`` of a piece.
+
+        The piece is named by the parts. It is the same for the same design.
+        """
+        return node("tstamp", str(uuid.uuid5(_NAMESPACE, "/".join(map(str, (self.root, *parts))))))
+
+
+def copper_names(stackup: Stackup) -> dict[str, str]:
+    """KiCad's name of each copper layer, top to bottom.
+
+    The names are F.Cu, In1.Cu, …, B.Cu. A single layer is F.Cu.
+
+    Raises OutputError for an odd number of layers above one, more than 32, or a name that KiCad cannot hold.
+
+    Examples
+    --------
+    >>> copper_names(Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,)))
+    {'L1': 'F.Cu', 'L2': 'B.Cu'}
+    """
+    n = len(stackup.names)
+    if n > _MOST_COPPER_LAYERS or (n > 1 and n % 2 == 1):
+        raise OutputError(
+            f"a KiCad board must have one copper layer or an even number up to {_MOST_COPPER_LAYERS}; got {n}."
+        )
+    kicad = ["F.Cu", *(f"In{k}.Cu" for k in range(1, n - 1)), "B.Cu"][:n]
+    taken = {name for _, *names in OTHER_LAYERS for name in names}
+    for own, canonical in zip(stackup.names, kicad, strict=True):
+        if not own.strip() or own == "signal" or _FORBIDDEN & set(own) or not own.isprintable():
+            raise OutputError(
+                'a layer name for KiCad must be printable, not empty, not "signal" and without \\ / : * ? " < > | %; '
+                f"got {own!r}."
+            )
+        if own != canonical and (own in taken or own in _ALL_COPPER):
+            raise OutputError(f"layer {own!r} must have another name for KiCad, where it would be {canonical}.")
+    return dict(zip(stackup.names, kicad, strict=True))
+
+
+_ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM))})
+
+
+def library_footprints(array: Array) -> dict[str, str]:
+    """Write footprints of all coil shapes.
+
+    There is a footprint for every shape and set of layers. It is named after the first coil with this shape and these
+    layers.
+
+    Pads 1 and 2 are the terminals. A footprint has no vias. They are pads V1, V2, … without a net. The winding is drawn
+    as lines on the copper layers. The footprint is a net tie, KiCad's word for a part that joins nets on purpose.
+    KiCad's check then allows different nets at the terminals, as a coil has in a circuit.
+
+    All holes go through the board, because pads of a footprint have no blind holes.
+    """
+    shapes: dict[tuple[int, tuple[str, ...]], list[Placement]] = {}
+    for placement in array.placements:
+        shapes.setdefault((id(placement.coil), placement.layers), []).append(placement)
+    return {alike[0].name: _winding(array, alike) for alike in shapes.values()}
+
+
+def _winding(array: Array, alike: Sequence[Placement]) -> str:
+    """Footprint of equal coils, in the frame of their shape.
+
+    The coils differ in place and rotation only.
+    """
+    name = alike[0].name
+    placement = replace(alike[0], name="REF**", x=0.0, y=0.0, rotation=0.0)
+    single = replace(array, placements=(placement,), through_holes=True)
+    drawing = Drawing(f"footprint/{name}", copper_names(array.stackup))
+    users = ", ".join(user.name for user in alike)
+    children = [
+        node("descr", quoted(f"winding of {users} on {', '.join(placement.layers)}")),
+        # how the format of KiCad 6 marks a net tie. Later versions read it as a group of all pads
+        node("tags", quoted("net tie planar coil")),
+        _attributes(placement),
+        _reference(placement, silk_labels(single)[0], drawing),
+        _value(name, drawing),
+        _outline(placement, drawing),
+        *(
+            node(f"fp_{'line' if len(ends) == 2 else 'arc'}", *ends, layer, width, drawing.identifier("line", k))
+            for k, (ends, width, layer) in enumerate(tracks(placement, drawing))
+        ),
+        *_via_pads(single, placement, drawing),
+        *_terminal_pads(single, placement, (), drawing),
+    ]
+    head = (quoted(name), node("version", FILE_VERSION), node("generator", GENERATOR), on_layer("F.Cu"))
+    return block("footprint", head, children) + "\n"
+
+
+def terminal_footprint(array: Array, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
+    """Write the footprint with a coil's terminals and its label.
+
+    The label, if any, is the coil's name on the board. `net` is the ``(net …)`` of the pads. `drawing` is the coil's
+    part of the board's drawing. The footprint belongs to no library, because the tracks of the board are the winding.
+    """
+    children = [
+        drawing.identifier("footprint"),
+        at("at", drawing.point(placement.x, placement.y)),
+        _attributes(placement, "board_only"),
+        _reference(placement, label, drawing),
+        _value("coil", drawing),
+        *_terminal_pads(array, placement, (net,), drawing),
+    ]
+    return block("footprint", (quoted("coil_terminals"), on_layer("F.Cu")), children)
+
+
+def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, ...], str, str]]:
+    """Yield the pieces of a coil's path.
+
+    A piece has (start …), the (mid …) of an arc, (end …), then (width …) and (layer …).
+    """
+    last: IntArray | None = None
+    for k, (line, widths, layer) in enumerate(placement.traces()):
+        points = drawing.points(line)
+        if last is not None:
+            points[0] = last  # the ends of consecutive lines agree to 1 nm only
+        last = points[-1]
+        for piece in pieces_of(line, placement.coil.arcs_of(k)):
+            start, end = points[piece.first], points[piece.last]
+            if (start != end).any():
+                middle = (at("mid", drawing.points(piece.points(line)[1])),) if piece.bulge else ()
+                ends = (at("start", start), *middle, at("end", end))
+                yield ends, node("width", length(widths[piece.first])), drawing.layer(layer)
+
+
+def holes_of(
+    array: Array, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
+) -> list[tuple[Drill, IntArray]]:
+    """Holes of one coil with places in nm.
+
+    The places are on the sheet. They are in the order of the path.
+    """
+    own = drills(array.with_placements((placement,)))
+    return [(hole, drawing.point(hole.x, hole.y)) for hole in own if hole.kind == kind]
+
+
+def _attributes(placement: Placement, *more: str) -> str:
+    return node("attr", "smd" if placement.coil.terminal is None else "through_hole", *more, *_NO_PART)
+
+
+def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
+    """Write the coil's name as reference.
+
+    It is on the silk screen if it fits.
+    """
+    if label is None:
+        return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
+    place = drawing.point(label.x, label.y) - drawing.point(placement.x, placement.y)
+    return _text("reference", placement.name, at("at", place), "F.SilkS", label.size, drawing)
+
+
+def _value(value: str, drawing: Drawing) -> str:
+    return _text("value", value, at("at", (0, 2_000_000)), "F.Fab", _FAB_LETTERS, drawing)
+
+
+def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: Drawing) -> str:
+    size = node("size", length(height), length(height))
+    font = node("font", size, node("thickness", length(_STROKE * height)))
+    rest = (on_layer(layer), node("effects", font), drawing.identifier(kind))
+    return node("fp_text", kind, quoted(text), place, *rest)
+
+
+def _outline(placement: Placement, drawing: Drawing) -> str:
+    """Outline of the winding for the assembly drawing.
+
+    There is no courtyard, since coils of an array may overlap.
+    """
+    points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
+    style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
+    return node("fp_poly", points, *style, drawing.identifier("outline"))
+
+
+def _via_pads(array: Array, placement: Placement, drawing: Drawing) -> Iterator[str]:
+    """Yield the pads V1, V2, … for vias.
+
+    They are under the solder mask.
+    """
+    for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
+        layers = node("layers", _through(array))
+        drill = node("drill", length(hole.diameter))
+        yield _pad(f"V{k + 1}", "thru_hole", point, hole.pad, drill, layers, drawing.identifier("via", k))
+
+
+def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
+    """Yield pads 1 and 2 at the path's ends.
+
+    A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the solder mask, that
+    adds no copper. For KiCad's check it marks the intended end of the track.
+    """
+    coil = placement.coil
+    origin = drawing.point(placement.x, placement.y)
+    ends = drawing.points(placement.to_board(coil.terminal_points)) - origin
+    layers = (placement.layers[0], placement.layers[-1])
+    widths = (coil.widths[0][0], coil.widths[-1][-1])
+    holes = [hole for hole, _ in holes_of(array, placement, "terminal", drawing)]
+    for k, (end, layer, width) in enumerate(zip(ends, layers, widths, strict=True)):
+        number, rest = str(k + 1), (*net, drawing.identifier("terminal", k))
+        copper = drawing.layers[layer]
+        if not holes:
+            yield _pad(number, "smd", end, width, node("layers", quoted(copper)), *rest)
+        elif holes[k].drilled:
+            drill = node("drill", length(holes[k].diameter))
+            both = node("layers", _through(array), quoted("*.Mask"))
+            yield _pad(number, "thru_hole", end, holes[k].pad, drill, both, *rest)
+        else:
+            mask = () if copper.startswith("In") else (quoted(copper.replace(".Cu", ".Mask")),)
+            yield _pad(number, "smd", end, holes[k].pad, node("layers", quoted(copper), *mask), *rest)
+
+
+def _through(array: Array) -> str:
+    """Copper layers of a hole through the board.
+
+    The back of a board of one copper layer stays empty.
+    """
+    return quoted("*.Cu" if len(array.stackup.names) > 1 else "F.Cu")
+
+
+def _pad(number: str, kind: str, point: IntArray, diameter: float, *rest: str) -> str:
+    size = node("size", length(diameter), length(diameter))
+    return node("pad", quoted(number), kind, "circle", at("at", point), size, *rest)
+
+
+# Names allowed in design files, which become names of files, nets and parts.
+_NAME = re.compile(r"[A-Za-z0-9_.+][A-Za-z0-9_.+-]*")
+# Sheets of paper, landscape, and the sides of the largest sheet that KiCad takes, in mm.
+_PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
+_LARGEST_SHEET = 1219
+# Least distance of the board from the sheet's edges in mm; A4's title block is 34 mm high.
+_SHEET_MARGIN = 40
+# KiCad has no board of one copper layer: below it, this much laminate in m and an empty layer.
+_BACKING = 1.5e-3
+_BACKING_EPSILON_R = 4.5
+
+
+def write_kicad(
+    array: Array,
+    path: Path,
+    *,
+    name: str,
+    rules: FabRules,
+    title: str = "",
+    check: Callable[[Path], None] | None = None,
+) -> tuple[Path, ...]:
+    """Write a KiCad project folder for KiCad 6 and later.
+
+    It was tried with 6.0.11 and 9.0.2.
+
+    Parameters
+    ----------
+    array : Array
+        The board.
+    path : Path
+        The folder, made completely or not at all. In an existing folder the files of the project are replaced, all or
+        none, and all other files stay.
+    name : str
+        Name of the project: letters, digits, ``_ . + -``, with ``-`` not first.
+    rules : FabRules
+        Limits of KiCad's own check.
+    title : str
+        Title on the sheet. By default it is the name.
+    check : callable, optional
+        Called with the path of the finished board before any file is moved to its place. If it raises, nothing is
+        changed.
+
+    Returns
+    -------
+    tuple of Path
+        ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint ``<name>.pretty/<coil>.kicad_mod``
+        for every coil shape and set of layers.
+
+    Raises
+    ------
+    OutputError
+        If the path cannot be written, the name is not allowed, the board is larger than any sheet, or KiCad cannot hold
+        the copper layers: more than 32, an odd number above one, or refused names.
+
+    Notes
+    -----
+    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid. KiCad's y points
+    down. Lengths are rounded to 1 nm. Each coil is a net with its name. Its path consists of tracks and vias, and its
+    ends are the pads 1 and 2 of a footprint whose reference is the coil's name. The same design gives the same bytes.
+
+    A board of one copper layer gets an empty second layer, B.Cu, because KiCad requires two.
+
+    With blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad has no outer
+    layers"), because nothing can be soldered there.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_kicad(board, Path(folder) / "out", name="board", rules=FabRules())
+    >>> [file.name for file in files]
+    ['board.kicad_pcb', 'board.kicad_pro', 'fp-lib-table', 'A.kicad_mod']
+    """
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"cannot make the folder {path}: a file has that name.")
+    for what, text in (("project", name), *(("coil", coil) for coil in array.names)):
+        if not _NAME.fullmatch(text):
+            raise OutputError(
+                f"the name of a {what} for KiCad must be letters, digits, _ . + - and not begin with -; got {text!r}."
+            )
+    texts = {
+        f"{name}.kicad_pcb": board_text(array, name, title or name),
+        f"{name}.kicad_pro": _project_text(array, name, rules),
+        "fp-lib-table": _library_table_text(name),
+    }
+    for footprint, text in library_footprints(array).items():
+        texts[f"{name}.pretty/{footprint}.kicad_mod"] = text
+    _write_folder(path, texts, check)
+    return tuple(path / file for file in texts)
+
+
+def board_text(array: Array, name: str, title: str) -> str:
+    """Text of the ``.kicad_pcb`` file of `write_kicad`."""
+    layers = copper_names(array.stackup)
+    paper, drawing = _sheet(array, name, layers)
+    origin = (drawing.x0, drawing.y0)
+    thickness = array.stackup.thickness  # of KiCad's board
+    if len(layers) == 1:
+        thickness += _BACKING + array.stackup.copper_thickness[0]
+    setup = (
+        _stackup(array.stackup, layers),
+        node("pad_to_mask_clearance", "0"),
+        at("aux_axis_origin", origin),
+        at("grid_origin", origin),
+        # plot from the drill origin: Gerbers have the coordinates of the design
+        node("pcbplotparams", node("useauxorigin", "true")),
+    )
+    children = [
+        node("general", node("thickness", length(thickness))),
+        node("paper", *paper),
+        node("title_block", node("title", quoted(title))),
+        _layer_table(layers),
+        block("setup", (), setup),
+        node("net", "0", quoted("")),
+        *(node("net", str(k), quoted(net)) for k, net in enumerate(array.names, start=1)),
+        *_coils(array, drawing),
+        _edge(array, drawing),
+    ]
+    return block("kicad_pcb", (node("version", FILE_VERSION), node("generator", GENERATOR)), children) + "\n"
+
+
+def _sheet(array: Array, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
+    """Choose the smallest sheet and centre the board on it.
+
+    The sheet is named as in KiCad.
+    """
+    x_min, y_min, x_max, y_max = (1e3 * edge for edge in array.bounds)
+    width, height = x_max - x_min + 2 * _SHEET_MARGIN, y_max - y_min + 2 * _SHEET_MARGIN
+    if max(width, height) > _LARGEST_SHEET:
+        raise OutputError(
+            f"a board for KiCad must be at most {_LARGEST_SHEET - 2 * _SHEET_MARGIN} mm wide and high; "
+            f"got {x_max - x_min:.4g} mm x {y_max - y_min:.4g} mm."
+        )
+    # a sheet of its own size if no paper fits
+    sheet = (math.ceil(width), math.ceil(height))
+    paper: tuple[str, ...] = (quoted("User"), *map(str, sheet))
+    for known, (w, h) in reversed(_PAPERS.items()):
+        if width <= w and height <= h:
+            sheet, paper = (w, h), (quoted(known),)
+    # to whole micrometres, for readable numbers
+    x0 = round((sheet[0] - x_min - x_max) / 2 * 1e3) * 1000
+    y0 = round((sheet[1] + y_min + y_max) / 2 * 1e3) * 1000
+    return paper, Drawing(name, layers, x0, y0)
+
+
+def _layer_table(layers: dict[str, str]) -> str:
+    """Make the table of the board's layers."""
+    table = [(BOTTOM if kicad == "B.Cu" else k, kicad, "signal", own) for k, (own, kicad) in enumerate(layers.items())]
+    if len(layers) == 1:
+        table.append((BOTTOM, "B.Cu", "signal", "B.Cu"))
+    table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
+    rows = (
+        node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
+        for number, kicad, kind, shown in table
+    )
+    return block("layers", (), rows)
+
+
+def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
+    """Make the stack-up of a board."""
+    copper = [(kicad, thickness) for kicad, thickness in zip(layers.values(), stackup.copper_thickness, strict=True)]
+    slabs = list(zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True))
+    if len(layers) == 1:
+        copper.append(("B.Cu", stackup.copper_thickness[0]))
+        slabs.append((_BACKING, _BACKING_EPSILON_R))
+    # KiCad drops the whole stack-up if it lacks a layer of the board, such as its paste
+    outer = (("SilkS", "Silk Screen"), ("Paste", "Solder Paste"), ("Mask", "Solder Mask"))
+    lines = [_stackup_layer(f"F.{layer}", f"Top {kind}") for layer, kind in outer]
+    for k, (kicad, thickness) in enumerate(copper):
+        lines.append(_stackup_layer(kicad, "copper", node("thickness", length(thickness))))
+        if k < len(slabs):
+            # cores and prepregs alternate, with a core in the middle
+            kind = "core" if (k - len(slabs) // 2) % 2 == 0 else "prepreg"
+            epsilon = node("epsilon_r", repr(float(slabs[k][1])))
+            lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
+    lines += [_stackup_layer(f"B.{layer}", f"Bottom {kind}") for layer, kind in reversed(outer)]
+    # no (dielectric_constraints yes): it would put permittivities into KiCad's job file, and order impedance control
+    return block("stackup", (), lines)
+
+
+def _stackup_layer(name: str, kind: str, *properties: str) -> str:
+    return node("layer", quoted(name), node("type", quoted(kind)), *properties)
+
+
+def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
+    """Yield the footprints, tracks and vias of all coils."""
+    for number, (placement, label) in enumerate(zip(array.placements, silk_labels(array), strict=True), start=1):
+        own = drawing.within(placement.name)
+        net = node("net", str(number))
+        yield terminal_footprint(array, placement, label, node("net", str(number), quoted(placement.name)), own)
+        for k, (ends, width, layer) in enumerate(tracks(placement, own)):
+            kind = "segment" if len(ends) == 2 else "arc"
+            yield node(kind, *ends, width, layer, net, own.identifier("track", k))
+        yield from _vias(array, placement, net, own)
+
+
+def _vias(array: Array, placement: Placement, net: str, drawing: Drawing) -> Iterator[str]:
+    """Yield the vias of one coil."""
+    for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
+        through = hole.layers == array.stackup.names
+        ends = (drawing.layers[hole.layers[0]], drawing.layers[hole.layers[-1]])
+        sizes = (node("size", length(hole.pad)), node("drill", length(hole.diameter)))
+        rest = (at("at", point), *sizes, node("layers", *map(quoted, ends)), net, drawing.identifier("via", k))
+        yield node("via", *(() if through else ("blind",)), *rest)
+
+
+def _edge(array: Array, drawing: Drawing) -> str:
+    x_min, y_min, x_max, y_max = array.bounds
+    corners = (at("start", drawing.point(x_min, y_max)), at("end", drawing.point(x_max, y_min)))
+    style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
+    return node("gr_rect", *corners, *style, drawing.identifier("edge"))
+
+
+def _project_text(array: Array, name: str, rules: FabRules) -> str:
+    """Text of a ``.kicad_pro`` file.
+
+    The first coil gives the sizes that KiCad offers for new tracks and vias.
+
+    The text is JSON without severities, so KiCad's own severities hold. KiCad has no limit for turns of one net, so
+    `FabRules.min_gap` holds between nets only. The distance of foreign copper to a hole's wall has the same limit.
+    """
+
+    def mm(metres: float) -> float:
+        return round(metres * 1e3, 6)  # to 1 nm
+
+    coil = array.placements[0].coil
+    gap = mm(rules.min_gap)
+    limits = {
+        "allow_blind_buried_vias": not array.through_holes,
+        "allow_microvias": False,
+        "min_clearance": gap,
+        "min_copper_edge_clearance": mm(rules.min_edge_clearance),
+        "min_hole_clearance": gap,
+        "min_hole_to_hole": mm(rules.min_hole_spacing),
+        "min_through_hole_diameter": mm(rules.min_drill),
+        "min_track_width": mm(rules.min_trace),
+        "min_via_annular_width": mm(rules.min_annular_ring),
+        "min_via_diameter": mm(rules.min_drill + 2 * rules.min_annular_ring),
+    }
+    default_class = {
+        "name": "Default",
+        "clearance": gap,
+        "track_width": mm(coil.trace_width),
+        "via_diameter": mm(coil.via.pad),
+        "via_drill": mm(coil.via.drill),
+    }
+    project = {
+        "board": {"design_settings": {"meta": {"version": 2}, "rules": limits}},
+        "meta": {"filename": f"{name}.kicad_pro", "version": 1},
+        "net_settings": {"classes": [default_class], "meta": {"version": 2}},
+    }
+    return json.dumps(project, indent=2) + "\n"
+
+
+def _library_table_text(name: str) -> str:
+    """Text of the project's ``fp-lib-table``.
+
+    With it KiCad finds the footprints of the project. The library has the project's name.
+    """
+    folder = f"${{KIPRJMOD}}/{name}.pretty"
+    fields = {"name": name, "type": "KiCad", "uri": folder, "options": "", "descr": "windings of the coils"}
+    library = node("lib", *(node(key, quoted(value)) for key, value in fields.items()))
+    return block("fp_lib_table", (), (library,)) + "\n"
+
+
+def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:
+    """Write files and move them into a folder.
+
+    The folder is made beside `path` and renamed, or its files are moved into an existing folder. If OutputError is
+    raised, a new folder does not remain, and an existing folder is unchanged.
+    """
+    try:
+        remove_left(path.parent)
+        with tempfile.TemporaryDirectory(prefix=hidden_prefix(path.name), dir=path.parent) as temporary:
+            staged = Path(temporary) / "project"
+            for file, text in texts.items():
+                (staged / file).parent.mkdir(parents=True, exist_ok=True)
+                (staged / file).write_text(text, encoding="utf-8", newline="\n")
+            if check is not None:
+                check(staged / next(iter(texts)))
+            for file in texts:
+                announce(staged / file, path / file)
+            if path.exists():
+                _replace_files(path, staged, texts, Path(temporary) / "before")
+            else:
+                staged.rename(path)
+    except OSError as error:
+        place = error.filename2 or path  # the target of a file that could not be moved
+        raise OutputError(f"cannot write {place}: {error.strerror or error}.") from None
+
+
+def _replace_files(path: Path, staged: Path, files: Iterable[str], before: Path) -> None:
+    """Move files into a folder, and undo it on failure.
+
+    `before` holds the copies of the replaced files, which are put back.
+    """
+    made: list[Path] = []
+    replaced: list[str] = []
+    try:
+        for file in files:
+            folder = (path / file).parent
+            if not folder.is_dir():
+                make_folder(folder)
+                made.append(folder)
+            if (path / file).exists():
+                make_folder((before / file).parent)
+                shutil.copy2(path / file, before / file)
+        for file in files:
+            (staged / file).replace(path / file)
+            replaced.append(file)
+    except BaseException:
+        for file in replaced:
+            if (before / file).exists():
+                (before / file).replace(path / file)
+            else:
+                (path / file).unlink()
+        for folder in made:
+            folder.rmdir()
+        raise

@@ -1,0 +1,489 @@
+"""Net check on copper itself: which pieces are connected through the plated holes, and whether they are the coils."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.geometry.arcs import Point, place_in_mm
+from coilarray.geometry.array import Array, Placement
+from coilarray.geometry.copper import Drill, disc, drills, groups, segment_rectangles, trace_outline
+
+if TYPE_CHECKING:
+    from coilarray.fabrication.board import BoardCopper
+
+# Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
+_TOUCHING = 1e-8
+# A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3 µm off the circle.
+_BARREL_MARGIN = 1e-6
+# Segments a quarter of a stroke's round end: within 1.2e-3 of its radius, 1 µm for a trace of 1.6 mm.
+_STROKE_QUADRANT = 16
+# Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out there.
+_SHARP = np.cos(np.radians(100.0))
+
+
+@dataclass(frozen=True)
+class Barrel:
+    """Plated wall of a hole.
+
+    Parameters
+    ----------
+    x, y : float
+        Centre in m.
+    drill : float
+        Diameter of the hole in m.
+    layers : tuple of str
+        Copper layers that it joins.
+    """
+
+    x: float
+    y: float
+    drill: float
+    layers: tuple[str, ...]
+
+
+FaultKind = Literal["bridge", "cut", "missing", "foreign", "net"]
+Place = Sequence[float] | FloatArray
+
+
+@dataclass(frozen=True)
+class NetFault:
+    """Difference between the copper of a file and its coils.
+
+    Parameters
+    ----------
+    kind : {"bridge", "cut", "missing", "foreign", "net"}
+        "bridge": two coils in one piece. "cut": a terminal cut off. "missing": copper or a hole missing beside an
+        unbroken path. "foreign": copper or a hole that the design does not have. "net": copper with no net or with the
+        net of another coil.
+    coils : tuple of str
+        The coils concerned. Empty for copper that touches no coil.
+    layer : str
+        Copper layer of the place. For a hole it is the uppermost layer.
+    x, y : float
+        Place in m.
+    text : str
+        One line with the place in mm.
+    """
+
+    kind: FaultKind
+    coils: tuple[str, ...]
+    layer: str
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
+class NetCheck:
+    """Result of a net check.
+
+    Parameters
+    ----------
+    pieces : int
+        Number of connected pieces of copper.
+    faults : tuple of NetFault
+        Bridges first, then cuts, missing and foreign copper.
+    """
+
+    pieces: int
+    faults: tuple[NetFault, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the copper is exactly the coils."""
+        return not self.faults
+
+
+def connected_pieces(
+    layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
+) -> tuple[dict[str, BaseGeometry], ...]:
+    """Sort copper into connected pieces.
+
+    Copper is connected on a layer by touching, and between layers through plated holes.
+
+    Parameters
+    ----------
+    layers : mapping of str to sequence of shapely geometry
+        Copper of each layer in m, in any number of parts, which may overlap.
+    holes : sequence of Barrel
+        Plated holes. A hole joins the layers it names if copper meets its wall.
+
+    Returns
+    -------
+    tuple of dict of str to shapely geometry
+        United copper of each piece, on every layer where it has copper.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
+    ...           "bottom": [shapely.box(0, 0, 1e-3, 1e-4)]}
+    >>> len(connected_pieces(layers, [])), len(connected_pieces(layers, [Barrel(5e-4, 0, 2e-4, ("top", "bottom"))]))
+    (2, 1)
+    """
+    parts = {layer: _parts(copper) for layer, copper in layers.items()}
+    first = dict(zip(parts, np.cumsum([0, *map(len, parts.values())]).tolist(), strict=False))
+    count = sum(map(len, parts.values()))
+    centres = np.array([shapely.Point(hole.x, hole.y) for hole in holes], dtype=object)
+    radius = np.array([hole.drill / 2 + _BARREL_MARGIN for hole in holes])
+    met = []
+    for layer, shapes in parts.items():
+        tree = shapely.STRtree(shapes)
+        i, j = tree.query(shapes, predicate="dwithin", distance=_TOUCHING)
+        met.append(np.column_stack((i, j)) + first[layer])
+        piercing = np.array([k for k, hole in enumerate(holes) if layer in hole.layers], dtype=np.int64)
+        if len(piercing):
+            h, j = tree.query(centres[piercing], predicate="dwithin", distance=radius[piercing])
+            met.append(np.column_stack((piercing[h] + count, j + first[layer])))
+    label = np.array(groups(count + len(holes), np.vstack(met) if met else ()))
+    pieces: dict[int, dict[str, BaseGeometry]] = {}
+    for layer, shapes in parts.items():
+        of_layer = label[first[layer] : first[layer] + len(shapes)]
+        for piece in np.unique(of_layer).tolist():
+            pieces.setdefault(piece, {})[layer] = shapely.union_all(shapes[of_layer == piece])
+    return tuple(pieces.values())
+
+
+def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
+    """Copper and holes of a board, as input of `check_nets`.
+
+    The board comes from any reader. Tracks have round ends and pads are round. The copper is given by outlines in m,
+    for every layer of the stack-up.
+    """
+    layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
+    ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))
+    strokes = shapely.buffer(ways, [track.width / 2 for track in board.tracks], quad_segs=_STROKE_QUADRANT)
+    for track, stroke in zip(board.tracks, strokes, strict=True):
+        layers[track.layer].append(stroke)
+    for hole in board.holes:
+        for layer in hole.layers:
+            layers[layer].append(disc(hole.x, hole.y, hole.pad))
+    for pad in board.pads:
+        layers[pad.layer].append(disc(pad.x, pad.y, pad.size))
+    for area in board.areas:
+        layers[area.layer].append(area.shape)
+    return layers, [Barrel(hole.x, hole.y, hole.drill, hole.layers) for hole in board.holes]
+
+
+def check_nets(
+    array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
+) -> NetCheck:
+    """Compare the copper of a file with its coils.
+
+    Parameters
+    ----------
+    array : Array
+        The design.
+    layers : mapping of str to sequence of shapely geometry
+        Copper of the file in m by name of the layer. A layer that is left out has no copper.
+    holes : sequence of Barrel
+        Plated holes of the file.
+    tolerance : float
+        Length in m by which shapes may differ, because of rounding and polygons of arcs in files.
+
+    Returns
+    -------
+    NetCheck
+        The result. It has passed if both terminals of every coil are in one piece, no two coils are in one piece, all
+        copper and holes of every coil are present, also if they carry no current, and nothing else is present.
+
+    Raises
+    ------
+    GeometryError
+        If the stack-up does not have a layer.
+
+    Notes
+    -----
+    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper that
+    joins neighbouring turns of one coil is foreign: the pieces alone would not show it.
+    """
+    for layer in layers:
+        array.stackup.index(layer)
+    pieces = connected_pieces(layers, holes)
+    design_holes = drills(array)
+    coils = [_Coil.of(placement, design_holes, tolerance) for placement in array.placements]
+    # the pieces lie apart
+    parts = {layer: _parts([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
+    copper = {layer: shapely.MultiPolygon(shapes.tolist()) for layer, shapes in parts.items()}
+    foreign_holes = [hole for hole in holes if not any(_same(hole, drill, tolerance) for drill in design_holes)]
+
+    bridges: list[NetFault] = []
+    cuts: list[NetFault] = []
+    missing: list[NetFault] = []
+    foreign = [_foreign_hole(hole) for hole in foreign_holes]
+    for piece in pieces:
+        owners = [coil for coil in coils if coil.lies_on(piece)]
+        if len(owners) > 1:
+            bridges += _bridges(piece, owners, foreign_holes, tolerance)
+        else:
+            foreign += _foreign_copper(piece, owners or coils, tolerance)
+    for coil in coils:
+        cut = coil.cut(pieces)
+        if cut is not None:
+            cuts.append(cut)
+        else:
+            missing += coil.missing(copper, holes, tolerance)
+    return NetCheck(len(pieces), (*bridges, *cuts, *missing, *foreign))
+
+
+def check_names(array: Array, board: BoardCopper) -> tuple[NetFault, ...]:
+    """Compare the nets of a board's copper with the coils.
+
+    The copper has passed `check_nets`. There is a fault for each track, hole or pad that has no net, or a net other
+    than the name of the coil on which it lies.
+    """
+    lines: list[tuple[str, str, BaseGeometry]] = [
+        (layer, placement.name, shapely.LineString(line))
+        for placement in array.placements
+        for line, _, layer in placement.traces()
+    ]
+    middles = [shapely.LineString([track.start, track.end]).centroid for track in board.tracks]
+    faults: list[NetFault] = []
+    for layer in array.stackup.names:
+        coils = [(name, way) for on, name, way in lines if on == layer]
+        copper = [(at, track.net) for at, track in zip(middles, board.tracks, strict=True) if track.layer == layer]
+        copper += [(shapely.Point(pad.x, pad.y), pad.net) for pad in board.pads if pad.layer == layer]
+        faults += _misnamed(f"copper on {layer}", layer, copper, coils)
+    bores = [(drill.net, shapely.Point(drill.x, drill.y)) for drill in drills(array) if drill.drilled]
+    holes = [(shapely.Point(hole.x, hole.y), hole.net) for hole in board.holes]
+    return (*faults, *_misnamed("a plated hole", array.stackup.names[0], holes, bores))
+
+
+def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
+    """Make a fault.
+
+    The place in mm is appended to the text.
+    """
+    return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
+
+
+def _misnamed(
+    what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
+) -> Iterator[NetFault]:
+    """Compare the net at every place with the coils.
+
+    The name of the nearest coil is expected.
+    """
+    if not coils or not places:
+        return
+    nearest = shapely.STRtree([shape for _, shape in coils]).query_nearest([at for at, _ in places], all_matches=False)
+    for (at, net), k in zip(places, nearest[1].tolist(), strict=True):
+        name = coils[k][0]
+        if net != name:
+            has = "no net" if net is None else f"the net {net}"
+            yield _fault("net", (name,), layer, (at.x, at.y), f"{what} of {name} has {has}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Coil:
+    """Least and most copper of one coil on each layer.
+
+    `least` must be covered: the rectangles of the segments and the rings of the pads, narrower by the tolerance. `most`
+    may be covered: the mitred outline with round ends and the full pads, wider by the tolerance.
+    """
+
+    name: str
+    lines: tuple[FloatArray, ...]
+    line_layers: tuple[str, ...]
+    drills: tuple[Drill, ...]
+    least: dict[str, BaseGeometry]
+    most: dict[str, BaseGeometry]
+
+    @staticmethod
+    def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
+        """Make the outlines of a placement.
+
+        `tolerance` is in m.
+        """
+        own = tuple(drill for drill in design_holes if drill.net == placement.name)
+        least: dict[str, list[BaseGeometry]] = {}
+        most: dict[str, list[BaseGeometry]] = {}
+        for line, widths, layer in placement.traces():
+            ends = np.stack((line[:-1], line[1:]), axis=1)
+            rectangles = np.asarray(shapely.polygons(segment_rectangles(ends, widths - 2 * tolerance)))
+            least.setdefault(layer, []).extend(rectangles)
+            most.setdefault(layer, []).append(trace_outline(line, widths + 2 * tolerance))
+            most[layer] += _round_ends(line, widths + 2 * tolerance)
+        for drill in own:
+            for layer in drill.layers:
+                least.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad - 2 * tolerance))
+                most.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad + 2 * tolerance))
+        bored = shapely.union_all([disc(d.x, d.y, d.diameter + 2 * tolerance) for d in own if d.drilled])
+        return _Coil(
+            placement.name,
+            tuple(line for line, _, _ in placement.traces()),
+            placement.layers,
+            own,
+            {layer: shapely.union_all(shapes) - bored for layer, shapes in least.items()},
+            {layer: shapely.union_all(shapes) for layer, shapes in most.items()},
+        )
+
+    def lies_on(self, piece: Mapping[str, BaseGeometry]) -> bool:
+        """Whether the centre lines meet the piece."""
+        return any(
+            layer in piece and shapely.intersects(piece[layer], shapely.LineString(line))
+            for line, layer in zip(self.lines, self.line_layers, strict=True)
+        )
+
+    def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
+        """Find where the path leaves the first terminal's piece.
+
+        None if both terminals are in one piece.
+        """
+        begin, end = self.lines[0][0], self.lines[-1][-1]
+        first, last = self.line_layers[0], self.line_layers[-1]
+        piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
+        if piece is None:
+            return _fault("cut", (self.name,), first, begin, f"terminal 1 of {self.name} has no copper on {first}")
+        if self._reached(piece, end, last):
+            return None
+        bored = shapely.union_all([disc(d.x, d.y, d.diameter) for d in self.drills if d.drilled])
+        off = f"terminal 2 of {self.name} at {place_in_mm(*end)} is cut off: "
+        for k, (line, layer) in enumerate(zip(self.lines, self.line_layers, strict=True)):
+            way = shapely.LineString(line)
+            lost = shapely.get_coordinates(way - bored - piece.get(layer, shapely.Polygon()))
+            if not len(lost):
+                continue
+            along = shapely.line_locate_point(way, shapely.points(lost))
+            place = lost[int(np.argmin(along))]
+            if k > 0 and not self._reached(piece, line[0], layer):
+                text = f"{off}nothing joins {self.line_layers[k - 1]} and {layer}"
+                return _fault("cut", (self.name,), layer, line[0], text)
+            return _fault("cut", (self.name,), layer, place, f"{off}its copper ends on {layer}")
+        return NetFault("cut", (self.name,), last, float(end[0]), float(end[1]), f"{off}no copper on {last}")
+
+    def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
+        """Whether the piece reaches a point of a layer.
+
+        Copper of the piece counts. Copper around the hole that is drilled there counts too.
+        """
+        here = [d for d in self.drills if d.drilled and np.hypot(d.x - point[0], d.y - point[1]) < 1e-9]
+        radius = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_MARGIN
+        return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), radius))
+
+    def missing(
+        self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel], tolerance: float
+    ) -> Iterator[NetFault]:
+        """Holes and copper of the coil missing in a file."""
+        for drill in self.drills:
+            if drill.drilled and not any(_same(hole, drill, tolerance) for hole in holes):
+                text = f"the plated hole of {self.name} at {place_in_mm(drill.x, drill.y)} is missing"
+                yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
+        for layer, least in self.least.items():
+            for place in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
+                yield _fault("missing", (self.name,), layer, place, f"copper of {self.name} is missing on {layer}")
+
+
+def _bridges(
+    piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
+) -> Iterator[NetFault]:
+    """Pairs of touching coils in a piece, and where.
+
+    At least one pair is given.
+    """
+    nowhere = True
+    for a, b in combinations(owners, 2):
+        for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
+            nowhere = False
+            yield _fault("bridge", (a.name, b.name), layer, (x, y), f"{a.name} and {b.name} touch on {layer}")
+    if nowhere:  # a way over several layers
+        names = tuple(coil.name for coil in owners)
+        stray = next(_foreign_copper(piece, owners, tolerance), None)
+        x, y = owners[0].lines[0][0].tolist() if stray is None else (stray.x, stray.y)
+        layer = owners[0].line_layers[0] if stray is None else stray.layer
+        yield _fault("bridge", names, layer, (x, y), f"{' and '.join(names)} are joined by way of {layer}")
+
+
+def _meetings(
+    piece: Mapping[str, BaseGeometry], a: _Coil, b: _Coil, owners: Sequence[_Coil], foreign_holes: Sequence[Barrel]
+) -> Iterator[tuple[str, float, float]]:
+    """Layer and place of each connection between two coils.
+
+    It is a hole, copper of both coils, or foreign copper beside both.
+    """
+    for hole in foreign_holes:
+        if _reaches(hole, a) and _reaches(hole, b):
+            yield hole.layers[0], hole.x, hole.y
+    for layer in piece:
+        if layer not in a.most or layer not in b.most:
+            continue
+        both = shapely.intersection(a.most[layer], b.most[layer])
+        between = piece[layer] - shapely.union_all([coil.most[layer] for coil in owners if layer in coil.most])
+        beside = [
+            part
+            for part in shapely.get_parts(between)
+            if shapely.dwithin(part, a.most[layer], _TOUCHING) and shapely.dwithin(part, b.most[layer], _TOUCHING)
+        ]
+        for x, y in _places((*shapely.get_parts(both), *beside)):
+            yield layer, x, y
+
+
+def _reaches(hole: Barrel, coil: _Coil) -> bool:
+    centre = shapely.Point(hole.x, hole.y)
+    radius = hole.drill / 2 + _BARREL_MARGIN
+    return any(layer in coil.most and shapely.dwithin(coil.most[layer], centre, radius) for layer in hole.layers)
+
+
+def _foreign_hole(hole: Barrel) -> NetFault:
+    text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
+    return _fault("foreign", (), hole.layers[0], (hole.x, hole.y), text)
+
+
+def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], tolerance: float) -> Iterator[NetFault]:
+    """Copper of a piece outside all the given coils."""
+    names = (coils[0].name,) if len(coils) == 1 else ()
+    for layer, copper in piece.items():
+        allowed = shapely.union_all([coil.most[layer] for coil in coils if layer in coil.most])
+        for x, y in _places(shapely.get_parts(copper - allowed), tolerance**2):
+            text = f"the design has no copper on {layer} at {place_in_mm(x, y)}"
+            text += f", where {names[0]} has some" if names else ""
+            yield NetFault("foreign", names, layer, x, y, text)
+
+
+def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
+    """Whether two holes are the same.
+
+    A hole of a file is compared with a drilled hole of the design.
+    """
+    return (
+        drill.drilled
+        and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
+        and abs(hole.drill - drill.diameter) <= 2 * tolerance
+        and set(hole.layers) == set(drill.layers)
+    )
+
+
+def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
+    """Find a point in m inside every large part.
+
+    A part is large if its area is above `smallest` in m².
+    """
+    points = [part.representative_point() for part in parts if part.area > smallest]
+    return [(point.x, point.y) for point in points]
+
+
+def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
+    parts = shapely.get_parts(np.array(list(copper), dtype=object))
+    return np.asarray(parts[shapely.area(parts) > 0])
+
+
+def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
+    """Discs where round strokes may exceed the mitred outline.
+
+    They lie at ends, sharp corners and changes of width.
+    """
+    step = np.diff(line, axis=0)
+    along = step / np.hypot(*step.T)[:, None]
+    sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP
+    stands_out = np.concatenate(([True], sharp | (np.diff(widths) != 0), [True]))
+    diameters = np.maximum(np.append(widths, 0.0), np.append(0.0, widths))
+    return [disc(x, y, d) for (x, y), d in zip(line[stands_out].tolist(), diameters[stands_out].tolist(), strict=True)]

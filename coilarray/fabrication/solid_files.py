@@ -1,0 +1,352 @@
+"""Solids as files: STL and PLY for slicers, GLB for viewers, STEP for mechanical design."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.polygon import orient
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.extras import import_extra
+from coilarray.compute.files import require_suffix, write_atomically, write_bytes
+from coilarray.errors import OutputError
+from coilarray.geometry.array import Array
+from coilarray.geometry.copper import disc, drills
+from coilarray.geometry.elastomer import Sheet
+from coilarray.geometry.solids import Prism, board_prisms, sheet_prisms
+
+if TYPE_CHECKING:
+    import trimesh
+
+_MM = 1e3
+COLOURS = {
+    "copper": (200, 117, 51, 255),
+    "barrel": (184, 134, 72, 255),
+    "board": (24, 92, 52, 160),
+    "sheet": (110, 110, 118, 90),
+}
+"""Red, green, blue and opacity, up to 255, of each kind of solid, by the first part of its key."""
+_OTHER = (160, 160, 160, 255)
+# glTF's up is y: (x, y, z) becomes (x, z, −y)
+_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
+    """Write solids to one file.
+
+    The suffix determines the format.
+
+    Parameters
+    ----------
+    solids : mapping of str to trimesh.Trimesh
+        Solids in m, as made by `coilarray.geometry.solids`.
+    path : Path
+        File name. ``.stl`` and ``.ply`` hold all solids in one mesh, in mm, as slicers expect. ``.glb`` holds a scene
+        of named and coloured nodes, in m and with y up, as glTF demands.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is different, there are no solids, or the file cannot be written.
+    """
+    import trimesh  # slow to import
+
+    suffix = path.suffix.lower()
+    require_suffix(path, ".stl", ".ply", ".glb")
+    if not solids:
+        raise OutputError(f"cannot write {path}: there are no solids.")
+    if suffix == ".glb":
+        data = _scene(solids).export(file_type="glb")
+    else:
+        merged: Any = trimesh.util.concatenate(
+            [mesh.copy() for mesh in solids.values()]
+        )  # trimesh is typed in part only
+        merged.vertices *= _MM
+        data = merged.export(file_type=suffix[1:])
+    write_bytes(path, data)
+
+
+def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
+    """Make a scene of coloured solids.
+
+    The solids are named, and y is up.
+    """
+    import trimesh
+
+    scene: Any = trimesh.Scene()
+    for name, solid in solids.items():
+        mesh = solid.copy()
+        colour = np.array(COLOURS.get(name.split("/")[0], _OTHER), dtype=np.uint8)
+        mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile(colour, (len(mesh.vertices), 1)))
+        scene.add_geometry(mesh, node_name=name, geom_name=name)
+    scene.apply_transform(_Y_UP)
+    return scene
+
+
+# Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by accident.
+_ON_CIRCLE = 1e-9
+_CURVES = "write.surfacecurve.mode"
+_SHORTEST = 1e-9  # m; edges below 0.1 nm do not exist for Open CASCADE
+_CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
+
+
+def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
+    """Write a board and its sheets as STEP.
+
+    Lengths are in mm. The format is AP214.
+
+    Parameters
+    ----------
+    array : Array
+        The board.
+    path : Path
+        File name ending in ``.step`` or ``.stp``. The file is written completely or not at all.
+    name : str
+        Name of the assembly.
+    sheets : sequence of Sheet
+        Sheets from the board upwards. All names differ.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is different, or the file cannot be written.
+    MissingDependencyError
+        If cadquery-ocp-novtk is not installed or broken.
+    GeometryError
+        If two sheets have the same name.
+
+    Notes
+    -----
+    The file is an assembly of named and coloured parts, with the keys of `coilarray.geometry.solids` and z = 0 at the
+    top of the top copper. Barrels, drilled holes and the free edges of pads are true cylinders. Everything else has
+    flat faces, also the arcs of traces, as made by `faceted_prisms`.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_step(board, Path("board.iges"), name="board")
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.iges: the suffix must be .step or .stp; got '.iges'.
+    """
+    require_suffix(path, ".step", ".stp")
+    import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
+    prisms = sheet_prisms(array, sheets) | faceted_prisms(array)
+    circles = _circles(array)
+    parts = {key: _part(prism, circles) for key, prism in prisms.items()}
+    document = _document(name, parts)
+    write_atomically(path, lambda temporary: _write(document, temporary, name))
+
+
+def faceted_prisms(array: Array) -> dict[str, Prism]:
+    """Return the prisms of a board with coarser arcs.
+
+    The copper has the larger pieces of `Coil.current_lines`, which give fewer faces.
+    """
+    prisms = board_prisms(array)
+    coils = {id(place.coil): place.coil for place in array.placements if any(place.coil.arcs)}
+    if not coils:
+        return prisms
+    made = {}
+    for key, coil in coils.items():
+        lines, widths = zip(*coil.current_lines(), strict=True)
+        made[key] = replace(coil, lines=lines, widths=widths, arcs=())
+    placements = (replace(place, coil=made.get(id(place.coil), place.coil)) for place in array.placements)
+    coarse = board_prisms(replace(array, placements=tuple(placements)))
+    return {key: coarse[key] if key.startswith("copper/") else prism for key, prism in prisms.items()}
+
+
+# ---- outlines: which of their edges are arcs
+
+
+def _circles(array: Array) -> FloatArray:
+    """Centres and radii in m of all circles.
+
+    The circles are pads, holes and the inside of barrels. The array has the shape (n, 3).
+    """
+    rows = {
+        (hole.x, hole.y, diameter / 2)
+        for hole in drills(array)
+        for diameter in (hole.pad, *((hole.diameter, hole.diameter - 2 * hole.plating) if hole.drilled else ()))
+    }
+    return np.array(sorted(rows)).reshape(-1, 3)
+
+
+def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
+    """Index of the circle from which each outline edge comes.
+
+    The index is −1 for other edges. The array has the shape (n,). `corners`, shape (n, 2), are in m, with the first
+    corner not repeated. Edge k begins at corner k. `circles`, shape (m, 3), are centres and radii in m.
+    """
+    x, y, radius = circles.T
+    offset = np.hypot(corners[:, :1] - x, corners[:, 1:] - y) - radius
+    on = np.abs(offset) <= _ON_CIRCLE * radius
+    length = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)[:, None]
+    chord = 2 * radius * math.sin(math.pi / _CORNERS)
+    own = on & np.roll(on, -1, axis=0) & (np.abs(length - chord) <= 1e-6 * chord)
+    return np.where(own.any(axis=1), own.argmax(axis=1), -1) if len(circles) else np.full(len(corners), -1)
+
+
+# ---- Open CASCADE: vertices, edges, wires, faces, prisms
+
+
+def _part(prism: Prism, circles: FloatArray) -> Any:
+    """Make the solid of a prism.
+
+    It is a compound if the outline is in several pieces.
+    """
+    from OCP.BRep import BRep_Builder
+    from OCP.TopoDS import TopoDS_Compound
+
+    shape = shapely.remove_repeated_points(prism.shape, _SHORTEST)
+    solids = [_solid(orient(piece), prism, circles) for piece in shapely.get_parts(shape)]
+    if len(solids) == 1:
+        return solids[0]
+    compound, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(compound)
+    for solid in solids:
+        builder.Add(compound, solid)
+    return compound
+
+
+def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
+    """Make the solid of one polygon of a prism."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt, gp_Vec
+
+    z = prism.bottom * _MM
+    face = BRepBuilderAPI_MakeFace(
+        gp_Pln(gp_Pnt(0.0, 0.0, z), gp_Dir(0.0, 0.0, 1.0)), _wire(outline.exterior, z, circles)
+    )
+    for hole in outline.interiors:
+        face.Add(_wire(hole, z, circles))
+    return BRepPrimAPI_MakePrism(face.Face(), gp_Vec(0.0, 0.0, (prism.top - prism.bottom) * _MM)).Shape()
+
+
+def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
+    """Make the closed wire of a ring.
+
+    It has an arc for every run of edges of one circle.
+    """
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex
+    from OCP.gp import gp_Pnt
+    from OCP.TopoDS import TopoDS_Wire
+
+    corners = shapely.get_coordinates(ring)[:-1]
+    owners = _owners(corners, circles)
+    wire, builder = TopoDS_Wire(), BRep_Builder()
+    builder.MakeWire(wire)
+    # corners at which a straight edge or a run of edges of one circle begins
+    starts = np.flatnonzero((owners < 0) | (owners != np.roll(owners, 1)))
+    if not len(starts):
+        builder.Add(wire, BRepBuilderAPI_MakeEdge(_circle(circles[owners[0]], z, counter_clockwise=ring.is_ccw)).Edge())
+        wire.Closed(True)
+        return wire
+    vertices = [BRepBuilderAPI_MakeVertex(gp_Pnt(x, y, z)).Vertex() for x, y in (corners[starts] * _MM).tolist()]
+    for k, (start, end) in zip(starts.tolist(), pairwise([*vertices, vertices[0]]), strict=True):
+        if owners[k] < 0:
+            edge = BRepBuilderAPI_MakeEdge(start, end)
+        else:
+            x, y, _ = circle = circles[owners[k]]
+            (ax, ay), (bx, by) = corners[k] - (x, y), corners[(k + 1) % len(corners)] - (x, y)
+            edge = BRepBuilderAPI_MakeEdge(_circle(circle, z, counter_clockwise=ax * by > ay * bx), start, end)
+        builder.Add(wire, edge.Edge())
+    wire.Closed(True)
+    return wire
+
+
+def _circle(circle: FloatArray, z: float, *, counter_clockwise: bool) -> Any:
+    from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
+
+    x, y, radius = (circle * _MM).tolist()
+    return gp_Circ(gp_Ax2(gp_Pnt(x, y, z), gp_Dir(0.0, 0.0, 1.0 if counter_clockwise else -1.0)), radius)
+
+
+# ---- Open CASCADE: the document and its file
+
+
+def _document(name: str, parts: Mapping[str, Any]) -> Any:
+    """Put named and coloured parts into one assembly."""
+    from OCP.Quantity import Quantity_Color, Quantity_ColorRGBA, Quantity_TOC_sRGB
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_DocumentTool
+
+    document = TDocStd_Document(TCollection_ExtendedString("MDTV-XCAF"))
+    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    assembly = shapes.NewShape()
+    TDataStd_Name.Set_s(assembly, TCollection_ExtendedString(name, True))
+    for key, part in parts.items():
+        label = shapes.AddShape(part, False)
+        component = shapes.AddComponent(assembly, label, TopLoc_Location())
+        for named in (label, component):
+            TDataStd_Name.Set_s(named, TCollection_ExtendedString(key, True))
+        *rgb, opacity = (part / 255 for part in COLOURS[key.split("/")[0]])
+        colours.SetColor(label, Quantity_ColorRGBA(Quantity_Color(*rgb, Quantity_TOC_sRGB), opacity), XCAFDoc_ColorGen)
+    shapes.UpdateAssemblies()
+    return document
+
+
+def _write(document: Any, path: Path, name: str) -> None:
+    """Write a document to a STEP file."""
+    from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.STEPCAFControl import STEPCAFControl_Writer
+    from OCP.TCollection import TCollection_HAsciiString
+
+    # Open CASCADE takes names in UTF-8 alone
+    with _own_settings(), tempfile.TemporaryDirectory() as folder:
+        writer = STEPCAFControl_Writer()
+        writer.Transfer(document)
+        header = APIHeaderSection_MakeHeader(writer.ChangeWriter().Model())
+        header.SetName(TCollection_HAsciiString(name))
+        header.SetOriginatingSystem(TCollection_HAsciiString("coilarray"))
+        header.SetAuthorValue(1, TCollection_HAsciiString(""))
+        header.SetOrganizationValue(1, TCollection_HAsciiString(""))
+        plain = Path(folder) / "board.step"
+        if writer.Write(str(plain)) != IFSelect_RetDone:
+            raise OSError("Open CASCADE could not write the file")
+        shutil.copyfile(plain, path)
+
+
+@contextlib.contextmanager
+def _own_settings() -> Iterator[None]:
+    """Set Open CASCADE to write small files without progress output.
+
+    The progress would go to standard output. The settings are global and are restored.
+    """
+    from OCP.Interface import Interface_Static
+    from OCP.Message import Message, Message_Gravity
+    from OCP.STEPControl import STEPControl_Controller
+
+    STEPControl_Controller.Init_s()  # creates the settings
+    # curves on the faces are redundant for planes and cylinders, and double the file
+    with_curves = Interface_Static.IVal_s(_CURVES)
+    printers = list(Message.DefaultMessenger_s().Printers())
+    levels = [printer.GetTraceLevel() for printer in printers]
+    try:
+        Interface_Static.SetIVal_s(_CURVES, 0)
+        for printer in printers:
+            printer.SetTraceLevel(Message_Gravity.Message_Fail)
+        yield
+    finally:
+        Interface_Static.SetIVal_s(_CURVES, with_curves)
+        for printer, level in zip(printers, levels, strict=True):
+            printer.SetTraceLevel(level)

@@ -1,0 +1,664 @@
+"""Coils of a board, found by following its nets from end to end, and the array of them."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count, pairwise
+from math import dist
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.errors import BoardError, GeometryError
+from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, SurfacePad, Track
+from coilarray.fabrication.track_graph import (
+    JOINED,
+    TracedCoil,
+    TrackGraph,
+    follow,
+    found_in_parts,
+    natural_order,
+    place,
+    require_followable,
+    track_graph,
+    where,
+)
+from coilarray.geometry.arcs import place_in_mm
+from coilarray.geometry.array import Array, Placement
+from coilarray.geometry.coil import PlatedHole, path_coil
+from coilarray.geometry.copper import groups
+from coilarray.geometry.stackup import Stackup
+
+LEAST_TURNS = 0.9
+"""Number of turns from which a net counts as a coil.
+
+A single loop lacks the space between its two leads. A track that goes out and comes back beside itself is a narrow
+loop, and counts.
+"""
+
+_SHOWN = 12  # names in a message
+_REASONS = 3  # nets in a message, with the reason why they are not coils
+_LONGEST_WHY = 200  # characters of a reason
+
+
+@dataclass(frozen=True)
+class Tracing:
+    """Coils and other nets of a board.
+
+    Parameters
+    ----------
+    coils : tuple of TracedCoil
+        Coils in the order of the wanted nets. If no nets were named, coils with a net come first, in the order of their
+        names with numbers counted, then coils without a net in the order of the file.
+    left_out : dict of str to str
+        Nets with tracks that are not coils, with the reason.
+    """
+
+    coils: tuple[TracedCoil, ...]
+    left_out: dict[str, str]
+
+
+def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracing:
+    """Find the coils of a board.
+
+    Parameters
+    ----------
+    board : BoardCopper
+        Copper that a reader has found.
+    nets : sequence of str, optional
+        Names of the nets that are coils. By default every net, and every piece of copper without a net, is a coil if it
+        is a single path from end to end with at least `LEAST_TURNS` turns. The others are left out.
+
+    Raises
+    ------
+    BoardError
+        With `nets`, if a net is unknown, has no track, branches, is closed, comes in several pieces, crosses itself,
+        has a pad or hole across its turns, has copper that is not a track, or is touched by copper without a net.
+        Without `nets`, if there is no coil at all. The message has file, line and position.
+
+    Notes
+    -----
+    The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end has a numbered pad,
+    the current enters there, but a lone pad 2 is the end. If neither end has a number, or both have the same, it enters
+    at the end whose track comes first in the file. Pads and holes are conductors too. A net is not a coil if a pad or
+    hole joins its turns.
+    """
+    by_net, nameless = _by_net(board)
+    if nets is None:
+        require_followable(nameless.tracks)  # before any shape is made
+    obstacles = Obstacles(nameless.all)
+    if nets is not None:
+        for net in nets:
+            if net not in by_net:
+                raise BoardError(f"{board.source}: {_unknown(net, sorted(by_net))}")
+            if not by_net[net].tracks and not by_net[net].areas:
+                raise BoardError(f"{board.source}: net {net} has no track.{_drawn(nameless)}")
+        return Tracing(tuple(_trace_net(net, by_net[net], obstacles) for net in dict.fromkeys(nets)), {})
+    coils: list[TracedCoil] = []
+    left_out: dict[str, str] = {}
+    for net, copper in sorted(by_net.items(), key=lambda item: natural_order(item[0])):
+        if copper.tracks:
+            try:
+                coil = _trace_net(net, copper, obstacles)
+            except BoardError as error:
+                left_out[net] = str(error)
+                continue
+            if reason := _too_few_turns(coil):
+                left_out[net] = reason
+            else:
+                coils.append(coil)
+    _trace_nameless(nameless, by_net, coils, left_out)
+    if not coils:
+        why = "".join(f"; {net}: {reason}" for net, reason in list(left_out.items())[:_REASONS])
+        why = why if len(why) <= _LONGEST_WHY else f"{why[:_LONGEST_WHY]}…"
+        raise BoardError(
+            f"{board.source}: no net is one path from end to end with a whole turn{why or '; it has no tracks.'}"
+            f"{_drawn(nameless)}"
+        )
+    return Tracing(tuple(coils), left_out)
+
+
+@dataclass(frozen=True, eq=False)
+class _NetCopper:
+    """Copper of one net, in file order.
+
+    Each kind is listed apart.
+    """
+
+    tracks: list[Track] = field(default_factory=list)
+    holes: list[Hole] = field(default_factory=list)
+    pads: list[SurfacePad] = field(default_factory=list)
+    areas: list[CopperArea] = field(default_factory=list)
+
+    @property
+    def all(self) -> list[Copper]:
+        """All copper of the net."""
+        return [*self.tracks, *self.holes, *self.pads, *self.areas]
+
+    @property
+    def stands(self) -> list[Copper]:
+        """Copper that may join paths but is no path itself.
+
+        It is holes, pads, and tracks without a length.
+        """
+        dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
+        return [*self.holes, *self.pads, *dots]
+
+
+def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
+    """Sort a board's copper by net, and separate the rest.
+
+    The nets are in the order of their tracks, then of their other copper. Copper without a net is returned apart.
+    """
+    found: dict[str | None, _NetCopper] = {}
+    for kind in ("tracks", "holes", "pads", "areas"):
+        for item in getattr(board, kind):
+            getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
+    return {net: copper for net, copper in found.items() if net is not None}, found.get(None, _NetCopper())
+
+
+def _unknown(net: str, known: Sequence[str]) -> str:
+    """Make the message for an unknown net, with a hint."""
+    if not known:
+        return f"there is no net {net!r}; the board's copper has no nets."
+    close = difflib.get_close_matches(net, known, n=1)
+    hint = f"did you mean {close[0]}? The" if close else "the"
+    more = "" if len(known) <= _SHOWN else f" and {len(known) - _SHOWN} more"
+    return f"there is no net {net!r}; {hint} board has {', '.join(known[:_SHOWN])}{more}."
+
+
+def _drawn(nameless: _NetCopper) -> str:
+    """Hint at copper that could be a coil.
+
+    It lacks a net, or is not drawn as tracks.
+    """
+    hint = ""
+    if nameless.tracks:
+        count_, first = len(nameless.tracks), nameless.tracks[0].where
+        hint += f" The board has {count_} tracks without a net, the first at {first}."
+    if nameless.areas:
+        hint += (
+            f" Of its copper without a net, {len(nameless.areas)} pieces are drawn shapes or zones: a coil must be "
+            "tracks."
+        )
+    return hint
+
+
+def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil:
+    """Trace the coil of one net, or raise BoardError."""
+    if copper.areas:
+        area = copper.areas[0]
+        raise BoardError(
+            f"{area.where}: net {net} has {area.what} on {area.layer}, which cannot be taken as a current path."
+        )
+    tracks = copper.tracks
+    graph = track_graph(tracks, copper.holes, copper.pads)
+    pieces = graph.components()
+    if len(pieces) != 1:
+        at = " and ".join(_beginning(graph, piece[0], tracks) for piece in pieces[:2])
+        raise BoardError(
+            f"{tracks[0].where}: net {net} must be one piece of copper; it has {len(pieces)} that do not meet"
+            f"{', ' if at else ''}{at}."
+        )
+    coil = replace(follow(net, f"net {net}", graph, pieces[0], tracks), net=net)
+    obstacles.refuse_contact(f"net {net}", coil)
+    refuse_bridges(f"net {net}", coil, copper.stands)
+    return coil
+
+
+def _beginning(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
+    return f"at {place(graph, edge)} on {graph.edges[edge].layer} ({where(graph, edge, tracks)})"
+
+
+def _trace_nameless(
+    nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
+) -> None:
+    """Add the pieces of copper without a net.
+
+    Coils get new names. Other copper is named by its place.
+    """
+    graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
+    pieces = graph.components()
+    if not pieces:
+        return
+    names = (name for k in count(1) if (name := f"coil{k}") not in named)
+    foreign = [Obstacles(copper.all, f"of net {net}") for net, copper in named.items()]
+    own = [frozenset(id(nameless.tracks[graph.edges[index].track]) for index in piece) for piece in pieces]
+    in_pieces = frozenset().union(*own)  # without pads and holes that lie wholly on others
+    others_tracks = [track for track in nameless.tracks if id(track) in in_pieces]
+    others = Obstacles([*others_tracks, *nameless.areas, *_joints(nameless, own)])
+    for piece, tracks in zip(pieces, own, strict=True):
+        what = f"copper without a net at {place(graph, piece[0])}"
+        try:
+            coil = follow(what, what, graph, piece, nameless.tracks)
+            if reason := _too_few_turns(coil):
+                left_out[what] = reason
+                continue
+            others.refuse_contact(what, coil, tracks)
+            refuse_bridges(what, coil, nameless.stands)
+            for obstacles in foreign:
+                obstacles.refuse_contact(f"tracks without a net, {what}", coil)
+        except BoardError as error:
+            left_out[what] = str(error)
+            continue
+        coils.append(replace(coil, name=next(names)))
+
+
+def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
+    """Holes and pads without a net that join several pieces.
+
+    `own` are the ids of each piece's tracks.
+    """
+    piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
+    tracks = [track for track in nameless.tracks if id(track) in piece_of]
+    tree = shapely.STRtree([shape for track in tracks for shape in copper_of(track).values()])
+    found: list[Copper] = []
+    for stand in nameless.stands:
+        met = set()
+        for layer, shape in copper_of(stand).items():
+            near = [tracks[k] for k in tree.query(shape, "intersects").tolist()]
+            met |= {piece_of[id(track)] for track in near if track.layer == layer}
+        if len(met) > 1:
+            found.append(stand)
+    return found
+
+
+def _too_few_turns(coil: TracedCoil) -> str:
+    """Reason why a path is not a coil.
+
+    It is empty if the path winds.
+    """
+    turns = abs(coil.turns)
+    return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
+
+
+Copper = Track | Hole | SurfacePad | CopperArea
+
+_OVERLAP = 1e-6  # m: copper that meets by less only touches
+
+
+def copper_of(item: Copper) -> dict[str, BaseGeometry]:
+    """Return the copper of an item.
+
+    It is in m, for each of the item's layers.
+    """
+    if isinstance(item, Track):
+        return {item.layer: shapely.LineString((item.start, item.end)).buffer(item.width / 2)}
+    if isinstance(item, Hole):
+        return {layer: item.copper(layer) for layer in item.layers}
+    if isinstance(item, SurfacePad):
+        return {item.layer: item.copper}
+    return {item.layer: item.shape}
+
+
+class Obstacles:
+    """Copper that no coil may touch.
+
+    `whose` is its owner in messages: "without a net", "of net A".
+    """
+
+    def __init__(self, copper: Iterable[Copper], whose: str = "without a net") -> None:
+        self._whose = whose
+        self._found = [(item, layer, shape) for item in copper for layer, shape in copper_of(item).items()]
+        self._tree = shapely.STRtree([shape for _, _, shape in self._found])
+
+    def refuse_contact(self, what: str, coil: TracedCoil, own: frozenset[int] = frozenset()) -> None:
+        """Raise BoardError if an obstacle lies on the path.
+
+        `own` are the ids of items that belong to the path itself.
+        """
+        segments = list(_segments(coil))
+        lines = [segment.line for segment in segments]
+        within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
+        for k, index in found_in_parts(self._tree, lines, within):
+            item, layer, _ = self._found[index]
+            if layer == segments[k].layer and id(item) not in own:
+                at = place_in_mm(*lines[k].coords[0])
+                raise BoardError(f"{item.where}: {_kind(item)} {self._whose} touches {what} on {layer} at {at}.")
+
+
+def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
+    """Raise BoardError if pads or holes join stretches.
+
+    The stretches belong to a path. They are pads or holes of the coil's own net, each with all that overlap it. Along
+    the path the stretches within a pad's copper must follow each other. Outside the copper the path may run no longer
+    than its width there, which is a bend beside the pad. `what` is the coil in messages.
+    """
+    segments = list(_segments(coil))
+    tree = shapely.STRtree([segment.line for segment in segments])
+    shapes = [copper_of(item) for item in items]
+    for group in _overlapping(shapes):
+        stretches = sorted(
+            (*_stretch(segments[index], shape, within), index)
+            for k in group
+            for layer, shape in shapes[k].items()
+            for index in tree.query(shape, predicate="dwithin", distance=coil.widest / 2).tolist()
+            if segments[index].layer == layer
+            and shapely.dwithin(shape, segments[index].line, within := max(segments[index].width / 2 - _OVERLAP, 0.0))
+        )
+        covered = stretches[0][1] if stretches else 0.0
+        for begin, end, index in stretches:
+            segment = segments[index]
+            if begin - covered > segment.width:
+                item = items[group[0]]
+                at = place_in_mm(*segment.line.interpolate(begin - segment.begin).coords[0])
+                raise BoardError(
+                    f"{item.where}: {_kind(item)} bridges turns of {what}: it also touches it on {segment.layer} at "
+                    f"{at}."
+                )
+            covered = max(covered, end)
+
+
+@dataclass(frozen=True, eq=False)
+class _Segment:
+    """Straight piece of a path.
+
+    It begins `begin` m along the path.
+    """
+
+    layer: str
+    line: shapely.LineString
+    width: float
+    begin: float
+
+
+def _segments(coil: TracedCoil) -> Iterator[_Segment]:
+    along = 0.0
+    for line, layer, widths in zip(coil.lines, coil.layers, coil.widths, strict=True):
+        for (a, b), width in zip(pairwise(line.tolist()), widths.tolist(), strict=True):
+            yield _Segment(layer, shapely.LineString((a, b)), width, along)
+            along += dist(a, b)
+
+
+def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
+    """Begin and end of a segment's overlap.
+
+    The overlap is with a shape. They are measured along the path. On this part the segment's copper meets the shape.
+    """
+    part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
+    along = shapely.line_locate_point(segment.line, shapely.points(part))
+    return segment.begin + float(along.min()), segment.begin + float(along.max())
+
+
+def _overlapping(shapes: Sequence[dict[str, BaseGeometry]]) -> list[list[int]]:
+    """Sort the indices of items into connected groups."""
+    entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
+    geometries = np.array([shape for _, _, shape in entries], dtype=object)
+    pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
+    met = ((entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1])
+    found: dict[int, list[int]] = {}
+    for k, lowest in enumerate(groups(len(shapes), met)):
+        found.setdefault(lowest, []).append(k)
+    return list(found.values())
+
+
+def _kind(item: Copper) -> str:
+    if isinstance(item, CopperArea):
+        return item.what
+    if isinstance(item, Hole):
+        return f"a {item.kind}"
+    return "a track" if isinstance(item, Track) else "a pad"
+
+
+SAME_SHAPE = 2e-9
+"""Agreement in m of points and widths for coils of one shape, but for a shift. Board files round to 1 nm."""
+
+_GRID = 1e-9  # m: resolution of board files
+_GAP_GRID = 1e-6  # m: to which the gap of the turns is given
+_PLATING = 25e-6
+_ALONG = 0.9  # cosine of the angle between traces from which they run side by side
+_MARGIN = 2e-3
+_UNUSED_VIA = PlatedHole(0.2e-3, 0.45e-3, _PLATING)  # of coils on one layer
+
+
+@dataclass(frozen=True)
+class TracedArray:
+    """Array made from a board, with its assumed values.
+
+    Parameters
+    ----------
+    array : Array
+        Coils that are equal but for a shift share one `Coil`.
+    assumed : dict of str to str
+        Dotted keys of the design whose values are assumed, with the reason. ``coils.*.…`` stands for all shapes,
+        ``coils.NAME.…`` for the shape of the coil NAME.
+    notes : tuple of str
+        Sentences about omissions and simplifications.
+    """
+
+    array: Array
+    assumed: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
+    """Place traced coils on the board's stack-up.
+
+    Parameters
+    ----------
+    board : BoardCopper
+        Board on which the coils were found.
+    coils : sequence of TracedCoil
+        At least one.
+
+    Raises
+    ------
+    BoardError
+        If a coil is impossible, because a pad is no larger than its hole or a line touches itself.
+
+    Notes
+    -----
+    A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns, see
+    `turn_gap`. Without turns beside each other it is the trace width. A coil has one size of via and one size of
+    terminal. If the board has several, the commonest is taken, with a note.
+    """
+    assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
+    notes = [*board.notes]
+    shapes: list[Placement] = []
+    placements = []
+    for coil in coils:
+        placement = next((same for shape in shapes if (same := _shifted(shape, coil)) is not None), None)
+        if placement is None:
+            placement = _placed(coil, assumed)
+            shapes.append(placement)
+        placements.append(placement)
+        notes += _notes(coil)
+    through = _through(board, coils)
+    if through is None:
+        notes.append(
+            "Some holes go through the whole board and some do not; all taken as reaching only what they join."
+        )
+    array = Array(_stackup(board, assumed, notes), tuple(placements), 0.0, bool(through))
+    array = _with_margin(array, board, assumed, notes)
+    notes += [f"{coil.name}: the current enters at {_begin(coil)}." for coil in coils]
+    return TracedArray(array, assumed, tuple(notes))
+
+
+def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Stackup:
+    """Return the board's stack-up.
+
+    If a board of two layers has copper on the first layer alone, only this layer is kept.
+    """
+    copper = {item.layer for items in (board.tracks, board.pads, board.areas) for item in items}
+    copper.update(layer for hole in board.holes for layer in hole.layers)
+    names = board.stackup.names
+    if len(names) != 2 or copper != {names[0]}:
+        return board.stackup
+    notes.append(f"{names[1]} has no copper and is left out: the design has one layer, {names[0]}.")
+    for key in ("dielectric_thickness_mm", "dielectric_epsilon_r"):
+        assumed.pop(f"stackup.{key}", None)
+    return Stackup(names[:1], board.stackup.copper_thickness[:1], (), ())
+
+
+def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
+    """Return a placement of a known shape.
+
+    None if the traced coil has another shape.
+    """
+    coil = shape.coil
+    if [len(line) for line in coil.lines] != [len(line) for line in traced.lines]:
+        return None
+    if any(np.abs(a - b).max() > SAME_SHAPE for a, b in zip(coil.widths, traced.widths, strict=True)):
+        return None
+    shift = _on_grid(np.vstack(traced.lines).mean(axis=0) - np.vstack(coil.lines).mean(axis=0))
+    if any(np.abs(a + shift - b).max() > SAME_SHAPE for a, b in zip(coil.lines, traced.lines, strict=True)):
+        return None
+    if (_via(traced), _terminal(traced)) != (coil.via, coil.terminal):
+        return None
+    return Placement(traced.name, coil, traced.layers, float(shift[0]), float(shift[1]))
+
+
+def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
+    """Return a placement with a new coil.
+
+    The coil is made from a traced coil.
+    """
+    origin = _on_grid(np.array(traced.centre))
+    measured = turn_gap(traced.lines, traced.layers, traced.widths)
+    gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
+    via, terminal = _via(traced), _terminal(traced)
+    try:
+        coil = path_coil([line - origin for line in traced.lines], traced.widths, gap, via, terminal)
+        if measured is None:
+            coil = replace(coil, gap=coil.trace_width)
+            assumed[f"coils.{traced.name}.gap_mm"] = "no turns side by side; the trace width"
+        return Placement(traced.name, coil, traced.layers, float(origin[0]), float(origin[1]))
+    except GeometryError as error:
+        raise BoardError(f"{traced.where}: coil {traced.name}: {error}") from None
+
+
+def _on_grid(point: FloatArray) -> FloatArray:
+    return np.asarray(np.round(point / _GRID) * _GRID)
+
+
+def _via(traced: TracedCoil) -> PlatedHole:
+    return _commonest(traced, traced.vias) or _UNUSED_VIA
+
+
+def _terminal(traced: TracedCoil) -> PlatedHole | None:
+    """Return the hole at both ends.
+
+    None if an end has no hole.
+    """
+    holes = [end for end in traced.ends if isinstance(end, Hole)]
+    return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
+
+
+def _commonest(traced: TracedCoil, holes: Sequence[Hole]) -> PlatedHole | None:
+    """Return the commonest size of holes, or None without holes."""
+    if not holes:
+        return None
+    (drill, pad), _ = Counter((hole.drill, hole.pad) for hole in holes).most_common(1)[0]
+    try:
+        return PlatedHole(drill, pad, _PLATING)
+    except GeometryError as error:
+        where = next(hole.where for hole in holes if (hole.drill, hole.pad) == (drill, pad))
+        raise BoardError(f"{where}: hole of {traced.name}: {error}") from None
+
+
+def _notes(coil: TracedCoil) -> Iterator[str]:
+    """Yield the simplifications of a traced coil, as sentences."""
+    ends = [end for end in coil.ends if isinstance(end, Hole)]
+    for kind, holes in (("vias", coil.vias), ("terminals", ends)):
+        if len({(hole.drill, hole.pad) for hole in holes}) > 1:
+            yield f"{coil.name}: {kind} of several sizes, all taken as the commonest."
+    if len(ends) == 1:
+        yield f"{coil.name}: one end has a plated hole and the other none; both taken without."
+    if any(isinstance(end, SurfacePad) for end in coil.ends):
+        yield f"{coil.name}: pads without a hole at its ends left out; the trace ends in their centres."
+    if coil.passed:
+        yield f"{coil.name}: {len(coil.passed)} of the holes on the path join none of its lines and are left out."
+
+
+def _begin(coil: TracedCoil) -> str:
+    at = f"{place_in_mm(*coil.path[0])} on {coil.layers[0]}"
+    first, last = ("" if end is None else end.number for end in coil.ends)
+    if first == last:
+        return f"{at}, where its first track is, for its ends have no numbers to tell them apart"
+    return f"pad {first}, {at}" if first else f"{at}, opposite to pad {last}"
+
+
+def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
+    """Whether all holes go through the whole board.
+
+    None if some do and some do not.
+    """
+    holes = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
+    through = {hole.layers == board.stackup.names for hole in holes}
+    return None if len(through) > 1 else through != {False}
+
+
+def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Array:
+    """Set the board's margin from the edge in its file."""
+    if board.edge is None:
+        assumed["board.margin_mm"] = f"the board file has no outline; {_MARGIN * 1e3:g} mm"
+        return replace(array, board_margin=_MARGIN)
+    outside = np.array([1, 1, -1, -1]) * (np.array(array.bounds) - np.array(board.edge))
+    margin = max(float(outside.min()), 0.0)
+    if np.ptp(outside) > _GAP_GRID:
+        margins = ", ".join(f"{value * 1e3:.4g}" for value in outside.tolist())
+        notes.append(
+            f"The edge of the board is {margins} mm from the coils (left, bottom, right, top); a design has one "
+            "margin, here the smallest."
+        )
+    return replace(array, board_margin=round(margin / _GAP_GRID) * _GAP_GRID)
+
+
+def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
+    """Median gap in m of parallel traces.
+
+    The traces run side by side. The gap is measured edge to edge and weighted by length. The current of both traces has
+    the same direction. `lines` are centre lines, each of shape (n, 2), and `widths` are the widths of their segments,
+    each of shape (n − 1,), in m. None if no two traces of a layer run so. Leads, opposite sides of a loop and the legs
+    of a hairpin do not count.
+
+    Examples
+    --------
+    >>> there_and_back = np.array([[0, 0], [9, 0], [9, 5], [-1, 5], [-1, 1], [8, 1.0]]) * 1e-3
+    >>> round(turn_gap([there_and_back], ["L1"], [np.full(5, 0.2e-3)]) * 1e3, 6)
+    0.8
+    """
+    gaps: list[float] = []
+    weights: list[float] = []
+    for layer in dict.fromkeys(layers):
+        own = [k for k, name in enumerate(layers) if name == layer]
+        start = np.vstack([lines[k][:-1] for k in own])
+        step = np.vstack([np.diff(lines[k], axis=0) for k in own])
+        width = np.concatenate([widths[k] for k in own])
+        length = np.hypot(*step.T)
+        along = step / length[:, None]
+        for i in range(len(start)):
+            gap = _nearest(start + step / 2, start, step, along, width, i)
+            if gap is not None:
+                gaps.append(gap)
+                weights.append(float(length[i]))
+    if not gaps:
+        return None
+    order = np.argsort(gaps)
+    share = np.cumsum(np.array(weights)[order])
+    return gaps[int(order[np.searchsorted(share, share[-1] / 2)])]
+
+
+def _nearest(
+    middle: FloatArray, start: FloatArray, step: FloatArray, along: FloatArray, width: FloatArray, i: int
+) -> float | None:
+    """Distance from segment i to the nearest parallel trace.
+
+    It is measured from the middle of the segment, to either side, to traces with the same direction.
+    """
+    parallel = along @ along[i] > _ALONG
+    parallel[i] = False
+    from_middle, way = start[parallel] - middle[i], step[parallel]
+    part = -(from_middle @ along[i]) / (way @ along[i])
+    beside = (part >= 0) & (part <= 1)
+    normal = np.array([-along[i, 1], along[i, 0]])
+    across = np.abs((from_middle + part[:, None] * way) @ normal)[beside]
+    gaps = across - (width[i] + width[parallel][beside]) / 2
+    gaps = gaps[gaps > 0]
+    return float(gaps.min()) if gaps.size else None

@@ -1,0 +1,544 @@
+"""Graph of tracks with nodes and edges, and the path of a connected piece from end to end."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import groupby, pairwise
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.errors import BoardError
+from coilarray.fabrication.board import Hole, SurfacePad, Track
+from coilarray.geometry.arcs import Point, place_in_mm
+from coilarray.geometry.copper import groups
+from coilarray.geometry.winding import FlatPath, Pole, find_turns, turns_about
+
+JOINED = 1e-6
+"""Distance in m below which ends are one place, whatever lies there."""
+
+# Relative to the squared length of a path: a smaller area that it runs around counts as zero.
+_BEND = 1.5  # turns; a bend makes less about a place within it
+_NO_AREA = 1e-6
+_MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
+_SAMPLE = 1000  # ends by which they are counted
+_FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which it is certain
+_AT_ONCE = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class TrackNode:
+    """Place in m where ends of tracks meet.
+
+    It is the centre of its hole or pad, otherwise the first end that lies there. `hole` joins its layers, `pad` is the
+    pad of a footprint on which it lies, and `edges` are the indices of the edges that end here.
+    """
+
+    x: float
+    y: float
+    hole: Hole | None
+    pad: Hole | SurfacePad | None
+    edges: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class TrackEdge:
+    """Straight copper between two nodes, with its width in m.
+
+    The nodes are given by index. `track` is the index of its track.
+    """
+
+    ends: tuple[int, int]
+    layer: str
+    width: float
+    track: int
+
+
+@dataclass(frozen=True, eq=False)
+class TrackGraph:
+    """Nodes and edges of a net's tracks.
+
+    Every node has at least one edge. No two edges of one layer join the same nodes.
+    """
+
+    nodes: tuple[TrackNode, ...]
+    edges: tuple[TrackEdge, ...]
+
+    def components(self) -> list[list[int]]:
+        """Return the indices of connected edges, piece by piece.
+
+        The pieces are in the order of their tracks.
+        """
+        piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
+        found: dict[int, list[int]] = {}
+        for index, edge in enumerate(self.edges):
+            found.setdefault(piece[edge.ends[0]], []).append(index)
+        return list(found.values())
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Part of a track between two places.
+
+    `track` is the index of the whole track.
+    """
+
+    layer: str
+    start: Point
+    end: Point
+    width: float
+    track: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """Hole or pad on one layer."""
+
+    layer: str
+    at: Point
+    size: float
+    what: Hole | SurfacePad
+
+
+def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
+    """Join tracks at their ends, at holes and at pads.
+
+    The tracks belong to one net or to no net. A track is divided wherever another track's end, a hole or a pad lies on
+    its centre line to within `JOINED`. Parts that then lie on each other count once, with the larger width. Tracks that
+    overlap lengthwise thus become one path, and a track that ends on the middle of another track gives a node of three
+    edges. A loose end, where nothing else stands or ends, is continued to the centre of the hole or pad in which it
+    lies, or to another loose end that its round cap reaches.
+
+    Examples
+    --------
+    >>> tracks = [
+    ...     Track("F.Cu", (0, 0), (6e-3, 0), 2e-4, "A", "file:1"),
+    ...     Track("F.Cu", (4e-3, 0), (9e-3, 0), 2e-4, "A", "file:2"),
+    ... ]
+    >>> graph = track_graph(tracks, [], [])
+    >>> len(graph.edges), [len(node.edges) for node in graph.nodes]
+    (3, [1, 2, 2, 1])
+    """
+    stands = [
+        *(_Stand(layer, (hole.x, hole.y), hole.pad, hole) for hole in holes for layer in hole.layers),
+        *(_Stand(pad.layer, (pad.x, pad.y), pad.size, pad) for pad in pads),
+    ]
+    pieces = _divided(tracks, stands)
+    pieces += _bridges(pieces, stands)
+    return _graph(pieces, stands)
+
+
+def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
+    """Cut tracks at ends, holes and pads.
+
+    Only ends, holes and pads on the tracks count. Tracks without a length are dropped.
+    """
+    long = [k for k, track in enumerate(tracks) if math.dist(track.start, track.end) > JOINED]
+    marks = [(tracks[k].layer, at) for k in long for at in (tracks[k].start, tracks[k].end)]
+    marks += [(stand.layer, stand.at) for stand in stands]
+    cuts: dict[int, list[Point]] = {k: [] for k in long}
+    lines = shapely.STRtree([shapely.LineString((tracks[k].start, tracks[k].end)) for k in long])
+    points = _points(marks)
+    require_followable(tracks)
+    for mark, index in lines.query(points, predicate="dwithin", distance=JOINED).T.tolist():
+        track, (layer, at) = tracks[long[index]], marks[mark]
+        if track.layer == layer and min(math.dist(at, track.start), math.dist(at, track.end)) > JOINED:
+            cuts[long[index]].append(at)
+    pieces = []
+    for k in long:
+        track = tracks[k]
+        places = [track.start, *sorted(cuts[k], key=partial(math.dist, track.start)), track.end]
+        pieces += [_Piece(track.layer, a, b, track.width, k) for a, b in pairwise(places) if math.dist(a, b) > JOINED]
+    return pieces
+
+
+def require_followable(tracks: Sequence[Track]) -> None:
+    """Refuse tracks whose bounds overlap too often.
+
+    Searching for their meeting points would take longer than minutes.
+    """
+    ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
+    lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
+    points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
+    for count, certain in ((_FEW, _CERTAIN), (_SAMPLE, 1.0)):  # a small sample is enough for gross excess
+        sample = points[:: max(len(points) // count, 1)]
+        pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
+        if pairs > certain * _MOST_PAIRS:
+            raise BoardError(
+                f"{tracks[0].where}: {len(tracks)} tracks lie across each other too often to be followed: their bounds "
+                f"meet about {pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
+            )
+
+
+def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
+    """Copper from loose ends to overlapping copper.
+
+    The loose ends overlap a pad or another loose end.
+    """
+    ends = [(piece, at) for piece in pieces for at in (piece.start, piece.end)]
+    places = [*((piece.layer, at) for piece, at in ends), *((stand.layer, stand.at) for stand in stands)]
+    company = [0] * len(places)
+    for i, j in _close_pairs(places, JOINED):
+        company[i] += 1
+        company[j] += 1
+    loose = [k for k in range(len(ends)) if not company[k]]
+    bridges = []
+    free = []
+    widest_stand = max((stand.size for stand in stands), default=0.0)
+    near: dict[int, list[_Stand]] = {}
+    tree = shapely.STRtree(_points([(stand.layer, stand.at) for stand in stands]))
+    found = tree.query(_points([(ends[k][0].layer, ends[k][1]) for k in loose]), "dwithin", distance=widest_stand / 2)
+    for number, index in found.T.tolist():
+        near.setdefault(loose[number], []).append(stands[index])
+    for k in loose:
+        piece, at = ends[k]
+        around = [
+            stand
+            for stand in near.get(k, ())
+            if stand.layer == piece.layer and math.dist(stand.at, at) <= stand.size / 2
+        ]
+        if around:
+            nearest = min(around, key=lambda stand: math.dist(stand.at, ends[k][1]))
+            bridges.append(_Piece(piece.layer, at, nearest.at, piece.width, piece.track))
+        else:
+            free.append(k)
+    widest = max((ends[k][0].width for k in free), default=0.0)
+    met: set[int] = set()
+    for i, j in _close_pairs([(ends[k][0].layer, ends[k][1]) for k in free], widest / 2):
+        (one, at), (other, there) = ends[free[i]], ends[free[j]]
+        radius = min(one.width, other.width) / 2
+        if one is not other and not {i, j} & met and math.dist(at, there) <= radius:
+            met |= {i, j}
+            bridges.append(_Piece(one.layer, at, there, min(one.width, other.width), one.track))
+    return bridges
+
+
+def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[tuple[int, int]]:
+    """Pairs of close places.
+
+    Pairs i < j are at most `distance` in m apart. Both places are on one layer.
+    """
+    points = _points(places)
+    pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
+    return [(i, j) for i, j in pairs if i < j and places[i][0] == places[j][0]]
+
+
+def found_in_parts(
+    tree: shapely.STRtree, shapes: Sequence[BaseGeometry], within: Sequence[float]
+) -> Iterator[tuple[int, int]]:
+    """Yield close pairs of shapes and tree entries.
+
+    `within` is the distance in m for each shape. Few shapes are searched at a time, so a caller who stops at the first
+    pair needs no memory for all.
+    """
+    for begin in range(0, len(shapes), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        for i, j in tree.query(shapes[part], predicate="dwithin", distance=within[part]).T.tolist():
+            yield begin + i, j
+
+
+def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
+    return np.asarray(shapely.points(np.array([at for _, at in places]).reshape(-1, 2)))
+
+
+def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
+    """Make the graph of pieces.
+
+    The pieces meet at stands and ends.
+    """
+    places = [
+        *((stand.layer, stand.at) for stand in stands),
+        *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
+    ]
+    first: dict[int, int] = {}
+    joined = [(k, first.setdefault(id(stand.what), k)) for k, stand in enumerate(stands)]  # a hole joins its layers
+    node_of = groups(len(places), [*_close_pairs(places, JOINED), *joined])
+    edges: dict[tuple[str, int, int], TrackEdge] = {}
+    for k, piece in enumerate(pieces):
+        a, b = node_of[len(stands) + 2 * k : len(stands) + 2 * k + 2]
+        if a == b:
+            continue
+        key = (piece.layer, min(a, b), max(a, b))
+        twin = edges.get(key)
+        width = piece.width if twin is None else max(piece.width, twin.width)
+        edges[key] = TrackEdge((a, b), piece.layer, width, piece.track) if twin is None else replace(twin, width=width)
+    return _numbered(node_of, places, stands, list(edges.values()))
+
+
+def _numbered(
+    node_of: Sequence[int], places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
+) -> TrackGraph:
+    """Return the graph with nodes numbered from 0.
+
+    Only nodes with edges are kept, each with the hole or pad at it.
+    """
+    numbers: dict[int, int] = {}
+    ends_at: list[list[int]] = []
+    numbered = []
+    for index, edge in enumerate(edges):
+        for end in edge.ends:
+            if end not in numbers:
+                numbers[end] = len(numbers)
+                ends_at.append([])
+            ends_at[numbers[end]].append(index)
+        numbered.append(replace(edge, ends=(numbers[edge.ends[0]], numbers[edge.ends[1]])))
+    here: dict[int, list[Hole | SurfacePad]] = {}
+    for k, stand in enumerate(stands):
+        here.setdefault(node_of[k], []).append(stand.what)
+    nodes = []
+    for root, number in numbers.items():
+        standing = here.get(root, [])
+        hole = next((what for what in standing if isinstance(what, Hole)), None)
+        pad = next((what for what in standing if not (isinstance(what, Hole) and what.kind == "via")), None)
+        x, y = places[root][1]  # the lowest index of a set: a hole or pad if there is any
+        nodes.append(TrackNode(x, y, hole, pad, tuple(ends_at[number])))
+    return TrackGraph(tuple(nodes), tuple(numbered))
+
+
+@dataclass(frozen=True, eq=False)
+class TracedCoil:
+    """Net that is one path from end to end.
+
+    Parameters
+    ----------
+    name : str
+        Name of the net, or "coil1", "coil2", … if the board names no net.
+    lines : tuple of ndarray, each of shape (n, 2)
+        Centre lines in m, in the direction of the current, each on one layer.
+    layers : tuple of str
+        Copper layer of each line.
+    widths : tuple of ndarray, each of shape (n − 1,)
+        Width of every segment in m.
+    vias : tuple of Hole
+        Holes between consecutive lines.
+    ends : tuple of (Hole, SurfacePad or None)
+        Nodes at the beginning and at the end of the path.
+    passed : tuple of Hole
+        Holes along the path that lead to no other layer.
+    where : str
+        Place of its first track, "file:line".
+    net : str or None
+        Its net. None if the board names no net.
+    """
+
+    name: str
+    lines: tuple[FloatArray, ...]
+    layers: tuple[str, ...]
+    widths: tuple[FloatArray, ...]
+    vias: tuple[Hole, ...]
+    ends: tuple[Hole | SurfacePad | None, Hole | SurfacePad | None]
+    passed: tuple[Hole, ...]
+    where: str
+    net: str | None = None
+
+    @property
+    def widest(self) -> float:
+        """Largest width in m."""
+        return max(float(widths.max()) for widths in self.widths)
+
+    @property
+    def path(self) -> FloatArray:
+        """All lines joined, without the vias, in m.
+
+        The array has the shape (n, 2).
+        """
+        return np.vstack([self.lines[0][:1], *(line[1:] for line in self.lines)])
+
+    @property
+    def length(self) -> float:
+        """Length of the path in m, without the vias."""
+        return float(np.hypot(*np.diff(self.path, axis=0).T).sum())
+
+    @property
+    def centre(self) -> Point:
+        """Centre in m of the area enclosed by the path.
+
+        It is the middle of its bounds if the path encloses no area.
+        """
+        path = self.path
+        x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
+        return float(x), float(y)
+
+    @cached_property
+    def poles(self) -> tuple[Pole, ...]:
+        """Places about which the path winds, with their turns.
+
+        The place with the most turns comes first. With several places, the way from one to the next is no turn of
+        either. A single loop has its centre as a pole. So has a meander, whose bends are no turns. The pole has 0 turns
+        if the path runs around nothing.
+        """
+        found = find_turns(FlatPath.of_lines(self.lines, self.widths))
+        if found is not None:
+            several = len(found.poles) > 1
+            poles = [
+                replace(pole, turns=found.own_turns(pole) if several else turns_about(self.path, (pole.x, pole.y)))
+                for pole in found.poles
+            ]
+            poles.sort(key=lambda pole: -round(abs(pole.turns), 6))
+            if abs(poles[0].turns) > _BEND:
+                return tuple(poles)
+        centre = self.centre
+        return (Pole(*centre, 0.0 if _runs_around_nothing(self.path) else turns_about(self.path, centre)),)
+
+    @property
+    def turns(self) -> float:
+        """Turns about the main pole, anticlockwise positive."""
+        return self.poles[0].turns
+
+
+def _cross(points: FloatArray) -> FloatArray:
+    """Twice the signed area of the triangle on each side.
+
+    The triangles have the origin as a corner. The path is closed.
+    """
+    following = np.roll(points, -1, axis=0)
+    return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
+
+
+def _runs_around_nothing(path: FloatArray) -> bool:
+    area = _cross(path - path[0]).sum() / 2
+    return bool(abs(area) <= _NO_AREA * np.hypot(*np.diff(path, axis=0).T).sum() ** 2)
+
+
+def _centroid(path: FloatArray) -> FloatArray:
+    """Centroid of the area enclosed by a path.
+
+    The path is closed by a straight line. Each part counts as often as the path runs around it.
+    """
+    points = path - path[0]
+    cross = _cross(points)
+    return np.asarray(
+        path[0] + ((points + np.roll(points, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    )
+
+
+def natural_order(name: str) -> list[tuple[bool, int, str]]:
+    """Return a sort key that counts numbers in names.
+
+    "A2" comes before "A10", and numbers before letters: 7, A2, A10, B1.
+    """
+    parts = re.findall(r"[0-9]+|[^0-9]+", name)
+    return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
+
+
+def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> TracedCoil:
+    """Follow a connected piece of copper from end to end.
+
+    It is given by the indices of its edges. The first end is as in `trace_coils`. `name` is the name of the coil, and
+    `what` the piece in messages: "net A". The graph was made from `tracks`. Raises BoardError if a piece branches, is
+    closed or crosses itself.
+    """
+    numbers = sorted({node for index in piece for node in graph.edges[index].ends})
+    for number in numbers:
+        node = graph.nodes[number]
+        if len(node.edges) > 2:
+            ways = ", ".join(dict.fromkeys(where(graph, index, tracks) for index in node.edges))
+            raise BoardError(
+                f"{where(graph, node.edges[0], tracks)}: {what} must have two ends; {len(node.edges)} ways meet at "
+                f"{place_in_mm(node.x, node.y)} ({ways})."
+            )
+    ends = [number for number in numbers if len(graph.nodes[number].edges) == 1]
+    if not ends:
+        begins = where(graph, piece[0], tracks)
+        raise BoardError(f"{begins}: {what} must have two ends; it is closed, through {place(graph, piece[0])}.")
+    _refuse_crossing(what, graph, piece, tracks)
+    pad_numbers = [_pad_number(graph, number) for number in ends]
+    if sorted(pad_numbers) == ["", "2"]:  # the pad 1 is missing, not the pad 3
+        start = ends[pad_numbers.index("")]
+    else:
+        start = min(ends, key=lambda number: _precedence(graph, number))
+    return _traced(name, graph, list(_walk(graph, start)), tracks)
+
+
+def place(graph: TrackGraph, edge: int) -> str:
+    """Place where an edge begins, for messages."""
+    node = graph.nodes[graph.edges[edge].ends[0]]
+    return place_in_mm(node.x, node.y)
+
+
+def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
+    """File and line of an edge, for messages."""
+    return tracks[graph.edges[edge].track].where
+
+
+def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
+    """Sort key of an end of a path.
+
+    Numbered pads come first, by number, then the place in the file.
+    """
+    edge = graph.edges[graph.nodes[number].edges[0]]
+    pad_number = _pad_number(graph, number)
+    return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
+
+
+def _pad_number(graph: TrackGraph, number: int) -> str:
+    pad = graph.nodes[number].pad
+    return "" if pad is None else pad.number
+
+
+def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
+    """Raise BoardError if tracks cross away from their ends.
+
+    Only tracks on one layer are compared.
+    """
+    if len(piece) < 2:
+        return
+    ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
+    lines = [shapely.LineString([(node.x, node.y) for node in pair]) for pair in ends]
+    for i, j in found_in_parts(shapely.STRtree(lines), lines, [0.0] * len(lines)):
+        one, other = graph.edges[piece[i]], graph.edges[piece[j]]
+        if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
+            at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])
+            raise BoardError(
+                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at {at} "
+                f"({where(graph, piece[j], tracks)})."
+            )
+
+
+def _walk(graph: TrackGraph, start: int) -> Iterator[tuple[TrackEdge, int]]:
+    """Yield the edges of a path in order.
+
+    The path begins at an end, and each edge comes with its next node.
+    """
+    came, here = -1, start
+    while True:
+        onward = [index for index in graph.nodes[here].edges if index != came]
+        if not onward:
+            return
+        came = onward[0]
+        edge = graph.edges[came]
+        here = edge.ends[1] if edge.ends[0] == here else edge.ends[0]
+        yield edge, here
+
+
+def _traced(
+    name: str, graph: TrackGraph, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
+) -> TracedCoil:
+    """Make the traced coil of the edges along a path."""
+    edge, number = steps[0]
+    first = edge.ends[1] if edge.ends[0] == number else edge.ends[0]
+    lines, layers, widths, vias = [], [], [], []
+    passed: list[Hole] = []
+    at = first
+    for layer, run in groupby(steps, key=lambda step: step[0].layer):
+        on_layer = list(run)
+        numbers = [at, *(number for _, number in on_layer)]
+        nodes = [graph.nodes[number] for number in numbers]
+        lines.append(np.array([(node.x, node.y) for node in nodes]))
+        layers.append(layer)
+        widths.append(np.array([edge.width for edge, _ in on_layer]))
+        passed += [node.hole for node in nodes[1:-1] if node.hole is not None]
+        at = numbers[-1]
+        vias.append(nodes[-1].hole)
+    holes = tuple(hole for hole in vias[:-1] if hole is not None)
+    begins = tracks[steps[0][0].track].where
+    begin, end = graph.nodes[first], graph.nodes[at]
+    ends = (begin.pad or begin.hole, end.pad or end.hole)
+    return TracedCoil(name, tuple(lines), tuple(layers), tuple(widths), holes, ends, tuple(passed), begins)

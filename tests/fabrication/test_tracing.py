@@ -1,0 +1,580 @@
+"""Nets of a board become coils: order, direction, layers, widths; what is no path is a named error with its place.
+
+Who checks whom: boards written by board_text.py against the arrays and points that they were written from; the
+inductance matrix before and after; turns, lengths and gaps against formulas of the square spiral.
+"""
+
+import math
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.board_text import KICAD_8, array_text, board, pads, path, segment, square_spiral, via
+from support.boards import FOUR_LAYERS, many_layers, one_coil, reference_board
+from support.refusals import refused
+
+from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.errors import BoardError
+from coilarray.fabrication.board import BoardCopper, Hole, SurfacePad, Track
+from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
+from coilarray.fabrication.track_graph import require_followable
+from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup, path_coil
+from coilarray.geometry.arcs import CHORD_ERROR, arc_points
+
+GRID = 1e-9  # m: resolution of KiCad's files; a point is off by half of it at most
+TWO_LAYERS = Stackup(("top", "bottom"), (35e-6, 35e-6), (1e-3,), (4.5,))
+SPIRAL = square_spiral()
+INNER, OUTER = SPIRAL[-1], SPIRAL[0]
+
+
+def copper(*tracks, holes=(), pads=(), net="A"):
+    """Board of tracks given as (layer, start, end) or (layer, start, end, width), in mm."""
+    made = []
+    for k, (layer, a, b, *width) in enumerate(tracks):
+        start, end = ((x * 1e-3, y * 1e-3) for x, y in (a, b))
+        made.append(Track(layer, start, end, *(width or (0.2e-3,)), net, f"file:{k + 1}"))
+    return BoardCopper("file", TWO_LAYERS, tuple(made), tuple(holes), tuple(pads))
+
+
+def line(*points, layer="top"):
+    return [(layer, a, b) for a, b in pairwise(points)]
+
+
+def traced(board_copper, net="A"):
+    (coil,) = trace_coils(board_copper, [net]).coils
+    return coil
+
+
+def as_array(board_copper, nets=None):
+    """What the coils of a board make."""
+    return traced_array(board_copper, trace_coils(board_copper, nets).coils)
+
+
+def end_pads(numbers):
+    """Pads with these numbers at the outer and the inner end of the spiral."""
+    return tuple(
+        SurfacePad(x * 1e-3, y * 1e-3, "top", "A", "file:pad", number, 1e-3)
+        for (x, y), number in zip((OUTER, INNER), numbers, strict=True)
+    )
+
+
+def hole(x, y, *, net="A", kind="via", number="", pad=0.6e-3):
+    return Hole(x / 1e3, y / 1e3, 0.3e-3, pad, ("top", "bottom"), net, kind, "file:hole", number)
+
+
+def small_array(**options):
+    """Three coils of two shapes on four layers, one of them turned."""
+    coil = Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3, 0.2).coil()
+    other = Spiral(4, 6e-3, 4, 0.2e-3, 0.15e-3, layers=3, return_lead=True).coil()
+    left, right = (
+        Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3),
+        Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3),
+    )
+    return Array(FOUR_LAYERS, (left, right, Placement("zigzag", other, FOUR_LAYERS.names, 16e-3, 1e-3, 0.7)), **options)
+
+
+@pytest.mark.parametrize("through", [True, False])
+def test_an_array_comes_back_with_its_inductances(read, through):
+    array = small_array(through_holes=through)
+    found = as_array(read(array_text(array))).array
+    assert found.names == array.names
+    assert found.through_holes is through
+    assert [p.layers for p in found.placements] == [p.layers for p in array.placements]
+    for new, old in zip(found.conductors(), array.conductors(), strict=True):
+        np.testing.assert_allclose(new.vertices, old.vertices, rtol=0, atol=0.6 * GRID)
+        np.testing.assert_allclose(new.areas, old.areas, rtol=1e-9)
+    for new, old in zip(found.placements, array.placements, strict=True):
+        assert (new.coil.via, new.coil.terminal) == (old.coil.via, old.coil.terminal)
+        assert new.coil.gap == pytest.approx(old.coil.gap, abs=1e-6)  # rounded to 1 µm
+    # the same shape twice is one coil; the turned one has a shape of its own
+    assert found.placements[0].coil is found.placements[1].coil
+    L, before = (inductance_matrix(each.conductors()) for each in (found, array))
+    # places are off by 0.5 nm of gaps of 0.15 mm: 3e-6 of a logarithm, averaged over many turns
+    np.testing.assert_allclose(L, before, rtol=1e-6, atol=1e-6 * np.diag(before).min())
+    np.testing.assert_allclose(dc_resistance(found), dc_resistance(array), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_reference_board_has_one_shape(read):
+    found = as_array(read(array_text(reference_board(turns=10))))
+    assert len({id(placement.coil) for placement in found.array.placements}) == 1
+    np.testing.assert_allclose(np.diff(found.array.centres[:, 0]), 13.28e-3, atol=1e-15)
+    assert found.array.placements[0].coil.gap == pytest.approx(0.1e-3, abs=1e-6)
+    assert len(found.notes) == len(found.array.placements)
+    assert found.notes[0] == "C1: the current enters at pad 1, (−32.45, 13.44) mm on L1."
+    assert set(found.assumed) == {"coils.*.via.plating_um", "board.margin_mm"}
+
+
+@pytest.mark.slow
+@given(st.sampled_from([3, 4, 6, 24]), st.integers(1, 4), st.sampled_from(["ccw", "cw"]), st.floats(-3, 3))
+@settings(max_examples=12)
+def test_any_spiral_keeps_its_sense_turns_and_length(sides, layers, winding, rotation):
+    spiral = Spiral(sides, 12e-3, 6, 0.15e-3, 0.2e-3, winding=winding)
+    array = one_coil(replace(spiral, layers=layers, return_lead=layers % 2 == 1).coil(), rotation=rotation)
+    placement, names = array.placements[0], array.stackup.names
+    tracks = [
+        Track(layer, tuple(a), tuple(b), 0.15e-3, "A", "file:1")
+        for part, _, layer in placement.traces()
+        for a, b in pairwise(part.tolist())
+    ]
+    vias = [Hole(x, y, 2e-4, 4.5e-4, names, "A", "via", "f") for x, y in placement.to_board(placement.coil.via_points)]
+    ends = placement.to_board(placement.coil.terminal_points)
+    terminals = [Hole(x, y, 5e-4, 1e-3, names, "A", "pad", "f", str(k + 1)) for k, (x, y) in enumerate(ends)]
+    shuffled = np.random.default_rng(1).permutation(len(tracks))
+    turned = [replace(track, start=track.end, end=track.start) for track in tracks]
+    mixed = tuple((tracks if k % 3 else turned)[k] for k in shuffled)
+    coil = traced(BoardCopper("f", array.stackup, mixed, (*vias, *terminals[::-1]), ()))
+    for new, old in zip(coil.lines, placement.coil.lines, strict=True):
+        np.testing.assert_allclose(new, placement.to_board(old), rtol=0, atol=1e-15)
+    assert coil.layers == placement.layers
+    sense = 1 if winding == "ccw" else -1
+    # leads and stubs sweep less than a fifth of a turn
+    assert sense * coil.turns == pytest.approx(6 * layers, abs=0.2)
+    # the area's centre is off the spiral's by less than a pitch
+    assert math.hypot(*coil.centre) < 0.35e-3
+
+
+def test_where_the_current_enters(read):
+    cases = (
+        *((("1", "2"), OUTER), (("2", "1"), INNER), (("A10", "A2"), INNER), (("3", "2"), INNER), (("", "7"), INNER)),
+        *((("1", ""), OUTER), (("2", ""), INNER), (("", "2"), OUTER)),  # a lone 2 is the second terminal
+    )
+    for numbers, first in cases:
+        coil = traced(replace(copper(*line(*SPIRAL)), pads=end_pads(numbers)))
+        assert coil.lines[0][0] * 1e3 == pytest.approx(first)
+        assert [end.number for end in coil.ends] == (list(numbers) if first == OUTER else list(numbers[::-1]))
+    # without numbers it enters where the file begins
+    for numbers in (("", ""), ("1", "1")):
+        for points in (SPIRAL, SPIRAL[::-1]):
+            coil = traced(replace(copper(*line(*points)), pads=end_pads(numbers)))
+            assert coil.lines[0][0] * 1e3 == pytest.approx(points[0])
+    assert traced(copper(("top", (0, 0), (1, 0)))).lines[0].tolist() == [[0, 0], [1e-3, 0]]
+    assert traced(copper(("top", (1, 0), (0, 0)))).lines[0].tolist() == [[1e-3, 0], [0, 0]]
+
+
+def test_widths_and_layers_go_with_their_tracks():
+    tracks = (("top", (0, 0), (1, 0), 0.3e-3), ("top", (3, 0), (1, 0), 0.2e-3), ("top", (3, 0), (3, 4), 0.4e-3))
+    coil = traced(copper(*tracks))
+    assert coil.widths[0].tolist() == [0.3e-3, 0.2e-3, 0.4e-3]
+    assert coil.length == pytest.approx(7e-3)
+    # where copper lies twice the wider one counts
+    coil = traced(copper(("top", (0, 0), (6, 0), 0.2e-3), ("top", (4, 0), (9, 0), 0.5e-3)))
+    assert coil.widths[0].tolist() == [0.2e-3, 0.5e-3, 0.5e-3]
+    # a path over vias and back to its layer
+    tracks = [*line((0, 0), (5, 0)), *line((5, 0), (5, 2), layer="bottom"), *line((5, 2), (0, 2))]
+    coil = traced(copper(*tracks, holes=[hole(5, 0), hole(5, 2)]))
+    assert coil.layers == ("top", "bottom", "top")
+    assert [(via.x, via.y) for via in coil.vias] == [(5e-3, 0), (5e-3, 2e-3)]
+    array = traced_array(copper(*tracks), [coil]).array
+    assert array.placements[0].lines_on("top") == (0, 2)
+
+
+def test_ends_that_are_joined():
+    tracks = [("top", (0, 0), (5, 0.0004)), ("top", (5.0004, 0), (9, 0)), ("bottom", (9.0005, 0), (9, 5))]
+    coil = traced(copper(*tracks, holes=[hole(9, 0)]))
+    assert [len(part) for part in coil.lines] == [3, 2]
+    assert coil.lines[0][-1].tolist() == coil.lines[1][0].tolist() == [9e-3, 0]
+    # loose ends whose round caps meet
+    coil = traced(copper(("top", (0, 0), (5, 0)), ("top", (5.08, 0.02), (9, 0))))
+    np.testing.assert_allclose(coil.lines[0] * 1e3, [(0, 0), (5, 0), (5.08, 0.02), (9, 0)], atol=1e-12)
+    apart = copper(("top", (0, 0), (5, 0)), ("top", (5.11, 0), (9, 0)))
+    refused(BoardError, "2 that do not meet", traced, apart)
+    # a track that ends in a pad beside its centre is continued
+    pad, track = SurfacePad(0, 0, "top", "A", "file:pad", "1", 1e-3), ("top", (0.3, 0.2), (5, 0.2))
+    coil = traced(copper(track, holes=[hole(5.1, 0.1)], pads=[pad]))
+    np.testing.assert_allclose(coil.lines[0] * 1e3, [(0, 0), (0.3, 0.2), (5, 0.2), (5.1, 0.1)], atol=1e-12)
+    note = "A: pads without a hole at its ends left out; the trace ends in their centres."
+    assert traced_array(copper(), [coil]).notes[1] == note
+    assert traced(copper(track, pads=[replace(pad, size=0.5e-3)])).ends == (None, None)
+
+
+def test_copper_that_lies_twice_is_one_path():
+    for tracks in (
+        *([(0, 6), (4, 9)], [(0, 9), (2, 3)], [(0, 9), (9, 0)]),  # overlapping, inside, twice
+        *([(0, 5), (5, 9), (3, 7), (3, 7)], [(0, 9), (4, 4)]),  # over a joint, no length
+    ):
+        coil = traced(copper(*(("top", (a, 0), (b, 0)) for a, b in tracks)))
+        assert coil.length == pytest.approx(9e-3, rel=1e-12)
+        np.testing.assert_allclose(sorted(coil.lines[0][[0, -1], 0]), [0, 9e-3], atol=1e-15)
+        assert (np.diff(coil.lines[0][:, 0]) > 0).all() or (np.diff(coil.lines[0][:, 0]) < 0).all()
+
+
+PIECES = r"it has 2 that do not meet, at \(0, 0\) mm on top \(file:1\) and at \(0, 3\) mm on top \(file:2\)"
+
+
+def test_nets_that_are_no_path():
+    for tracks, message in (
+        (
+            [*line((0, 0), (5, 0), (9, 0)), ("top", (5, 0), (5, 4))],
+            r"3 ways meet at \(5, 0\) mm \(file:1, file:2, file:3\)",
+        ),
+        ([("top", (0, 0), (9, 0)), ("top", (5, 0), (5, 4))], r"ends; 3 ways meet at \(5, 0\) mm \(file:1, file:2\)"),
+        (line((0, 0), (5, 0), (5, 4), (0, 0)), r"have two ends; it is closed, through \(0, 0\) mm"),
+        ([*line((0, 0), (5, 0)), *line((0, 3), (5, 3))], PIECES),
+        ([*line((0, 0), (5, 0)), *line((5, 0), (5, 3), layer="bottom")], "it has 2 that do not meet"),
+        (line((0, 0), (9, 0), (9, 5), (5, 5), (5, -5)), r"it crosses itself on top at \(5, 0\) mm \(file:4\)"),
+        ([("top", (0, 0), (0, 0))], r"be one piece of copper; it has 0"),
+    ):
+        refused(BoardError, rf"^file:1: net A must .*{message}", traced, copper(*tracks))
+
+
+def test_crossings_and_double_vias():
+    tracks = [*line((0, 0), (5, 0), (6, 0)), *line((5, 0), (6, 0), (9, 0), layer="bottom")]
+    refused(BoardError, r"3 ways meet at \([56], 0\) mm", traced, copper(*tracks, holes=[hole(5, 0), hole(6, 0)]))
+    # on another layer a path may cross itself
+    tracks = [*line((0, 0), (9, 0), (9, 5), (5, 5)), *line((5, 5), (5, -5), layer="bottom")]
+    assert traced(copper(*tracks, holes=[hole(5, 5)])).layers == ("top", "bottom")
+
+
+LINE = '(gr_line (start 1 1) (end 2 2) (width 0.1) (layer "F.Cu"))'
+
+
+def test_nets_that_are_not_there(read):
+    found = read(board(path(*SPIRAL), pads(OUTER, net='2 "B"'), nets=("COIL_A", "B")))
+    drawn, bare = read(board(LINE, LINE, pads(OUTER, net='2 "B"'))), copper(*line(*SPIRAL), net=None)
+    tracks = [segment((k, 0), (k, 1), net=str(k + 1)) for k in range(20)]
+    many = read(board(*tracks, nets=tuple(f"net{k:02}" for k in range(20))))
+    for copper_read, net, message in (
+        (found, "COIL_B", r"there is no net 'COIL_B'; did you mean COIL_A\? The board has B, COIL_A\.$"),
+        (found, "B", r"b\.kicad_pcb: net B has no track\.$"),
+        (drawn, "B", r"no track\. Of its copper without a net, 2 pieces are drawn shapes or zones"),
+        (bare, "A", "there is no net 'A'; the board's copper has no nets"),
+        (many, "x", "and 8 more"),
+    ):
+        refused(BoardError, message, trace_coils, copper_read, [net])
+
+
+ZONE = """(zone (net {net}) (layer "F.Cu") (tstamp 0) (hatch edge 0.5)
+  (polygon (pts (xy {x} 100) (xy {x1} 100) (xy {x1} 90) (xy {x} 90))))"""
+
+
+def test_copper_that_is_no_track(read):
+    for item, message in (
+        (ZONE.format(net=1, x=150, x1=160), "net A has a zone on F.Cu, which cannot be taken as a current path"),
+        ('(gr_line (start 1 1) (end 2 2) (width 0.1) (layer "B.Cu") (net 1))', "net A has a drawn line on B.Cu"),
+        (ZONE.format(net=0, x=104, x1=110), r"a zone without a net touches net A on F.Cu at \(.*\) mm"),
+        ('(gr_line (start 95 90) (end 95 96) (width 0.1) (layer "F.Cu"))', "a drawn line without a net touches net A"),
+        (segment((-5, 0), (-8, 0), net="0"), "a track without a net touches net A on F.Cu"),
+    ):
+        text = board(path(*SPIRAL), item)
+        number = text[: text.index(item)].count("\n") + 1
+        refused(BoardError, rf"b\.kicad_pcb:{number}: {message}", trace_coils, read(text), ["A"])
+    # copper of another net, elsewhere or on the other layer is of no concern
+    elsewhere = (ZONE.format(net=0, x=150, x1=160), segment((-6, 0), (-8, 0), net="0"))
+    other_layer = ZONE.format(net=0, x=104, x1=110).replace("F.Cu", "B.Cu")
+    for item in (ZONE.format(net=2, x=104, x1=110), *elsewhere, other_layer):
+        assert len(trace_coils(read(board(path(*SPIRAL), item)), ["A"]).coils) == 1
+
+
+def surface_pad(x, y, width, height, *, net="A", at="file:pad"):
+    """Return a rectangular pad on top, in mm."""
+    corners = np.array((x - width / 2, y - height / 2, x + width / 2, y + height / 2)) * 1e-3
+    return SurfacePad(x * 1e-3, y * 1e-3, "top", net, at, "", min(width, height) * 1e-3, shapely.box(*corners))
+
+
+BELOW = (0, -4.5)  # the outermost turns cross x = 0 at y = −5 and −4
+
+
+@pytest.mark.parametrize("net", ["A", None])
+def test_a_pad_or_via_across_turns_makes_no_coil(net):
+    spiral = copper(*line(*SPIRAL))
+    for short in (
+        {"pads": (surface_pad(*BELOW, 0.3, 2, net=net),)},
+        {"holes": (hole(*BELOW, pad=1.2e-3, net=net),)},
+        {"pads": (surface_pad(0, -4.8, 0.3, 0.4, net=net), surface_pad(0, -4.3, 0.3, 0.8, net=net))},  # a chain
+    ):
+        message = r"^file:(pad|hole): a (pad|via) (bridges turns of|without a net touches)"
+        refused(BoardError, message, traced, replace(spiral, **short))
+
+
+def test_pads_and_holes_beside_turns():
+    tracks = [*line((0, 0), (9, 0)), *line((9, 0), (9, 5), (4, 5), (4, -5), layer="bottom")]
+    assert traced(copper(*tracks, holes=[hole(9, 0)])).layers == ("top", "bottom")
+    message = r"a via bridges turns of net A: it also touches it on bottom at \(4, 0"
+    refused(BoardError, message, traced, copper(*tracks, holes=[hole(9, 0), hole(3.8, 0)]))
+    # a pad left out where no track ends is a barrel alone, which the trace at 0.3 mm passes
+    passing = [*line((0, 0), (9, 0)), *line((9, 0), (9, 5), (4, 5), (4, 0.3), (3, 0.3), layer="bottom")]
+    refused(BoardError, "a via bridges turns", traced, copper(*passing, holes=[hole(9, 0), hole(3.5, 0)]))
+    thin = replace(hole(3.5, 0), shapes={"top": shapely.Point(3.5e-3, 0).buffer(0.3e-3)})
+    assert traced(copper(*passing, holes=[hole(9, 0), thin])).layers == ("top", "bottom")
+    # pads that only widen the path
+    at_the_end, along_a_side, around_a_corner = (*OUTER, 1.5, 1.5), (-5, 0, 0.8, 3), (-4.95, -4.95, 0.5, 0.5)
+    for pad in (at_the_end, along_a_side, around_a_corner, (20, 20, 5, 5)):
+        assert traced(copper(*line(*SPIRAL), pads=(surface_pad(*pad),))).turns == pytest.approx(3, abs=0.1)
+
+
+def test_copper_without_a_net_that_something_touches_is_no_coil():
+    spiral = copper(*line(*SPIRAL), net=None)
+    assert [coil.name for coil in trace_coils(spiral).coils] == ["coil1"]
+    for short in (
+        copper(("top", (0, -4.9), (0, -4.1), 0.3e-3), net=None),  # ends between the centre lines
+        copper(("top", (0, -4.95), (3, -4.5), 0.2e-3), net="B"),
+        *(copper(holes=[hole(*BELOW, pad=1.2e-3, net=net)]) for net in (None, "B")),
+    ):
+        both = replace(spiral, tracks=spiral.tracks + short.tracks, holes=short.holes)
+        refused(BoardError, r"(touches (tracks|copper)|bridges turns of copper) without a net", trace_coils, both)
+
+
+def test_copper_without_a_net_that_touches_what_has_one_is_no_coil():
+    spirals = copper(*line(*SPIRAL), *line(*((x + 11, y) for x, y in SPIRAL)), net=None)
+    assert len(trace_coils(spirals).coils) == 2
+    joined = replace(spirals, pads=(surface_pad(5.5, 0, 2, 0.3, net=None),))
+    refused(BoardError, "a pad without a net touches copper without a net", trace_coils, joined)
+    # at pads with a net
+    bare = copper(*line(*SPIRAL), holes=[hole(*OUTER, kind="pad"), hole(*INNER, kind="pad")], net=None)
+    refused(BoardError, "file:hole: a pad of net A touches tracks without a net", trace_coils, bare)
+    message = r"net A has no track\. The board has 12 tracks without a net, the first at f"
+    refused(BoardError, message, trace_coils, bare, ["A"])
+
+
+def test_the_back_and_the_margin_of_a_board(read):
+    found = as_array(read(board(path(*SPIRAL))))
+    assert found.array.stackup == Stackup(("F.Cu",), (35e-6,), (), ())
+    assert "B.Cu has no copper and is left out: the design has one layer, F.Cu." in found.notes
+    assert not any("dielectric" in key for key in found.assumed)
+    both = read(board(path(*SPIRAL), via(20, 20, net="2")))
+    assert as_array(both).array.stackup == both.stackup
+    # the margin is the nearest edge
+    even, uneven = (
+        as_array(replace(copper(*line(*SPIRAL)), edge=(-8e-3, -8e-3, *corner)))
+        for corner in ((8e-3, 8e-3), (20e-3, 3e-3))
+    )
+    assert (even.array.board_margin, uneven.array.board_margin) == (pytest.approx(2.9e-3), 0)
+    assert not any("margin" in text for text in (*even.notes, *even.assumed))
+    assert any("2.9, 2.9, 14.9, -2.1 mm" in note for note in uneven.notes)
+
+
+def test_without_names_the_nets_that_wind_are_coils(read):
+    bent, closed = path((20, 0), (30, 0), (30, 5), net="2"), path((40, 0), (50, 0), (45, 5), (40, 0), net="3")
+    items = (path(*SPIRAL), bent, closed, path(*((x + 60, y) for x, y in SPIRAL), net="0"))
+    found = trace_coils(read(board(*items, nets=("A", "B", "C", "D"))))
+    assert [coil.name for coil in found.coils] == ["A", "coil1"]
+    assert re.fullmatch(r"it makes 0\.\d\d turns around a place; a coil makes at least one\.", found.left_out["B"])
+    assert "it is closed" in found.left_out["C"]
+    assert set(found.left_out) == {"B", "C"}
+
+
+def test_what_is_a_coil(read):
+    loop = [(6 * math.cos(a), 6 * math.sin(a)) for a in np.radians(np.linspace(10, 350, 60))]
+    assert len(trace_coils(copper(*line((12, loop[0][1]), *loop, (12, loop[-1][1])))).coils) == 1
+    meander = copper(*line((0, 0), (9, 0), (9, 1), (0, 1), (0, 2), (9, 2), (9, 3), (0, 3)))
+    none = "no net is one path from end to end with a whole turn; "
+    refused(BoardError, none + "A: it makes", trace_coils, meander)
+    refused(BoardError, none + "it has no tracks", trace_coils, read(board(pads((0, 0)))))
+    bare = copper(*line((0, 0), (5, 0), (9, 0)), ("top", (5, 0), (5, 4)), net=None)
+    message = r"copper without a net at \(0, 0\) mm: file:1: copper without a net at .*3 ways"
+    refused(BoardError, message, trace_coils, bare)
+
+
+def test_names_of_coils_are_new_or_in_the_given_order_of_nets_which_need_not_wind(read):
+    text = board(path(*SPIRAL), path(*((x + 60, y) for x, y in SPIRAL), net="0"), nets=("coil1",))
+    assert [coil.name for coil in trace_coils(read(text)).coils] == ["coil1", "coil2"]
+    text = board(path(*SPIRAL), path((20, 0), (30, 0), net="2"))
+    assert [coil.name for coil in trace_coils(read(text), ["B", "A", "B"]).coils] == ["B", "A"]
+
+
+def test_turns_length_and_gap_of_a_square_spiral():
+    coil = traced(copper(*line(*SPIRAL)))
+    # from the corner at (-5, 5) anticlockwise; the last side ends 1 mm beyond a whole turn's corner
+    assert coil.turns == pytest.approx(3, abs=0.1)
+    assert coil.length == pytest.approx(sum(math.dist(a, b) for a, b in pairwise(SPIRAL)) * 1e-3)
+    assert math.hypot(*coil.centre) < 0.5e-3
+    assert turn_gap(coil.lines, coil.layers, coil.widths) == pytest.approx(0.8e-3)
+    assert traced(copper(*line(*SPIRAL[::-1]))).turns == pytest.approx(-coil.turns)
+    # the gap takes widths off and leaves other layers out
+    wide, points = [np.full(len(SPIRAL) - 1, 0.5e-3)], np.array(SPIRAL) * 1e-3
+    assert turn_gap([points], ["top"], wide) == pytest.approx(0.5e-3)
+    assert turn_gap([points, points + 0.3e-3], ["top", "bottom"], wide * 2) == pytest.approx(0.5e-3)
+
+
+def test_paths_without_turns_or_gap():
+    found = as_array(copper(*line((0, 0), (9, 0), (9, 1), (0, 1))), ["A"])
+    assert found.array.placements[0].coil.gap == 0.2e-3
+    assert "coils.A.gap_mm" in found.assumed
+    # a path that runs around nothing
+    coil = traced(copper(*line((0, 0), (5, 0), (9, 0))))
+    assert coil.turns == 0
+    assert coil.centre == pytest.approx((4.5e-3, 0))
+
+
+def test_holes_of_several_sizes_or_depths_or_that_lead_nowhere(read):
+    tracks = [*line((0, 0), (5, 0)), *line((5, 0), (5, 2), layer="bottom"), *line((5, 2), (0, 2))]
+    tracks += line((0, 2), (0, 4), layer="bottom")
+    holes = [hole(5, 0), hole(5, 2, pad=0.8e-3), hole(0, 2, pad=0.8e-3)]
+    found = as_array(copper(*tracks, holes=holes), ["A"])
+    assert found.array.placements[0].coil.via == PlatedHole(0.3e-3, 0.8e-3)
+    assert found.notes[:-1] == ("A: vias of several sizes, all taken as the commonest.",)
+    # blind and through holes together
+    tracks = [("L1", (0, 0), (5, 0)), ("L2", (5, 0), (5, 2)), ("L3", (5, 2), (0, 2))]
+    names = many_layers(4).names
+    vias = [replace(hole(5, 0), layers=names), replace(hole(5, 2), layers=names[1:3])]
+    found = as_array(replace(copper(*tracks, holes=vias), stackup=many_layers(4)), ["A"])
+    assert not found.array.through_holes
+    assert "some do not" in found.notes[0]
+    # vias at the ends
+    array = as_array(read(board(path(*SPIRAL), via(*OUTER), via(*INNER, size="0.6")))).array
+    assert array.placements[0].coil.terminal == PlatedHole(0.3e-3, 0.6e-3)
+    # a pad no larger than its hole
+    tracks = [*line((0, 0), (5, 0)), *line((5, 0), (5, 2), layer="bottom")]
+    message = "file:hole: hole of A: pad of a hole must be larger than its drill"
+    for kind in ("via", "pad"):
+        refused(BoardError, message, as_array, copper(*tracks, holes=[hole(5, 0, pad=0.3e-3, kind=kind)]), ["A"])
+    # holes that lead nowhere
+    board_copper = copper(*line(*SPIRAL), holes=[hole(-5, 0), hole(*OUTER), hole(20, 20)])
+    coil = traced(board_copper)
+    assert [(via.x, via.y) for via in coil.passed] == [(-5e-3, 0)]
+    assert coil.vias == ()
+    notes = traced_array(board_copper, [coil]).notes
+    assert notes[:-1] == (
+        "A: one end has a plated hole and the other none; both taken without.",
+        "A: 1 of the holes on the path join none of its lines and are left out.",
+    )
+
+
+def test_shapes_that_differ_by_more_than_the_grid_are_two():
+    def two(shift):
+        moved = np.add(SPIRAL, (30, 0))
+        moved[5, 0] += shift
+        tracks = (*copper(*line(*SPIRAL)).tracks, *copper(*line(*moved), net="B").tracks)
+        first, second = as_array(replace(copper(), tracks=tracks)).array.placements
+        return first.coil is second.coil
+
+    assert two(1e-6)  # 1 nm
+    assert not two(5e-6)
+
+
+# ---- a board as people draw it in KiCad 8: arcs, a header turned by 90°, a ground plane, teardrops
+
+
+PITCH, OUTSIDE = 1.0, 10.0  # mm
+
+
+def half_circles(turns):
+    """Start, middle and end of every arc on the front, inwards, and on the back, outwards; mm, y up, anticlockwise."""
+    front, back = [], []
+    for k in range(turns):
+        r = OUTSIDE - k * PITCH
+        front.append(((r, 0), (0, r), (-r, 0)))
+        front.append(((-r, 0), (-PITCH / 2, -(r - PITCH / 2)), (r - PITCH, 0)))
+        r = OUTSIDE - (turns - k) * PITCH
+        back.append(((r, 0), (-PITCH / 2, r + PITCH / 2), (-(r + PITCH), 0)))
+        back.append(((-(r + PITCH), 0), (0, -(r + PITCH)), (r + PITCH, 0)))
+    return front, back
+
+
+def drawn_by_hand(turns):
+    inner = OUTSIDE - turns * PITCH
+
+    def at(name, point):
+        return f"\t\t({name} {50 + point[0]:g} {40 - point[1]:g})"
+
+    def item(kind, *rows, layer, net=1):
+        inside = "\n".join(rows)
+        return f'\t({kind}\n{inside}\n\t\t(width 0.25)\n\t\t(layer "{layer}")\n\t\t(net {net})\n\t\t(uuid "0-1")\n\t)'
+
+    front, back = half_circles(turns)
+    arcs = [
+        item("arc", at("start", a), at("mid", b), at("end", c), layer=layer)
+        for layer, half in (("F.Cu", front), ("B.Cu", back))
+        for a, b, c in half
+    ]
+    ends = [("F.Cu", (14, 1.27), (10, 0)), ("F.Cu", (inner, 0), (3.5, 0))]
+    ends += [("B.Cu", (3.5, 0), (inner, 0)), ("B.Cu", (10, 0), (14, -1.27))]
+    arcs = arcs[::-1] + [item("segment", at("start", a), at("end", b), layer=layer) for layer, a, b in ends]
+    return f"""(kicad_pcb
+\t(version {KICAD_8}) (generator "pcbnew") (generator_version "8.0") (paper "A5")
+\t(general (thickness 0.8) (legacy_teardrops no))
+\t(layers (0 "F.Cu" signal) (31 "B.Cu" signal "back side") (37 "F.SilkS" user "F.Silkscreen") (44 "Edge.Cuts" user))
+\t(setup (pad_to_mask_clearance 0) (aux_axis_origin 50 40))
+\t(net 0 "") (net 1 "/sensor/coil (1)") (net 2 "GND")
+\t(footprint "Connector:Header_1x02"
+\t\t(layer "F.Cu") (uuid "0-2") (at 64 38.73 -90) (attr through_hole)
+\t\t(property "Reference" "J1" (at 0 -2.33 90) (layer "F.SilkS") (effects (font (size 1 1) (thickness 0.15))))
+\t\t(fp_line (start -1 -1) (end 3 -1) (stroke (width 0.12) (type solid)) (layer "F.SilkS") (uuid "0-3"))
+\t\t(pad "1" thru_hole rect (at 0 0 270) (size 1.7 1.7) (drill 1) (layers "*.Cu" "*.Mask")
+\t\t\t(remove_unused_layers no) (net 1 "/sensor/coil (1)") (pinfunction "Pin_1") (uuid "0-4"))
+\t\t(pad "2" thru_hole oval (at 2.54 0 270) (size 1.7 1.7) (drill 1) (layers "*.Cu" "*.Mask")
+\t\t\t(remove_unused_layers no) (net 1 "/sensor/coil (1)") (uuid "0-5"))
+\t)
+\t(footprint "MountingHole:M3" (layer "F.Cu") (at 35 25)
+\t\t(pad "" np_thru_hole circle (at 0 0) (size 3.2 3.2) (drill 3.2) (layers "*.Cu" "*.Mask") (uuid "0-6"))
+\t)
+\t(gr_rect (start 30 20) (end 70 60) (stroke (width 0.1) (type default)) (fill none) (layer "Edge.Cuts") (uuid "0-7"))
+\t(gr_text "coil (1)" (at 50 57) (layer "F.SilkS") (uuid "0-8") (effects (font (size 1 1)) (justify left)))
+{chr(10).join(arcs)}
+\t(via (at 53.5 40) (size 0.8) (drill 0.4) (layers "F.Cu" "B.Cu") (free yes) (net 1) (uuid "0-9"))
+\t(segment locked (start 31 58) (end 69 58) (width 0.5) (layer "F.Cu") (net 2) (uuid "0-a"))
+\t(zone (net 2) (net_name "GND") (layers "F&B.Cu") (uuid "0-b") (name "ground") (hatch edge 0.5)
+\t\t(connect_pads (clearance 0.5)) (min_thickness 0.25) (fill yes (thermal_gap 0.5) (thermal_bridge_width 0.5))
+\t\t(polygon (pts (xy 30 20) (xy 70 20) (xy 70 60) (xy 30 60)))
+\t\t(filled_polygon (layer "F.Cu") (pts (xy 31 54) (xy 69 54) (xy 69 59) (xy 31 59)))
+\t)
+\t(zone (net 1) (net_name "/sensor/coil (1)") (layer "F.Cu") (uuid "0-c") (name "$teardrop_padvia$") (hatch edge 0.5)
+\t\t(priority 30000) (attr (teardrop (type padvia))) (connect_pads yes (clearance 0)) (min_thickness 0.0254)
+\t\t(polygon (pts (xy 53.5 39.6) (xy 54.5 39.9) (xy 54.5 40.1) (xy 53.5 40.4)))
+\t\t(filled_polygon (layer "F.Cu") (pts (xy 53.5 39.6) (xy 54.5 39.9) (xy 54.5 40.1) (xy 53.5 40.4)))
+\t)
+\t(group "" (uuid "0-d") (members "0-1" "0-2"))
+)
+"""
+
+
+@pytest.mark.slow
+def test_a_board_drawn_by_hand(read):
+    tracing = trace_coils(copper_read := read(drawn_by_hand(5)))
+    (coil,) = tracing.coils
+    assert coil.name == "/sensor/coil (1)"
+    assert "GND has a filled zone on F.Cu, which cannot be taken as a current path" in tracing.left_out["GND"]
+    assert coil.layers == ("F.Cu", "back side")
+    assert [(via.x, via.y, via.pad) for via in coil.vias] == [(pytest.approx(3.5e-3), 0, 0.8e-3)]
+    assert [end.number for end in coil.ends] == ["1", "2"]
+    np.testing.assert_allclose(coil.path[[0, -1]], [(14e-3, 1.27e-3), (14e-3, -1.27e-3)], atol=1e-15)
+    assert coil.turns == pytest.approx(10, abs=0.05)
+    front, back = half_circles(5)
+    arcs = sum(math.pi * math.dist(a, c) / 2 for a, _, c in front + back)
+    # pieces that zigzag by 0.9 µm about arcs of 5 to 10 mm are longer by a third of that over the radius
+    assert coil.length * 1e3 == pytest.approx(arcs + 3 + 2 * math.hypot(4, 1.27), rel=6e-5)
+    found = traced_array(copper_read, [coil])
+    assert found.notes[0] == "1 teardrop at the ends of tracks left out."
+    placement = found.array.placements[0]
+    assert placement.coil.gap == pytest.approx(0.75e-3, abs=2e-6)  # chords beside chords
+    assert placement.coil.terminal == PlatedHole(1e-3, 1.7e-3)
+    assert math.hypot(placement.x, placement.y) < 0.3e-3
+    assert set(found.assumed) >= {"stackup.dielectric_thickness_mm", "stackup.copper_thickness_um"}
+
+
+@pytest.mark.slow
+def test_the_chords_of_arcs_change_the_inductance_little(read):
+    array = as_array(read(drawn_by_hand(2))).array
+    coil = array.placements[0].coil
+    front, back = (
+        np.vstack([arc_points(*(tuple(np.array(p) * 1e-3) for p in arc), error=CHORD_ERROR / 4)[:-1] for arc in half])
+        for half in half_circles(2)
+    )
+    out = np.vstack(([14e-3, 1.27e-3], front, [8e-3, 0], [3.5e-3, 0]))
+    lines = [out, np.vstack((out[-1:], back, [10e-3, 0], [14e-3, -1.27e-3]))]
+    finer = path_coil(lines, 0.25e-3, coil.gap, coil.via, coil.terminal)
+    finer = array.with_placements([Placement("A", finer, array.placements[0].layers, 0, 0)])
+    L, exact = (inductance_matrix(each.conductors())[0, 0] for each in (array, finer))
+    # both enclose the area of the circles; the zigzag makes 1.5e-5, inscribed chords would make −5e-5
+    assert L == pytest.approx(exact, rel=3e-5)
+
+
+@pytest.mark.slow
+def test_tracks_that_lie_across_each_other_too_often_are_refused_at_once():
+    """Random lines over a square, of whose bounds a ninth hold a point: 60,000 ends and 30,000 lines meet 2e8 times."""
+    ends = np.random.default_rng(1).uniform(0, 0.1, (30_000, 4)).tolist()
+    crossing = [Track("L1", (a, b), (c, d), 1e-4, None, "a:1") for a, b, c, d in ends]
+    refused(
+        BoardError,
+        "a:1: 30000 tracks lie across each other too often .* about 2e.08 times",
+        require_followable,
+        crossing,
+    )
+    require_followable([Track("L1", (a, b), (a + 1e-3, b), 1e-4, None, "a:1") for a, b, _, _ in ends])
