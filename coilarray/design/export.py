@@ -106,27 +106,27 @@ def export(
     array, covering, title = design.array, design.sheets if sheets else (), design.title or design.name
     files: tuple[Path, ...] = (target,)
     if kind == "kicad":
-        from coilarray.geometry.export.kicad import write_kicad
+        from coilarray.fabrication.kicad_writer import write_kicad
 
         files = write_kicad(array, target, name=design.name, rules=design.rules, title=title, check=check)
     elif kind == "gerber":
-        from coilarray.geometry.export.gerber import write_gerbers
+        from coilarray.fabrication.gerber_writer import write_gerbers
 
         write_gerbers(array, target, name=design.name, check=check)
     elif kind == "dxf":
-        from coilarray.geometry.export.dxf import write_dxf
+        from coilarray.fabrication.drawings import write_dxf
 
         write_dxf(array, target)
     elif kind == "svg":
-        from coilarray.geometry.export.svg import write_svg
+        from coilarray.fabrication.drawings import write_svg
 
         write_svg(array, target, title=title)
     elif kind == "step":
-        from coilarray.geometry.export.step import write_step
+        from coilarray.fabrication.solid_files import write_step
 
         write_step(array, target, name=design.name, sheets=covering)
     else:
-        from coilarray.geometry.export.solid_files import write_solids
+        from coilarray.fabrication.solid_files import write_solids
         from coilarray.geometry.solids import solids
 
         write_solids(solids(array, covering), target)
@@ -143,14 +143,14 @@ def _format_of(path: Path) -> Format:
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
     """Read a board back and return its first three faults: cut or touching coils, foreign copper, wrong nets."""
-    from coilarray.geometry.connectivity import board_layers, check_names, check_nets
+    from coilarray.fabrication.nets import board_layers, check_names, check_nets
 
     if to == "kicad":
-        from coilarray.geometry.readers.kicad_board import read_kicad
+        from coilarray.fabrication.kicad_reader import read_kicad
 
         copper = read_kicad(board)
     else:
-        from coilarray.geometry.readers.gerber_board import read_gerbers
+        from coilarray.fabrication.gerber_reader import read_gerbers
 
         copper = read_gerbers(board)
     layers, holes = board_layers(copper)

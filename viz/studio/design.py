@@ -15,8 +15,8 @@ from coilarray.design import fabs
 from coilarray.design.export import SUFFIXES, Format, export
 from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.errors import CoilarrayError, DesignError, OutputError
-from coilarray.geometry.values import SIDES
-from coilarray.geometry.words import array_words
+from coilarray.geometry.arcs import SIDES
+from coilarray.geometry.array import array_words
 from coilarray.studies.create.choices import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.entries import Entry, entries_of, number_of, text_of
