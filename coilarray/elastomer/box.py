@@ -37,6 +37,7 @@ from coilarray.compute.arrays import BoolArray, FloatArray, IndexArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.contact_grid import Stack, graded
+from coilarray.electromagnetics.plane_waves import wave_rule
 from coilarray.geometry import Seat
 from coilarray.geometry.elastomer import Base
 
@@ -432,8 +433,7 @@ def wide_field(
     contact = float(r[min(loaded[-1] + 1, len(r) - 1)]) if len(loaded) else 1.0
     highest = _CUT / (_SMOOTH * contact)
     count = int(np.ceil(highest * extent / np.pi)) + _SPARE
-    x, w = legendre.leggauss(count)
-    k, rule = (x + 1) / 2 * highest, w / 2 * highest
+    k, rule = wave_rule(highest, count)
     spread = (k * _SMOOTH * contact) ** 2 / 2
     smooth = (1 + spread) * np.exp(-spread)  # keeps the force and its second moments unchanged
     strength = transform(r, pressure, k) * smooth * rule * k

@@ -27,6 +27,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.contact_grid import ContactGrid, ContactMesh, ContactZone, Stack, contact_grid, stack_of
 from coilarray.elastomer.elasticity import Compliance, compliance
@@ -340,33 +341,23 @@ def _dataset(
     whole = 2 * math.pi * length**2 if axial else 2 * length  # hats weigh r dr, or dr of one half
     grid, force, moved = solution.grid, solution.force, solution.moved
     pressure = np.array([np.interp(grid.r, grid.radii, row / grid.mass, right=0.0) for row in force])
-    where = ("depth", "interface", "r")
-
-    def named(text: str, unit: str) -> dict[str, str]:
-        return {"long_name": text, "units": unit}
-
+    where, edge = ("depth", "interface", "r"), "contact radius" if axial else "half width of the contact"
+    rows = (
+        ("displacement_r", where, moved[:, 0] * length, "m", "displacement outwards"),
+        ("displacement_z", where, moved[:, 1] * length, "m", "displacement upwards"),
+        ("force", ("depth",), force.sum(axis=1) * whole * stress, "N" if axial else "N/m", "force on the indenter"),
+        ("contact_radius", ("depth",), solution.end * length, "m", edge),
+        ("pressure", ("depth", "r"), pressure * stress, "Pa", "pressure on the undeformed top"),
+    )
+    axes = (
+        ("depth", ("depth",), depth, "m", "depth of the indentation"),
+        ("interface", ("interface",), names, "1", "interface"),
+        ("r", ("r",), grid.r * length, "m", "distance from the indenter's axis"),
+        ("height", ("interface",), heights * length, "m", "height of the flat interface"),
+    )
     return xr.Dataset(
-        {
-            "displacement_r": (where, moved[:, 0] * length, named("displacement outwards", "m")),
-            "displacement_z": (where, moved[:, 1] * length, named("displacement upwards", "m")),
-            "force": (
-                "depth",
-                force.sum(axis=1) * whole * stress,
-                named("force on the indenter", "N" if axial else "N/m"),
-            ),
-            "contact_radius": (
-                "depth",
-                solution.end * length,
-                named("contact radius" if axial else "half width of the contact", "m"),
-            ),
-            "pressure": (("depth", "r"), pressure * stress, named("pressure on the undeformed top", "Pa")),
-        },
-        coords={
-            "depth": ("depth", depth, named("depth of the indentation", "m")),
-            "interface": ("interface", names, named("interface", "1")),
-            "r": ("r", grid.r * length, named("distance from the indenter's axis", "m")),
-            "height": ("interface", heights * length, named("height of the flat interface", "m")),
-        },
+        variables(*rows),
+        coords=variables(*axes),
         attrs={
             "symmetry": case.indenter.symmetry,
             "base": str(case.base),

@@ -80,8 +80,8 @@ def dent_amplitudes(
     incident = [np.empty((orders, 2, len(spectra.wavenumbers), len(points))) for points in offsets]
 
     def fill(block: tuple[int, slice]) -> None:
-        shape, some = block
-        incident[shape][..., some] = incident_waves(spectra, shape, offsets[shape][some], orders, motion)
+        shape, rows = block
+        incident[shape][..., rows] = incident_waves(spectra, shape, offsets[shape][rows], orders, motion)
 
     blocks = [(k, slice(*part)) for k, points in enumerate(offsets) for part in ranges(len(points), _OFFSETS)]
     run_blocks(fill, blocks)

@@ -84,11 +84,6 @@ def elastic_body(
     return ElasticBody(basis, free, solve, basis.N + divergence.shape[0])
 
 
-def elastic_grid(grid: ContactGrid) -> ElasticBody:
-    """Assemble and factorise the stack of a contact."""
-    return elastic_body(grid.basis, grid.symmetry, grid.shear, grid.squash, grid.springs, grid.held)
-
-
 def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray) -> tuple[Any, Any]:
     """Matrices ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w with q = 1, ξ and η in every element."""
     strain = _strains(basis, symmetry)
@@ -154,5 +149,6 @@ def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Complianc
     at = grid.top.global_coordinates()[0]
     profile = weighing.assemble(grid.hats, height=indenter.profile(at * stack.length) / stack.length)[used]
     loads = pressing.assemble(grid.hats, grid.top)[:, used].toarray() / grid.mass
-    u = elastic_grid(grid).displacements(loads)
+    body = elastic_body(grid.basis, symmetry, grid.shear, grid.squash, grid.springs, grid.held)
+    u = body.displacements(loads)
     return Compliance(grid, profile / grid.mass, loads.T @ u, grid.moved(u))

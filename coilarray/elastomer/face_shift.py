@@ -106,11 +106,11 @@ def shift_energy(
         fields = gradients_on_grid(segment_spectra(coils, wavenumbers), *on_grid, at, (above - at) / step)
     else:
         fields = np.zeros((len(centres), 3, len(faces), len(x), len(y)), dtype=np.complex128)
-        for those, arriving in zip(seen, backing.arriving(wavenumbers, thicknesses, mu[1:-1]), strict=True):
+        for images, arriving in zip(seen, backing.arriving(wavenumbers, thicknesses, mu[1:-1]), strict=True):
             profiles, slopes = (
                 np.concatenate((values * arriving.real, values * arriving.imag)) for values in (at, (above - at) / step)
             )
-            both = gradients_on_grid(segment_spectra(those, wavenumbers), *on_grid, profiles, slopes)
+            both = gradients_on_grid(segment_spectra(images, wavenumbers), *on_grid, profiles, slopes)
             fields += both[:, :, : len(faces)] + 1j * both[:, :, len(faces) :]
 
     shapes_x, shapes_y = correction.x.basis(x[inside_x]), correction.y.basis(y[inside_y])
@@ -127,11 +127,11 @@ def shift_energy(
         change += correction.moved[:, :, face].reshape(depths, count, -1) @ nodal.reshape(len(own), -1).T
         lost, end = density[:, outside].T, _moved_radius(correction, face)
         for start in range(0, count, _PLACES):
-            some = slice(start, start + _PLACES)
-            r = np.hypot(at_x - places[some, 0, None], at_y - places[some, 1, None])
+            block = slice(start, start + _PLACES)
+            r = np.hypot(at_x - places[block, 0, None], at_y - places[block, 1, None])
             wide, near = np.zeros((depths, *r.shape)), r < end
             wide[:, near] = correction.beyond(r[near], face).T
-            change[:, some] -= wide @ lost
+            change[:, block] -= wide @ lost
     return change
 
 

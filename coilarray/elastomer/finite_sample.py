@@ -165,18 +165,18 @@ def sample_correction(
     slope = force_slope * problem.stack.length
     lift = _Lift(problem) if sample.unevenness.lifts else None
     for start in range(0, count, _PLACES):
-        some = slice(start, min(start + _PLACES, count))
+        block = slice(start, min(start + _PLACES, count))
         for case in range(depths):
-            faces = problem.moved(places[some] / problem.stack.length, case)
-            mean = np.einsum("xyp,px,py->p", faces[-1], *problem.ring(places[some], case), optimize=True)
+            faces = problem.moved(places[block] / problem.stack.length, case)
+            mean = np.einsum("xyp,px,py->p", faces[-1], *problem.ring(places[block], case), optimize=True)
             if lift is None:
                 shift = _shift(mean, slope[case])
-                moved[case, some] = np.moveaxis(faces * (1 + shift * slope[case]), -1, 0)
+                moved[case, block] = np.moveaxis(faces * (1 + shift * slope[case]), -1, 0)
             else:
-                shift, moved[case, some], lifted[case, some] = lift.solve(
-                    places[some], case, faces, mean, float(slope[case])
+                shift, moved[case, block], lifted[case, block] = lift.solve(
+                    places[block], case, faces, mean, float(slope[case])
                 )
-            depth[case, some] = shift
+            depth[case, block] = shift
     length = problem.stack.length
     x, y = (Axis(axis.edges * length, axis.degree) for axis in problem.box.axes[:2])
     return SampleCorrection(x, y, depth * length, moved * length, lifted * length, problem.upwards, length)

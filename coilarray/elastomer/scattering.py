@@ -337,13 +337,13 @@ class DentedSpace:
         """Waves of one harmonic at all wavenumbers in 1/m."""
         faces, symmetry = self._faces, self.dent.symmetry
         nodes_r, nodes_z = self.basis.doflocs[:, self.moved]
-        reaction = _by_value(nodes_z, lambda z: self.reaction(z, wavenumbers))
-        reaction *= _by_value(nodes_r, lambda r: radial_pattern(symmetry, m, r, wavenumbers))
+        reaction = _by_distinct_value(nodes_z, lambda z: self.reaction(z, wavenumbers))
+        reaction *= _by_distinct_value(nodes_r, lambda r: radial_pattern(symmetry, m, r, wavenumbers))
         lateral, slope = (
             np.tile(values, (len(faces.z) // len(faces.r), 1)) for values in _sloping(symmetry, m, faces.r, wavenumbers)
         )
         flat, dented = (self.background(z, wavenumbers) for z in (faces.z, faces.z + faces.up))
-        reflected = lateral * _by_value(faces.z, lambda z: self.reaction(z, wavenumbers))
+        reflected = lateral * _by_distinct_value(faces.z, lambda z: self.reaction(z, wavenumbers))
         normal, dented_normal = (
             -wavenumbers * lateral * flat,
             -(wavenumbers * lateral + faces.slope[:, None] * slope) * dented,
@@ -504,7 +504,7 @@ def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> t
     return pattern, (2 * m - 1) * wavenumbers * radial_pattern(symmetry, 1 - m, r, wavenumbers)
 
 
-def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _by_distinct_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Apply a function to the distinct values only, as mesh lines share them."""
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
     return np.asarray(function(distinct)[inverse])

@@ -190,13 +190,13 @@ def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> C
 
     def about(block: tuple[int, int]) -> None:
         """Fill in the harmonics about a block of points."""
-        some = slice(*block)
+        rows = slice(*block)
         for shape in range(len(spectra.series)):
             of_shape = np.flatnonzero(shapes == shape)
-            offsets = points[some, None] - spectra.centres[of_shape]
+            offsets = points[rows, None] - spectra.centres[of_shape]
             real, imaginary = np.moveaxis(coil_harmonics(spectra, shape, offsets.reshape(-1, 2), highest), 1, 0)
             values = (real + 1j * imaginary).reshape(*real.shape[:2], *offsets.shape[:2])
-            found[:, some, of_shape] = values.transpose(1, 2, 3, 0)
+            found[:, rows, of_shape] = values.transpose(1, 2, 3, 0)
 
     run_blocks(about, ranges(len(points), max(1, _OFFSETS // len(shapes))))
     return found
@@ -231,8 +231,8 @@ def gradients_on_grid(
         return np.asarray((left @ along_y.view(np.float64).T).reshape(*parts.shape[:2], len(x), len(y)))
 
     total = np.zeros((len(spectra.centres), 3, len(profiles), len(x), len(y)))
-    for some in ranges(len(spectra.wavenumbers), _AT_ONCE):
-        numbers = range(*some)
+    for start, stop in ranges(len(spectra.wavenumbers), _AT_ONCE):
+        numbers = range(start, stop)
         for k, waves in zip(numbers, run_blocks(at, numbers), strict=True):
             total[:, :2] += waves[:, :2, None] * (weights[k] * profiles[:, k])[:, None, None]
             total[:, 2] += waves[:, 2, None] * (weights[k] * slopes[:, k])[:, None, None]

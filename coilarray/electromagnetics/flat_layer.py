@@ -164,7 +164,7 @@ def layer_inductance(
     rest = (
         None if progress is None else lambda done, total: progress(100 * near + 100 * done // total, 100 * (near + 1))
     )
-    shares = np.array([_rest(slab, near, one) for one in k.tolist()])
+    shares = np.array([_remainder(slab, near, one) for one in k.tolist()])
     change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], progress=rest)[0].real
     return (change + change.T) / 2
 
@@ -218,7 +218,7 @@ def _wavenumbers(board: Board, slab: Slab, near: int) -> list[tuple[float, float
     return wavenumbers(board, lowest, highest, nearest)
 
 
-def _rest(slab: Slab, near: int, k: float) -> float:
+def _remainder(slab: Slab, near: int, k: float) -> float:
     """Sum the weights times e^{−2nkt} from n = `near` on."""
     fall = -math.expm1(-2 * k * slab.thickness)
     series = slab.transmission + slab.reflection**2 * fall  # 1 − β² e^{−2kt}

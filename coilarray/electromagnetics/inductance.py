@@ -298,7 +298,7 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     return np.asarray(k)
 
 
-def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
+def representative_segments(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
     """Numbers and weights (n,) of representative segments of a path.
 
     Their weighted sum stands for the sum over the whole path. ``full`` takes every segment once. ``screen`` takes a few

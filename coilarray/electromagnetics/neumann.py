@@ -134,7 +134,7 @@ def path_sums(
             )
     extent = float(np.ptp(np.concatenate([conductor.vertices for conductor in conductors]), axis=0).max())
     own = np.array([np.ptp(conductor.vertices, axis=0).max() for conductor in conductors])
-    quanta = _same(extent, own)
+    quanta = _tolerances(extent, own)
     shapes, of_path, origin = _shapes(conductors, quanta)
     shift = origin[second] - origin[first]
     quantum = max(float(quanta.min()), _LEAST_STEP * extent)
@@ -155,7 +155,7 @@ def path_sums(
     return np.asarray(sums[of_pair])
 
 
-def _same(extent: float, own: FloatArray) -> FloatArray:
+def _tolerances(extent: float, own: FloatArray) -> FloatArray:
     """Largest difference in m between equal paths as large as `own` in an array of an `extent`."""
     rounded = 2.0 ** np.round(np.log2(own))  # copies that differ by rounding then have the same
     return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
@@ -284,8 +284,6 @@ def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], 
         count, count_z = nodes[group[0]].tolist()
         a = shapes[classes.first[group[0]]].currents(count, count_z)
         b = shapes[classes.second[group[0]]].currents(count, count_z)
-        add_node_sums(
-            a.nodes, a.currents, np.ascontiguousarray(b.nodes.T), np.ascontiguousarray(b.currents.T),
-            np.ascontiguousarray(classes.shift[group]), sums,
-        )  # fmt: skip
+        others = np.ascontiguousarray(b.nodes.T), np.ascontiguousarray(b.currents.T)
+        add_node_sums(a.nodes, a.currents, *others, np.ascontiguousarray(classes.shift[group]), sums)
     return np.concatenate(groups), np.concatenate(values)

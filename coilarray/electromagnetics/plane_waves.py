@@ -23,7 +23,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.inductance import Accuracy, standing_for_all
+from coilarray.electromagnetics.inductance import Accuracy, representative_segments
 from coilarray.electromagnetics.kernels.sections import lateral_axes
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
@@ -112,7 +112,7 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
 def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
     """Describe a path by its bars about an origin."""
     lateral, _ = lateral_axes(path.vertices)
-    rows, weights = standing_for_all(path, accuracy)
+    rows, weights = representative_segments(path, accuracy)
     needed, places = np.unique(np.concatenate((rows, rows + 1)), return_inverse=True)
     return _Shape(
         path.vertices[needed] - origin,
@@ -206,9 +206,9 @@ def reflected_inductance(
     grid = _grid(boards[0], len(boards[-1].heights))
     pairs = list(itertools.combinations_with_replacement(range(len(boards)), 2))
 
-    def total(some: range) -> list[WeightArray]:
+    def total(numbers: range) -> list[WeightArray]:
         sums: list[WeightArray] = [np.zeros(1)] * len(pairs)
-        for n in some:
+        for n in numbers:
             for p, product in enumerate(_products(boards, pairs, grid, nodes[n])):
                 sums[p] = sums[p] + weights[:, p, n].reshape(-1, *[1] * product.ndim) * product
         return sums

@@ -150,10 +150,10 @@ def cross_section(
     own, normal, lateral = _isolated_modes(1.0, round(thickness / width, 12), *SINGLE_MESH)
     beta = (width / delta) ** 2 / np.pi  # ωµ0 w²/(2πρ) with ωµ0/ρ = 2/δ²
     drive = resistivity * (2 * np.pi) ** 2  # (ωµ0)² w⁴/ρ = ρ (2πβ)²
-    return CrossSection(1.0 + _answer(own, beta), drive * _answer(normal, beta), drive * _answer(lateral, beta))
+    return CrossSection(1.0 + _mode_sum(own, beta), drive * _mode_sum(normal, beta), drive * _mode_sum(lateral, beta))
 
 
-def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
+def _mode_sum(modes: FloatArray, beta: FloatArray) -> FloatArray:
     """Sum the eddy modes β²c/(1 + β²λ²), in the shape of beta."""
     values, strength = modes
     b = beta[..., None]
@@ -186,10 +186,8 @@ def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
         place = math.asinh(x / _GRID[1]) / _GRID[0]
         node = math.floor(place)
         u = place - node
-        weights = (
-            -u * (u - 1) * (u - 2) / 6, (u + 1) * (u - 1) * (u - 2) / 2,
-            -(u + 1) * u * (u - 2) / 2, (u + 1) * u * (u - 1) / 6,
-        )  # fmt: skip
+        outer = -u * (u - 1) * (u - 2) / 6, (u + 1) * u * (u - 1) / 6
+        weights = outer[0], (u + 1) * (u - 1) * (u - 2) / 2, -(u + 1) * u * (u - 2) / 2, outer[1]
         return sum((w * at(first, second, node + k - 1, z) for k, w in enumerate(weights)), start=np.zeros(()))
 
     return section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
@@ -380,13 +378,12 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
     sizes_of = {(w, t): cross_section(w, t, f, resistivity) for w, t in np.unique(groups[:, 1:], axis=0).tolist()}
     traces = [sizes_of[w, t] for _, w, t in groups.tolist()]
     ratio = np.stack([trace.resistance_ratio for trace in traces], axis=1)
-    g = np.stack([np.stack((one.lateral_field_loss, one.normal_field_loss)) for one in traces], axis=2)
+    g = np.stack([np.stack((trace.lateral_field_loss, trace.normal_field_loss)) for trace in traces], axis=2)
     other = np.stack((side, normal))
     members = [np.flatnonzero(group == k) for k in range(len(groups))]
-    return _Traces(
-        points, [(point[p], length[p]) for p in members], resistivity * (ratio * alone) @ skin,
-        g * alone, g * np.sqrt(alone * other), g * other,
-    )  # fmt: skip
+    on_traces = [(point[p], length[p]) for p in members]
+    losses = g * alone, g * np.sqrt(alone * other), g * other
+    return _Traces(points, on_traces, resistivity * (ratio * alone) @ skin, *losses)
 
 
 def _line_numbers(vertices: FloatArray) -> IntArray:

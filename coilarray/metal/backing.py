@@ -103,19 +103,19 @@ def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple
     pieces = [_pieces(one) for one in currents]
     start, stop = (np.concatenate(ends) for ends in zip(*((one.start, one.stop) for one in pieces), strict=True))
 
-    def those_in(gap: int) -> FloatArray:
+    def weights_in(gap: int) -> FloatArray:
         return np.concatenate([one.weights * (own == gap) for one, own in zip(pieces, gaps, strict=True)])
 
     highest = len(air.layers)
     passed = []
     for gap in sorted(set(gaps) - {highest}):
-        behind = Segments(start, stop, those_in(gap))
+        behind = Segments(start, stop, weights_in(gap))
         floor = air.gap_faces(gap)[0]
         passed.append(PassedWaves(behind, _Share(air, gap, 2)))
         if math.isfinite(floor):  # also the reflection by the next layer below
             (mirrored,) = mirrored_segments([behind], floor)
             passed.append(PassedWaves(mirrored, _Share(air, gap, 1)))
-    return Segments(start, stop, those_in(highest)), tuple(passed)
+    return Segments(start, stop, weights_in(highest)), tuple(passed)
 
 
 def _pieces(currents: EddyCurrents) -> Segments:

@@ -115,14 +115,11 @@ def ball_inductance(
     if not backings:
         return ball_over(source, ball, at, frequency, sheets, None, progress=progress)
     returned = None if outlined is None else returned_dipoles(outlined, ball, at, sheets)
-    parts = [
-        ball_over(
-            source, ball, at, np.array([backing.frequency]), sheets, backing,
-            None if returned is None else returned[:, number : number + 1],
-            progress=part_of(progress, number, len(frequency)),
-        )
-        for number, backing in enumerate(backings)
-    ]  # fmt: skip
+    parts = []
+    for k, backing in enumerate(backings):
+        back = None if returned is None else returned[:, k : k + 1]
+        within = part_of(progress, k, len(frequency))
+        parts.append(ball_over(source, ball, at, frequency[k : k + 1], sheets, backing, back, progress=within))
     return np.concatenate(parts, axis=1)
 
 
@@ -164,7 +161,7 @@ def multipole_inductance(
     """Compute `ball_inductance` with any axisymmetric surroundings.
 
     With a `backing` of layers the multipoles are for the waves of the coils, then for the waves of their mirror images,
-    see `with_mirrored`. The field `returned` to dipoles, (positions, f, 3, 3) in T per A·m², acts on the ball's dipole
+    see `with_images`. The field `returned` to dipoles, (positions, f, 3, 3) in T per A·m², acts on the ball's dipole
     once. `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of
     the ball (f, orders), and returns its `Multipoles`.
     """
@@ -187,7 +184,7 @@ def multipole_inductance(
     waves = [coils] if backing is None else backing.seen(coils)
     currents = np.eye(len(coils)) if backing is None else backing.currents(len(coils))
     scale = np.tile(weights * wavenumbers / (2 * np.pi), len(waves))
-    spectra = [segment_spectra(those, wavenumbers) for those in waves]
+    spectra = [segment_spectra(images, wavenumbers) for images in waves]
     blocks = ranges(len(places), max(1, _AT_ONCE // (len(scale) * len(currents) * (orders + 1))))
     for done, (start, stop) in enumerate(blocks, start=1):
         about = places[start:stop] * _SAME
@@ -281,26 +278,24 @@ def _over_flat(
     permeabilities = [sheet.relative_permeability for sheet in sheets]
     top, orders = math.fsum(thicknesses), alpha.shape[1]
     above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
-    nodes, rule = np.polynomial.legendre.leggauss(_REFLECTED)
-    highest = _highest(ball, orders)
-    k, rule = (nodes + 1) / 2 * highest, rule / 2 * highest
+    k, rule = wave_rule(_highest(ball, orders), _REFLECTED)
     back: FloatArray | ComplexArray = reflection(k, thicknesses[::-1], permeabilities[::-1])
     if backing is not None and backing.layers:
-        down = [*(Layer(*each) for each in zip(thicknesses[::-1], permeabilities[::-1], strict=True)),
-                Layer(-backing.face), *backing.layers]  # fmt: skip
-        back = -layer_waves(down, k, 2 * np.pi * backing.frequency).reflection
+        downwards = [Layer(*sheet) for sheet in zip(thicknesses[::-1], permeabilities[::-1], strict=True)]
+        downwards += [Layer(-backing.face), *backing.layers]
+        back = -layer_waves(downwards, k, 2 * np.pi * backing.frequency).reflection
     sent_back = back * rule * ball.radius
     fields, answers = [], []
     for m in range(orders + 1):
         order = np.arange(max(m, 1), orders + 1)
         field = _multipoles(wavenumbers * ball.radius, wavenumbers * (height - top), order, m) * above
-        fields.append(with_mirrored(field, backing, wavenumbers, thicknesses, permeabilities))
+        fields.append(with_images(field, backing, wavenumbers, thicknesses, permeabilities))
         sent = _multipoles(k * ball.radius, k * (height - top), order, m)
-        answers.append(answer_of(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
+        answers.append(multipole_response(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
     return Multipoles(fields, answers)
 
 
-def with_mirrored(
+def with_images(
     field: FloatArray,
     backing: Backing | None,
     wavenumbers: FloatArray,
@@ -314,7 +309,7 @@ def with_mirrored(
     return np.concatenate([field * one for one in arriving], axis=1)
 
 
-def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:
+def multipole_response(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:
     """Strengths (1 − αS)⁻¹ α of the multipoles with reflections S, (f, orders, orders)."""
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))

@@ -28,7 +28,7 @@ from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
 from coilarray.metal.layered_air import ITSELF, Image, LayeredAir
 from coilarray.metal.surface_impedance import SurfaceImpedance
 
-ALONE = np.ones((1, 1))  # weights of one image
+ONE_IMAGE = np.ones((1, 1))  # weights of one image
 _STEP = 0.25  # step of the grid over its height above the copper, with an error of some 1e-5 of the field
 _MARGIN = 4  # steps of the grid beyond the places
 _AT_ONCE = 16384  # places of the splines per task
@@ -72,7 +72,7 @@ def field_of_images(
     places: FloatArray,
     offsets: FloatArray,
     images: Sequence[Image] = (ITSELF,),
-    weights: FloatArray = ALONE,
+    weights: FloatArray = ONE_IMAGE,
 ) -> FieldOfImages:
     """Prepare the field at `offsets` (k, 3) in m from `places` (n, 3)."""
     corners = np.concatenate([path.vertices for path in paths])
@@ -89,8 +89,10 @@ def field_of_images(
         step = _STEP * min(max(z - top, bottom - z) for z in seen)
         if np.prod((high - low) / step + 2 * _MARGIN) > 0.5 * counts[k]:
             continue
-        x, y = (start + step * np.arange(-_MARGIN, math.ceil((end - start) / step) + _MARGIN + 1)
-                for start, end in zip(low.tolist(), high.tolist(), strict=True))  # fmt: skip
+        x, y = (
+            start + step * np.arange(-_MARGIN, math.ceil((end - start) / step) + _MARGIN + 1)
+            for start, end in zip(low.tolist(), high.tolist(), strict=True)
+        )
         grid = np.stack(np.meshgrid(x, y, place[2:], indexing="ij"), axis=-1).reshape(-1, 3)
         values = _summed(paths, grid, images, weights).reshape(len(x), len(y), -1)
         along = make_interp_spline(x, values, k=5)
@@ -293,7 +295,7 @@ def linked_fluxes(
     plate: FinitePlate,
     where: FloatArray,
     images: Sequence[Image] = (ITSELF,),
-    weights: FloatArray = ALONE,
+    weights: FloatArray = ONE_IMAGE,
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Fluxes b (sums, u, positions, paths) of the even and odd unknowns, in Wb/A.
 
@@ -317,7 +319,7 @@ def fields_on(
     plate: FinitePlate,
     where: FloatArray,
     images: Sequence[Image] = (ITSELF,),
-    weights: FloatArray = ALONE,
+    weights: FloatArray = ONE_IMAGE,
 ) -> Iterator[FloatArray]:
     """Yield B in T along the plate's axes, (sums · places · paths, points, 3).
 

@@ -48,8 +48,8 @@ _ALONE = 1.4  # of the fineness, if currents are taken from one mesh without ext
 _AT_ONCE = 2048  # fluxes solved for together
 _LOOPS_AT_ONCE = 64  # places of dipoles
 # loops of two by two about x, y and z
-_SQUARES = np.array([np.roll([[x, y, 0.0] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1))], k, axis=1)
-                     for k in (1, 2, 0)])  # fmt: skip
+_SQUARE = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
+_SQUARES = np.array([np.roll(_SQUARE, k, axis=1) for k in (1, 2, 0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +205,9 @@ def moving_plate(
         change = np.asarray((change.real if magnetic else _negative(change.real)) + 1j * _negative(change.imag))
     # the contributions of iron and of its eddy currents may cancel in ΔL, so that its error is the error of both
     # together
-    real, imaginary = (_by_pairs(np.abs(change)),) * 2 if magnetic else (_by_pairs(change.real), _by_pairs(change.imag))
+    real, imaginary = (
+        (_entry_sizes(np.abs(change)),) * 2 if magnetic else (_entry_sizes(change.real), _entry_sizes(change.imag))
+    )
     by_edges = np.sqrt(edges[..., :, None] * edges[..., None, :])
     by_model = real * model.inductance + by_edges + 1j * (imaginary * model.resistance + by_edges)
     return PlateError(change, mesh + by_model, mesh, model.depths)
@@ -215,16 +217,16 @@ def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArra
     """Extrapolate values in H from two meshes by the second order, with errors."""
     correction = (fine - coarse) / _OF_SECOND_ORDER
     change = fine + correction
-    size = np.maximum(_by_pairs(np.abs(change)), np.finfo(float).tiny)
-    least = _LEAST_SHARE * _by_pairs(np.abs(correction)) / size + _OF_INTEGRALS
+    size = np.maximum(_entry_sizes(np.abs(change)), np.finfo(float).tiny)
+    least = _LEAST_SHARE * _entry_sizes(np.abs(correction)) / size + _OF_INTEGRALS
     real, imaginary = (
-        np.maximum(_OF_CORRECTION * np.abs(part), least * _by_pairs(whole))
+        np.maximum(_OF_CORRECTION * np.abs(part), least * _entry_sizes(whole))
         for part, whole in ((correction.real, change.real), (correction.imag, change.imag))
     )
     return change, np.asarray(real + 1j * imaginary)
 
 
-def _by_pairs(values: FloatArray) -> FloatArray:
+def _entry_sizes(values: FloatArray) -> FloatArray:
     """Products of the diagonals' roots, the sizes of entries (…, n, n) small by chance."""
     root = np.sqrt(np.abs(np.diagonal(values, axis1=-2, axis2=-1)))
     return np.asarray(root[..., :, None] * root[..., None, :])
@@ -367,10 +369,11 @@ class OutlinedPlates:
         found = []
         for factors, b in zip(self.solved.factors, self.solved.b, strict=True):
             potentials = -lu_solve(factors, b[:, 0], check_finite=False)
-            found.append([
-                EddyCurrents(one.corners, np.stack([(K @ potentials[start:stop]).T for K in one.currents], axis=-1))
-                for one, (start, stop) in zip(self.plates, pairwise(starts), strict=True)
-            ])  # fmt: skip
+            currents = []
+            for plate, (start, stop) in zip(self.plates, pairwise(starts), strict=True):
+                density = np.stack([(K @ potentials[start:stop]).T for K in plate.currents], axis=-1)
+                currents.append(EddyCurrents(plate.corners, density))
+            found.append(currents)
         return found
 
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
@@ -587,9 +590,9 @@ def _coupled(matrix: ComplexArray, b: FloatArray | ComplexArray) -> ComplexArray
     factors = lu_factor(matrix, overwrite_a=True, check_finite=False)
     parts = []
     for start, stop in ranges(b.shape[1], max(_AT_ONCE // b.shape[2], 1)):
-        some = b[:, start:stop]
-        x = lu_solve(factors, some.reshape(len(b), -1), check_finite=False).reshape(some.shape)
-        parts.append(-np.einsum("upi,upj->pij", some, x, optimize=True))
+        block = b[:, start:stop]
+        x = lu_solve(factors, block.reshape(len(b), -1), check_finite=False).reshape(block.shape)
+        parts.append(-np.einsum("upi,upj->pij", block, x, optimize=True))
     both = np.concatenate(parts)
     return np.asarray((both + both.transpose(0, 2, 1)) / 2, dtype=np.complex128)
 

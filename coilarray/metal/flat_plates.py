@@ -232,9 +232,7 @@ class _Around:
             r_l = _reflection(k, self.omega, below, down - below.face)
             trip = np.exp(-2 * k * (up - down)) if len(self.sides) == 2 else 0.0
             again = r_u * r_l * trip
-            parts = {
-                (0, 0): r_u - by_sheets + by_sheets * again, (0, 1): 2 * r_u * r_l, (1, 1): r_l,
-            }  # fmt: skip
+            parts = {(0, 0): r_u - by_sheets + by_sheets * again, (0, 1): 2 * r_u * r_l, (1, 1): r_l}
             cases.append(np.stack([parts[kind] / (1 - again) for kind in self.kinds], axis=1))
         return np.concatenate(cases)
 
@@ -320,9 +318,9 @@ def _images(
             shares = np.zeros((*wanted.shape[:2], few), dtype=np.complex128)
             error = np.zeros(len(wanted))
             for kind in needed:
-                some = waves[kind][:, chosen]
-                shares[:, kind] = np.linalg.lstsq(some, wanted[:, kind].T, rcond=_SMALLEST)[0].T
-                error = np.maximum(error, np.abs(shares[:, kind] @ some.T - wanted[:, kind]).max(axis=1))
+                images = waves[kind][:, chosen]
+                shares[:, kind] = np.linalg.lstsq(images, wanted[:, kind].T, rcond=_SMALLEST)[0].T
+                error = np.maximum(error, np.abs(shares[:, kind] @ images.T - wanted[:, kind]).max(axis=1))
             if (error <= tolerance * largest).all():
                 return lifts[chosen], shares, split
         split *= 2

@@ -178,8 +178,10 @@ class EddyBody:
         K, M = self.currents, self.inductances
         mid = np.concatenate((self.mesh.ring, *self.mesh.hole_rings))
         free = np.setdiff1d(np.arange(n), mid)
-        ones = [sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1)) for ring in
-                self.mesh.hole_rings]  # fmt: skip
+        ones = [
+            sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1))
+            for ring in self.mesh.hole_rings
+        ]
         everything = sp.eye_array(n, format="csr")
         bases = (sp.hstack((everything[:, free], *ones), format="csr"), everything[:, 1:])  # odd: all but a constant
         face, rim = self.areas * ~self.mesh.rim, self.areas * self.mesh.rim

@@ -25,11 +25,11 @@ from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Ball, Sheet
 from coilarray.metal.ball import (
     Multipoles,
-    answer_of,
     ball_over,
     multipole_inductance,
+    multipole_response,
     returned_dipoles,
-    with_mirrored,
+    with_images,
 )
 from coilarray.metal.finite_plates import OutlinedPlates
 
@@ -162,8 +162,10 @@ def indenter_inductance(
             order = np.arange(orders - len(field) + 1, orders + 1)
             scale = np.sqrt(order + 0.5)
             scaled = scale[:, None] * field
-            fields.append(with_mirrored(scaled, backing, wavenumbers, dent.thicknesses, dent.permeabilities))
-            answers.append(answer_of(alpha[:, order[0] - 1 :], 2 * ball.radius * np.outer(scale, scale) * returned))
+            fields.append(with_images(scaled, backing, wavenumbers, dent.thicknesses, dent.permeabilities))
+            answers.append(
+                multipole_response(alpha[:, order[0] - 1 :], 2 * ball.radius * np.outer(scale, scale) * returned)
+            )
         return Multipoles(fields, answers)
 
     if len(pressed):

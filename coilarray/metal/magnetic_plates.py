@@ -50,7 +50,7 @@ from coilarray.electromagnetics.kernels.triangles import double_layers
 from coilarray.errors import MetalError
 from coilarray.geometry import Conductor
 from coilarray.geometry.bodies import FinitePlate
-from coilarray.metal.coupled_plates import ALONE, PlatesInAir, PosedPlate, distinct_sums, fields_on
+from coilarray.metal.coupled_plates import ONE_IMAGE, PlatesInAir, PosedPlate, distinct_sums, fields_on
 from coilarray.metal.half_body import MIRROR, ROWS, EddyBody, inductance, pair_integrals
 from coilarray.metal.layered_air import ITSELF, Image
 
@@ -238,24 +238,25 @@ def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
     """Potentials at every frequency, even and odd separately unless layers couple them."""
     body, count = plate.body, len(around.air.frequencies)
     if not around.air.layers:
-        loads = _loads(around.paths, plate, [ITSELF], ALONE)
+        loads = _loads(around.paths, plate, [ITSELF], ONE_IMAGE)
         return [[of_parity(body, sign, b[0], t[0]) for sign, (b, t) in zip((1, -1), loads, strict=True)]] * count
     images = around.images_of_coils(plate)
     if not images:  # behind a plate that no wave passes
         return [[]] * count
     weights, number = distinct_sums(images)
-    loads = _loads(around.paths, plate, images, weights)
+    bases = _bases(body)
+    by_parity = list(zip(_loads(around.paths, plate, images, weights), bases, strict=True))
     stiff, whole = stiffness(body), _means(body)
-    S = sp.block_diag([stiff[used][:, used] for used, _ in _bases(body)], format="csr")
-    means = sp.block_diag([whole[:, used] for used, _ in _bases(body)], format="csr")
-    basis = sp.hstack([one for _, one in _bases(body)], format="csr")
+    S = sp.block_diag([stiff[used][:, used] for used, _ in bases], format="csr")
+    means = sp.block_diag([whole[:, used] for used, _ in bases], format="csr")
+    basis = sp.hstack([onto for _, onto in bases], format="csr")
     found = []
     for k, (rest, outer) in enumerate(_between_layers(around, plate)):
+        real, imaginary = number[k], number[count + k]
         b, t = (
-            np.concatenate([of[part][number[k], used] + 1j * of[part][number[count + k], used]
-                            for of, (used, _) in zip(loads, _bases(body), strict=True)])
+            np.concatenate([load[part][real, used] + 1j * load[part][imaginary, used] for load, (used, _) in by_parity])
             for part in (0, 1)
-        )  # fmt: skip
+        )
         found.append([_potentials(basis, means, rest, outer, S, b, t, slice(1, None))])
     return found
 
@@ -358,12 +359,11 @@ def _outer(
 def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, count: int) -> FloatArray:
     """K (triangles, count) in m² of layers on triangles with corners `nodes`."""
     K = np.zeros((len(corners), count))
+    others, numbers = np.ascontiguousarray(other), np.ascontiguousarray(nodes)
 
     def work(rows: tuple[int, int]) -> None:
-        double_layers(
-            corners[slice(*rows)], np.ascontiguousarray(other), np.ascontiguousarray(nodes), 1 / (4 * np.pi),
-            K[slice(*rows)],
-        )  # fmt: skip
+        start, stop = rows
+        double_layers(corners[start:stop], others, numbers, 1 / (4 * np.pi), K[start:stop])
 
     run_blocks(work, ranges(len(corners), ROWS))
     return K

@@ -104,15 +104,15 @@ def plate_currents(
     found = np.zeros((len(plates), len(x), len(y), 2), dtype=np.complex128)
     for above, side in ((True, waves.up), (False, waves.down)):
         edges = np.cumsum([layer.thickness for layer in side.layers])
-        those = [n for n, plate in enumerate(plates) if (plate.z >= 0) == above]
-        middles = [sum(plates[n].heights) / 2 for n in those]
+        on_side = [n for n, plate in enumerate(plates) if (plate.z >= 0) == above]
+        middles = [sum(plates[n].heights) / 2 for n in on_side]
         numbers = np.searchsorted(edges, [z if above else lowest - z for z in middles]).tolist()
         profiles = [
             2j * np.pi * frequency * MU_0 * side.layers[n].conductivity * side.integral(n) / k * smooth for n in numbers
         ]
-        if those:
-            psi = _on_grid(waves, above, profiles, [np.zeros_like(k)] * len(those), x, y, weights)
-            for number, stream in zip(those, np.moveaxis(psi, 1, 0), strict=True):
+        if on_side:
+            psi = _on_grid(waves, above, profiles, [np.zeros_like(k)] * len(on_side), x, y, weights)
+            for number, stream in zip(on_side, np.moveaxis(psi, 1, 0), strict=True):
                 found[number] = np.stack((-stream[1], stream[0]), axis=-1)
     return found
 
@@ -170,10 +170,8 @@ def plate_field(
         b, rise = np.moveaxis(np.array([side.at(float(beyond[n])) for n in heights]), 1, 0)
         free = np.where(before[heights, None], np.exp(-np.outer(beyond[heights], k)), 0.0)
         sign = 1.0 if above else -1.0  # of the derivative over z
-        B = _on_grid(
-            waves, above, sign * MU_0 * rise / k, MU_0 * k * b, x, y, weights,
-            free=(-sign * MU_0 * free, MU_0 * k * free),
-        )  # fmt: skip
+        known = -sign * MU_0 * free, MU_0 * k * free
+        B = _on_grid(waves, above, sign * MU_0 * rise / k, MU_0 * k * b, x, y, weights, free=known)
         found[:, :, heights] += np.moveaxis(B, (0, 1), (3, 2))
     return found
 

@@ -427,10 +427,8 @@ class _Rim:
         between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
         steps = np.minimum(step, (between / 6)[np.searchsorted(sharp, self.ends[:-1], side="right") - 1])
         counts = np.ceil(np.diff(self.ends) / steps - 1e-9).astype(int)
-        return np.concatenate([
-            start + length * np.arange(count) / count
-            for start, length, count in zip(self.ends[:-1], np.diff(self.ends), counts, strict=True)
-        ])  # fmt: skip
+        sides = zip(self.ends[:-1], np.diff(self.ends), counts, strict=True)
+        return np.concatenate([start + length * np.arange(count) / count for start, length, count in sides])
 
 
 def _divided(

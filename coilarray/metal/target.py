@@ -12,7 +12,6 @@ from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
-from coilarray.geometry.bodies import Body
 from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance
@@ -44,7 +43,8 @@ def target_inductance(
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
-    require_apart(body, plates)
+    if isinstance(body, Ball):
+        require_below(plates, "a sphere")
     if isinstance(body, Plate):
         moved = [replace(body, z=z) for z in heights]
         endless = [plate for plate in plates if isinstance(plate, Plate)]
@@ -64,9 +64,3 @@ def target_inductance(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
         )
     return change.reshape(len(heights), len(places), *change.shape[1:]), error
-
-
-def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:
-    """Raise MetalError for a target beside unsupported plates."""
-    if isinstance(body, Ball):
-        require_below(plates, "a sphere")

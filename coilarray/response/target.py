@@ -25,10 +25,10 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
-from coilarray.geometry import FinitePlate, Plate, Target
+from coilarray.geometry import Ball, FinitePlate, Plate, Target
+from coilarray.metal.backing import require_below
 from coilarray.metal.finite_plates import PlateError, worst_attributes
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
-from coilarray.metal.target import require_apart
 from coilarray.response.changes import target_changes, through_circuit
 from coilarray.response.dataset import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis, target_of
@@ -68,7 +68,6 @@ def with_target_as_plate(design: Design, place: tuple[float, float], distance: f
         body = replace(target.body, centre=(*place, height))
     else:
         raise MetalError(f"B beside a sphere is not computed; the target of {design.name} is one: leave it out.")
-    require_apart(body, design.plates)
     return replace(design, plates=(*design.plates, body), target=None)
 
 
@@ -171,7 +170,8 @@ def target_map(
         require_noise(noise)
     fineness, rule = (1.0, accuracy) if isinstance(accuracy, str) else (accuracy, "full")
     require_positive("fineness of a mesh", fineness, "")
-    require_apart(target.body, design.plates)
+    if isinstance(target.body, Ball):
+        require_below(design.plates, "a sphere")
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
     if axes.depth[0] <= 0:
