@@ -138,7 +138,14 @@ class WoundTable(Table):
     """What coils of all wound shapes share."""
 
     ATTRIBUTES: ClassVar = {"turns_per_layer": "turns", "winding_layers": "layers", "trace_width_mm": "width"}
-    SHARED: ClassVar = ("turns_per_layer", "winding_layers", "trace_width_mm", "gap_mm", "winding", "return_lead")
+    SHARED: ClassVar[tuple[str, ...]] = (
+        "turns_per_layer",
+        "winding_layers",
+        "trace_width_mm",
+        "gap_mm",
+        "winding",
+        "return_lead",
+    )
 
     turns_per_layer: Turns
     """Number of turns on each layer; parts of a turn are allowed."""
@@ -173,7 +180,7 @@ class WoundTable(Table):
 class SidedTable(WoundTable):
     """What coils of all wound shapes with sides share."""
 
-    SHARED: ClassVar = (*WoundTable.SHARED, "winding_rule")
+    SHARED: ClassVar[tuple[str, ...]] = (*WoundTable.SHARED, "winding_rule")
 
     winding_rule: WindingRule = "parallel"
     """How turns become smaller: "parallel" sides, all of the outermost turn at the stated size, with a step inwards on

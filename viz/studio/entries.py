@@ -5,7 +5,6 @@ Their labels, units and ranges.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -125,14 +124,13 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
         for path, group, keys in _SHOWN[:2]:
             yield from _table(values, path.replace("NAME", name), f"{group} {name}", keys, meanings, path)
     for path, group, keys in _SHOWN[2:]:
-        table = path.removesuffix(".N")
-        if table != path:
-            for k in itertools.takewhile(lambda k, table=table: f"{table}.{k}.name" in values, itertools.count()):
-                heading = f"{group} {values[f'{table}.{k}.name']}"
-                yield from _table(values, f"{table}.{k}", heading, keys, meanings, path)
-        else:
-            chosen = tuple(key for key in keys if path != "array" or key not in without)
-            yield from _table(values, path, group, chosen, meanings, path)
+        table, k = path.removesuffix(".N"), 0
+        while table != path and f"{table}.{k}.name" in values:
+            heading = f"{group} {values[f'{table}.{k}.name']}"
+            yield from _table(values, f"{table}.{k}", heading, keys, meanings, path)
+            k += 1
+        chosen = [key for key in keys if path != "array" or key not in without]
+        yield from _table(values, path, group, chosen, meanings, path)
 
 
 def _table(
