@@ -40,7 +40,7 @@ import contextlib, io
 from coilarray.cli.main import main
 for command in (
     ["report", "gast2020"],
-    ["field", "gast2020"],
+    ["view", "gast2020", "--out", "field.nc"],
     ["impedance", "gast2020", "--points", "3"],
     ["sweep", "gast2020", "--vary", "array.pitch_mm=13:14:2", "--quantity", "worst_k", "--accuracy", "screen",
      "--workers", "1", "--cache", "cache"],

@@ -104,7 +104,7 @@ def calibrate(
     lines = [*([f"Most probable: {best}."] if result.sizes["combination"] > 1 else []), *notes]
     shared.print_result(
         {**answer, **records, "files": [str(path) for path in written]},
-        as_json=as_json, tables=shown, titles=True, lines=lines, files=(*written, plot),
+        as_json=as_json, tables=shown, lines=lines, files=(*written, plot),
     )  # fmt: skip
 
 

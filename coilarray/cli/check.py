@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +11,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.compute.table import Column, Table, text_table
 from coilarray.errors import DesignError
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from coilarray.design.fab_limits import FabProfile
     from coilarray.geometry import Margin
 
-_WIDTH = 80  # of a line of words
 _SAME = 1e-9  # m, or of a ratio: what layers drawn alike differ by in rounding is a thousandth of it
 
 
@@ -60,7 +59,8 @@ def check(
     from coilarray.report.tables import rules_table
 
     if list_fabs:
-        _print_profiles([load_profile(name) for name in fabs.names()])
+        table = _profile_table([load_profile(name) for name in fabs.names()])
+        shared.print_result({"profiles": table.records()}, as_json=as_json, tables=[table])
         return
     if fab is not None and fab not in fabs.names():
         raise DesignError(f"--fab must be one of {', '.join(fabs.names())}; got {fab!r}.")
@@ -73,15 +73,15 @@ def check(
         margins = check_rules(opened.array, limits, progress=progress)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
-    groups = [[one] for one in shown] if every else _equal_layers(shown)
+    groups = [[margin] for margin in shown] if every else _equal_layers(shown)
     numbers = {id(margin): k + 1 for k, group in enumerate(groups) for margin in group}
     if out is not None:
         write_text(out, rules_table(margins).csv())
     shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
     names = opened.array.stackup.names
     rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
-    board = textwrap.fill(f"board: {array_words(opened.array)}", _WIDTH, subsequent_indent="  ")
-    lines = [board, _margins_text(rows, profile.title if profile else "the design")]
+    lines: list[str | Table] = [f"board: {array_words(opened.array)}"]
+    lines.append(_margin_table(rows, profile.title if profile else "the design"))
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     source = None if profile is None else _source(profile)
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
@@ -89,14 +89,13 @@ def check(
     if not allow_violations:
         require_kept(margins)
     broken = sum(not margin.kept for margin in margins)
-    if broken and not as_json:
-        typer.echo(f"{broken} of {len(margins)} rules are broken")
-    elif not as_json:
-        typer.echo(f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)")
+    if not as_json:
+        kept = f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)"
+        typer.echo(f"{broken} of {len(margins)} rules are broken" if broken else kept)
 
 
 def _equal_layers(margins: Sequence[Margin]) -> list[list[Margin]]:
-    """Put margins of one rule together that differ in their layer and place alone, each group where its first was."""
+    """Put margins together that differ in their layer and place alone, each group where its first was."""
     groups: list[list[Margin]] = []
     for margin in margins:
         same = (group for group in groups if _alike(group[0], margin))
@@ -134,28 +133,21 @@ def _source(profile: FabProfile) -> dict[str, object]:
     }
 
 
-def _print_profiles(profiles: Sequence[FabProfile]) -> None:
-    """One line a profile with the limits that coils meet first."""
+def _profile_table(profiles: Sequence[FabProfile]) -> Table:
+    """Return the bundled profiles with the limits that coils meet first."""
     keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
     rows = [
         [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]
         for profile in profiles
     ]
-    headers = ("profile", "board house", "trace", "gap", "drill", "layers", "read")
-    typer.echo(shared.table_text(headers, rows, "lengths in mm"))
+    return text_table(("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, "lengths in mm")
 
 
-def _margins_text(margins: Sequence[Margin], whose: str) -> str:
-    from coilarray.compute.table import Column
+def _margin_table(margins: Sequence[Margin], whose: str) -> Table:
+    """Return numbered margins, as the picture numbers them."""
     from coilarray.report.tables import rules_table
 
-    limits = [replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins]
-    table = rules_table(limits)
+    table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins])
     title = f"margins to the limits of {whose}: the worst first, what is kept of the bare board last"
-    numbered = replace(
-        table,
-        title=title,
-        columns=(Column("no."), *table.columns),
-        rows=tuple((str(k + 1), *row) for k, row in enumerate(table.rows)),
-    )
-    return numbered.text(shared.terminal_width())
+    rows = tuple((str(k + 1), *row) for k, row in enumerate(table.rows))
+    return replace(table, title=title, columns=(Column("no."), *table.columns), rows=rows)

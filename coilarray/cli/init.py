@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shlex
+import stat
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -13,19 +15,28 @@ import typer
 from coilarray.cli import shared
 from coilarray.cli.questions import ask_for_choices, in_si
 from coilarray.cli.replacing import remember, require_own
-from coilarray.errors import DesignError, OutputError
+from coilarray.compute.files import writing
+from coilarray.errors import BoardError, DesignError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.circuit.converter_limits import Limit
+    from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
+    from coilarray.fabrication.board import BoardCopper
+    from coilarray.fabrication.tracing import TracedArray, Tracing
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
 Part = Literal["ADG714", "ADG738", "ADG739"]
+_Told = tuple[list["str | Table"], dict[str, Any]]  # lines for people, and data for JSON
+_NO_FAB = (
+    "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
+    "board house."
+)
 _MET = 5e-3  # of the wanted inductance: as near as is not worth a word
 _FEW = 2  # layers of a winding: no board has fewer
 _HELPS = {
@@ -88,15 +99,29 @@ def init(
             "--elastomer/--no-elastomer", help="A magnetic elastomer on the board, and what presses on it; by default."
         ),
     ] = None,
-    title: Annotated[str | None, typer.Option(help="Title in reports.")] = None,
-    copied: Annotated[str | None, typer.Option("--from", help="Copy this bundled design instead.")] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from", help="Bundled design to copy, or board to import: .kicad_pcb, or Gerber files (.zip or folder)."
+        ),
+    ] = None,
+    nets: Annotated[
+        str | None, typer.Option(help="Nets of a board that are coils, as A,B; by default every net with turns.")
+    ] = None,
+    stackup: Annotated[
+        str | None, typer.Option(metavar="DESIGN", help="Design whose [stackup] is taken for that of a board.")
+    ] = None,
     force: shared.Force = False,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Write a commented design file from a few choices.
 
     Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board house can make the
-    board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for. What is not chosen
-    has the same default everywhere, also in Python (coilarray.new_design).
+    board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for. Everything else has
+    the same default as in Python (coilarray.new_design).
+
+    Of a board (--from) each coil must be a net that runs over tracks and vias from one end to the other without a
+    branch.
 
     Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
 
@@ -107,13 +132,12 @@ def init(
     Example: coilarray init power.toml --coils 1 --shape circle --size-mm 40 --no-elastomer
 
     Example: coilarray init starter.toml --from starter
-    """
-    from coilarray.compute.files import write_text
-    from coilarray.design import bundled
-    from coilarray.design.write import save_design
 
-    if file.is_dir() and (file.suffix or file.name in ("", "..")):
-        raise OutputError(f"{file} is a folder; name a file in it.")
+    Example: coilarray init board.toml --from board.kicad_pcb --nets coil1,coil2
+    """
+    with writing(file):
+        if file.is_dir() and (file.suffix or file.name in ("", "..")):
+            raise OutputError(f"{file} is a folder; name a file in it.")
     target = file if file.suffix else file.with_suffix(".toml")
     shared.check_file("NAME", target, (".toml",))
     require_own("init", [target], force=force)
@@ -121,18 +145,43 @@ def init(
         "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
         "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz,
         "capacitance_pF": capacitance_pF, "connector": connector, "switches": switches, "elastomer": elastomer,
-        "title": title,
     }  # fmt: skip
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    if copied is not None:
-        if chosen:
-            raise DesignError("--from copies a design as it is; it cannot be given with other choices.")
-        if copied not in bundled.names():
-            raise DesignError(f"there is no bundled design {copied!r}; there are {', '.join(bundled.names())}.")
-        write_text(target, bundled.read(copied))
-        remember("init", [target])
-        typer.echo(f"wrote {target}; next: coilarray check {shlex.quote(str(target))}")
-        return
+    if source is not None and chosen:
+        raise DesignError("--from takes a design or a board as it is; it cannot be given with other choices.")
+    is_board = source is not None and (Path(source).suffix.lower() in (".kicad_pcb", ".zip") or Path(source).is_dir())
+    if not is_board and (nets is not None or stackup is not None):
+        raise DesignError("--nets and --stackup are for --from with a board.")
+    if source is not None and is_board:
+        lines, data = _import(Path(source), nets, stackup, target)
+    elif source is not None:
+        lines, data = _copy(source, target)
+    else:
+        lines, data = _create(target, chosen)
+    remember("init", [target])
+    quoted = shlex.quote(str(target))
+    lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
+    shared.print_result({"design": str(target), **data}, as_json=as_json, lines=lines)
+
+
+def _copy(name: str, target: Path) -> _Told:
+    """Write a bundled design."""
+    from coilarray.compute.files import write_text
+    from coilarray.design import bundled
+
+    if name not in bundled.names():
+        raise DesignError(
+            f"there is no bundled design {name!r}, nor a board of that name (.kicad_pcb, .zip or a folder); there are "
+            f"{', '.join(bundled.names())}."
+        )
+    write_text(target, bundled.read(name))
+    return [f"wrote {target}"], {}
+
+
+def _create(target: Path, chosen: dict[str, Any]) -> _Told:
+    """Write a design from choices."""
+    from coilarray.design.write import save_design
+
     if not chosen:
         asking = sys.stdin.isatty() and sys.stdout.isatty()
         chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {}
@@ -140,13 +189,9 @@ def init(
         made = _made(target.stem, chosen)
         fewer = _fewer_layers(made, chosen)
     with shared.progress_bar("states") as progress:
-        described = (*_described(made, chosen, progress), *fewer)  # with what is refused before it is written
+        described = [*_described(made, chosen, progress), *fewer]  # with what is refused before it is written
     save_design(made, target)
-    remember("init", [target])
-    for line in (f"wrote {target}: {made.design.title}", *described):
-        typer.echo(line)
-    quoted = shlex.quote(str(target))
-    typer.echo(f"next: coilarray check {quoted}, coilarray report {quoted}")
+    return [f"wrote {target}: {made.design.title}", *described], {"title": made.design.title, "notes": described}
 
 
 def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
@@ -258,3 +303,93 @@ def _resistance(design: Design, scan: xr.Dataset) -> str:
     R, f = float(scan.ac_resistance[worst]), float(scan.attrs["ac_resistance_frequency_Hz"]) * 1e-6
     ratio = R / float(dc_resistance(design.array)[worst])
     return f"resistance: {R:.3g} ohm at {f:.4g} MHz, {ratio:.2g} times that of direct current"
+
+
+def _import(board: Path, nets: str | None, stackup: str | None, target: Path) -> _Told:
+    """Write the design of an existing board."""
+    from coilarray.compute.files import write_text
+    from coilarray.compute.table import text_table
+    from coilarray.design.model import Design, parse_design
+    from coilarray.design.write import design_text
+    from coilarray.fabrication.tracing import trace_coils, traced_array
+
+    copper = _read(board, stackup)
+    wanted = None if nets is None else [net.strip() for net in nets.split(",") if net.strip()]
+    if wanted == []:
+        raise BoardError(f"{board}: --nets must name at least one net; got {nets!r}.")
+    tracing = trace_coils(copper, wanted)
+    traced = traced_array(copper, tracing.coils)
+    design = Design(traced.array, name=board.stem, source=f"imported from {board.name}")
+    text = design_text(design, traced.assumed)
+    parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
+    write_text(target, text)
+    records = _records(tracing, traced)
+    notes = [*traced.notes, _NO_FAB]
+    headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
+    title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
+    lines: list[str | Table] = [text_table(headers, [_cells(record) for record in records], title)]
+    lines += ["\nnets with tracks that are not coils"] if tracing.left_out else []
+    lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
+    lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
+    lines += [*(f"note: {note}" for note in notes), f"wrote {target}"]
+    return lines, {
+        "board": str(board),
+        "coils": records,
+        "left_out": tracing.left_out,
+        "assumed": traced.assumed,
+        "notes": notes,
+    }
+
+
+def _read(board: Path, stackup: str | None) -> BoardCopper:
+    from coilarray.design.model import load_design
+    from coilarray.fabrication.gerber_reader import read_gerbers
+    from coilarray.fabrication.kicad_reader import read_kicad
+
+    try:
+        is_folder = stat.S_ISDIR(board.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        raise BoardError(f"{board}: there is no such file or folder.") from None
+    except OSError as error:
+        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
+    layers = None if stackup is None else load_design(stackup).array.stackup
+    if board.suffix == ".kicad_pcb":
+        return read_kicad(board, layers)
+    if is_folder or board.suffix.lower() == ".zip":
+        return read_gerbers(board, layers)
+    raise BoardError(f"{board}: not a board; it must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
+
+
+def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
+    """Return what is known of every coil, in SI."""
+    from coilarray.design.write import design_names, shape_names
+
+    names = design_names(traced.array.names)
+    return [
+        {
+            "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
+            "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
+            "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
+            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
+        }
+        for coil, placement, shape in zip(
+            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
+        )
+    ]  # fmt: skip
+
+
+def _cells(record: dict[str, Any]) -> list[str]:
+    from coilarray.compute.display_units import number_text
+
+    widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
+    return [
+        record["name"],
+        record["net"] or "–",
+        record["shape"],
+        " ".join(record["layers"]),
+        " ".join(number_text(pole["turns"], 2) for pole in record["poles"]),
+        f"{record['length_m'] * 1e3:.1f}",
+        widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}",
+        str(record["vias"]),
+        *(number_text(record[key] * 1e3, 3) for key in ("x_m", "y_m")),
+    ]

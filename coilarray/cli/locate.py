@@ -48,7 +48,7 @@ def locate(
         str | None,
         typer.Option(
             help="Response as netCDF (.nc) or a design; gast2020 by default. With --ellipse also a model of "
-            "`coilarray fit` (.json), or `published` for Table A1."
+            "`coilarray paper fit` (.json), or `published` for Table A1."
         ),
     ] = None,
     table: shared.TableFile = None,
@@ -75,10 +75,11 @@ def locate(
 
     The estimate is that of maximum likelihood over all coils, and includes the depth or distance. Every position that
     explains a reading is listed, such as both signs of y on a symmetric board. Positions are on the board; those of an
-    ellipse model of `coilarray fit` or of the paper count from the model's own origin. The response table of a design
-    is computed once and kept. For a design with a [target] and no [indentation] it is the target's map; coordinates
-    with a single value are then taken as known. A stream gives one line of JSON for each line of input, with "error"
-    for a bad one; the exit code is 2 only if no line was a reading.
+    ellipse model count from the model's own origin. The response table of a design is computed once and kept. For a
+    design with a [target] and no [indentation] it is the target's map; coordinates with a single value are then known.
+
+    A stream gives one line of JSON for each line of input, with "error" for a bad one. The exit code is 2 only if no
+    line was a reading.
 
     Example: coilarray locate --model gast2020
     coil1=-1e-5,coil2=3.84e-4,coil3=7.14e-4,coil4=6.8e-5,coil5=-1.3e-5,coil6=-2e-6
@@ -117,7 +118,7 @@ def locate(
     if stream:
         _stream(solve)
         return
-    from coilarray.report.localize_tables import position_table
+    from coilarray.report.position import position_table
 
     records = _answers(solve, given)
     if all("error" in record for record in records):
@@ -212,7 +213,7 @@ def _with_all_coils(
     from coilarray.hardware.record.reference_coil import less_reference
     from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
     from coilarray.localize.inverse import checked_reading, locate_all
-    from coilarray.report.localize_tables import location_record
+    from coilarray.report.position import location_record
     from coilarray.response.dataset import on_board
 
     every = response.states

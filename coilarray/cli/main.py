@@ -18,20 +18,14 @@ import typer.core
 from coilarray.cli import (
     calibrate,
     check,
-    distortion,
     docs,
     export,
-    field,
-    fit,
     impedance,
-    import_board,
-    indent,
     init,
     keys,
     locate,
-    matrix,
-    noise,
     optimize,
+    paper,
     report,
     response,
     studio,
@@ -60,37 +54,37 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user
 # It reads these when NumPy is first imported, which no module here does before a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
-_BOARD = "board"
-_SHORT = {"import_board": "import", "self_test": "test"}
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {
-    group: {
-        _SHORT.get(command.__name__, command.__name__): command
-        for command in commands
-    }
-    for group, commands in (
-        ("Design", (init.init, check.check, export.export, import_board.import_board, view.view, studio.studio)),
-        ("Compute", (
-            report.report, matrix.matrix, field.field, impedance.impedance, noise.noise, indent.indent,
-            response.response, target.target,
-        )),
-        ("Position", (fit.fit, distortion.distortion, calibrate.calibrate, locate.locate)),
-        ("Studies", (sweep.sweep, optimize.optimize, tolerance.tolerance)),
-        ("Board", (
-            self_test.self_test, measure.measure, campaign.campaign, info.info, calibrate_board.calibrate,
-            compare.compare, live.live,
-        )),
-        ("Help", (keys.keys, docs.docs)),
-    )
+    "Design": {
+        "init": init.init, "check": check.check, "export": export.export, "view": view.view, "studio": studio.studio,
+    },
+    "Compute": {
+        "report": report.report, "impedance": impedance.impedance, "response": response.response,
+        "target": target.target,
+    },
+    "Position": {"locate": locate.locate, "calibrate": calibrate.calibrate},
+    "Studies": {"sweep": sweep.sweep, "optimize": optimize.optimize, "tolerance": tolerance.tolerance},
+    "Board": {
+        "board test": self_test.self_test, "board measure": measure.measure, "board campaign": campaign.campaign,
+        "board info": info.info, "board calibrate": calibrate_board.calibrate, "board compare": compare.compare,
+        "board live": live.live,
+    },
+    "Paper": {"paper fit": paper.fit, "paper distortion": paper.distortion},
+    "Help": {"keys": keys.keys, "docs": docs.docs},
 }  # fmt: skip
-"""Every command by the name under which the program offers it, in the groups and the order of the help."""
-GROUPS["Board"] = {f"{_BOARD} {name}": command for name, command in GROUPS["Board"].items()}
-
-_ORDERLY = {_BOARD, "studio"}  # which bring boards to rest and end sessions, however long that takes
+"""Every command by its name, in the groups and the order of the help."""
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name: command for commands in GROUPS.values() for name, command in commands.items()
 }
-"""Every command by its name, of two words for those of a board."""
+"""Every command by its name, of two words for those of a board and of the paper."""
+
+_FAMILIES = {
+    "board": "Read out a board, real or emulated.",
+    "paper": "Evaluate maps as Gast & Zimmermann (2020) did.",
+}
+"""First words of commands, and their help."""
+_ORDERLY = {"board", "studio"}  # which bring boards to rest and end sessions, however long that takes
 
 
 def summary(name: str) -> str:
@@ -99,14 +93,16 @@ def summary(name: str) -> str:
 
 
 class _Grouped(typer.core.TyperGroup):
-    """A program whose help shows all commands in their groups, whichever of them it was made of."""
+    """Program or family whose help shows all its commands in their groups."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        shown = {"Commands": GROUPS["Board"]} if self.name == _BOARD else GROUPS
+        own = f"{self.name} " if self.name in _FAMILIES else ""
         width = max(map(len, COMMANDS))
-        for group, commands in shown.items():
-            with formatter.section(group):
-                formatter.write_dl([(name.ljust(width), summary(name)) for name in commands])
+        for group, commands in GROUPS.items():
+            shown = [(name.ljust(width), summary(name)) for name in commands if name.startswith(own)]
+            if shown:
+                with formatter.section(group):
+                    formatter.write_dl(shown)
 
 
 def _root(version: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
@@ -132,13 +128,17 @@ def program(name: str) -> Callable[..., Any]:
         rich_markup_mode=None,
     )
     app.callback(invoke_without_command=True)(_root)
-    board = typer.Typer(name=_BOARD, help="Read out a board, real or emulated.", cls=_Grouped, rich_markup_mode=None)
     wanted = (name,) if name in COMMANDS else () if name.startswith("-") else COMMANDS
+    families = {
+        family: typer.Typer(name=family, help=text, cls=_Grouped, rich_markup_mode=None)
+        for family, text in _FAMILIES.items()
+    }
     for one in wanted:
-        group, _, rest = one.rpartition(" ")
-        (board if group else app).command(rest)(COMMANDS[one])
-    if any(one.startswith(_BOARD) for one in wanted):
-        app.add_typer(board)
+        family, _, rest = one.rpartition(" ")
+        families.get(family, app).command(rest)(COMMANDS[one])
+    for family, sub in families.items():
+        if sub.registered_commands:
+            app.add_typer(sub, name=family)
     return typer.main.get_command(app)
 
 
@@ -152,9 +152,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")
     collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
-    if arguments == [_BOARD]:
+    if len(arguments) == 1 and arguments[0] in _FAMILIES:
         arguments.append("--help")
-    command = " ".join(arguments[:2]) if arguments[0] == _BOARD else arguments[0]
+    command = " ".join(arguments[:2]) if arguments[0] in _FAMILIES else arguments[0]
     needed = _MORE_MEMORY.get(command, _LEAST_MEMORY)
     if command in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < needed:
         return _refuse(
@@ -199,7 +199,8 @@ def _answer_to(error: Exception, command: str) -> int:
     format_message = getattr(error, "format_message", None)
     if format_message is None:
         raise error
-    help_for = f" {command}" if command in COMMANDS else f" {_BOARD}" if command.startswith(f"{_BOARD} ") else ""
+    family = command.split(" ")[0]
+    help_for = f" {command}" if command in COMMANDS else f" {family}" if family in _FAMILIES else ""
     words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
     return _refuse(f"{words} (try: coilarray{help_for} --help)")
 

@@ -96,7 +96,7 @@ def campaign_response(recording: Recording, calibration: Path | None, *, partial
 
 
 def read_ellipses(path: Path) -> EllipseModel:
-    """Read an ellipse model of `coilarray fit`; LocalizeError for another file."""
+    """Read an ellipse model of `coilarray paper fit`; LocalizeError for another file."""
     from coilarray.compute.files import read_text
     from coilarray.paper.ellipse_model import model_from_json
 

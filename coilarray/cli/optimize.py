@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
+from coilarray.compute.table import Table, text_table
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -63,9 +64,7 @@ def optimize(
     list_quantities: Annotated[
         bool, typer.Option("--list-quantities", help="Print the quantities that a goal may use, and exit.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the result as JSON in the units of its names, and nothing else.")
-    ] = False,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Search for the design that meets a goal best.
 
@@ -125,9 +124,8 @@ def optimize(
             err=True,
         )
     files = (*write_optimization(result, out), write_optimization_report(result, out))
-    if not as_json:
-        _print_result(result)
-    shared.print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
+    data = {**result_data(result), "files": [str(path) for path in files]}
+    shared.print_result(data, as_json=as_json, lines=[] if as_json else _lines(result), files=files)
     if not result.front:
         raise typer.Exit(1)
     if not as_json and (best := out / "best.toml") in files:
@@ -170,14 +168,12 @@ def _print_quantities(*, as_json: bool) -> None:
         options = ", ".join(option.name + (" (needed)" if option.required else "") for option in one.options)
         rows.append((one.name, one.unit, options, one.cost, one.says))
     headers = ("quantity", "unit", "options", "needs", "what it is")
-    if as_json:
-        shared.print_json([dict(zip(headers, row, strict=True)) for row in rows])
-    else:
-        typer.echo(shared.table_text(headers, rows))
+    table = text_table(headers, rows)
+    shared.print_result({"quantities": table.records()}, as_json=as_json, tables=[table])
 
 
-def _print_result(result: Optimization) -> None:
-    """Print the given and the best design side by side, one quantity or entry per line."""
+def _lines(result: Optimization) -> list[str | Table]:
+    """Describe the search, and compare the given and the best designs."""
     from coilarray.geometry import check_rules
     from coilarray.report.optimization import (
         at_ends,
@@ -194,33 +190,24 @@ def _print_result(result: Optimization) -> None:
     tried = f"{searched} points tried{f', {refined} more to refine the best' if refined else ''}; "
     tried += f"{sum(trial.feasible for trial in result.trials)} keep all bounds"
     if not result.front:
-        typer.echo(f"{tried}: {none_better(result)}")
-        for reason, *_ in reason_table(result).rows[:1]:
-            typer.echo(f"the most frequent reason why points give no design: {reason}")
-        return
+        reasons = [f"the most frequent reason why points give no design: {row[0]}" for row in reason_table(result).rows]
+        return [f"{tried}: {none_better(result)}", *reasons[:1]]
     chosen = chosen_designs(result)
-    typer.echo(f"{tried}\n")
-    found = quantity_table(result, chosen, result.goal.quantities)
-    shared.print_table(found.without("says"), title=False)
-    typer.echo()
-    varied = variable_table(result, chosen)
-    shared.print_table(varied, title=False)
-    for line in ("", *at_ends(result, chosen)):
-        typer.echo(line)
+    lines: list[str | Table] = [tried, "", quantity_table(result, chosen, result.goal.quantities).without("says"), ""]
+    lines += [variable_table(result, chosen), "", *at_ends(result, chosen)]
     broken = [
         one.label
         for one in chosen
         if not all(margin.kept for margin in check_rules(one.design.array, one.design.rules))
     ]
     if broken:
-        typer.echo(
+        lines.append(
             f"{', '.join(broken)} break fabrication rules (coilarray check), which the sampler cmaes does not know"
         )
-    for one in chosen:
-        if words := unread_words(one.design):
-            typer.echo(f"{one.label}: {words}")
+    lines += [f"{one.label}: {words}" for one in chosen if (words := unread_words(one.design))]
     if len(result.goal.objectives) > 1:
-        typer.echo(f"Pareto front: {len(result.front)} designs")
+        lines.append(f"Pareto front: {len(result.front)} designs")
+    return lines
 
 
 @contextmanager

@@ -28,7 +28,7 @@ def report(
         Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.", kept=True)
     ] = Path(),
     distortion: Annotated[
-        Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc), to be included.")
+        Path | None, typer.Option(help="Result of `coilarray paper distortion --out` (.nc), to be included.")
     ] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
@@ -60,11 +60,11 @@ def report(
     for line in made.verdicts:
         typer.echo(line)
     if made.summary is not None:
-        shared.print_table(made.summary, title=False)
+        typer.echo(made.summary.text(shared.terminal_width(), title=False))
         if opened.assumed:
             typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
-    shared.print_table(_summary(opened.design.array.centres, made.coupling))
+    typer.echo(_summary(opened.design.array.centres, made.coupling).text(shared.terminal_width()))
 
 
 def _causes(distortion: Path) -> xr.Dataset:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,15 @@ from coilarray.cli import shared
 from coilarray.errors import ElastomerError
 
 if TYPE_CHECKING:
-    from coilarray.response.map import Reach
+    from coilarray.response.map import Imperfections, Reach
+
+# keys of [[elastomer]] and [indentation] that the dent depends on; the others say where it is made
+_ENTERING = (
+    "thickness_mm", "youngs_modulus_kPa", "poissons_ratio", "strain", "base", "seat_stiffness_kPa_per_mm",
+    "seat_shear_kPa_per_mm", "depths_mm", "sample_radius_mm",
+)  # fmt: skip
+_REST = "rest_distance_mm"
+_SHEET = "thickness_error_mm."
 
 
 def response(
@@ -21,33 +30,19 @@ def response(
     depth_mm: shared.Depths = None,
     x_mm: shared.PlacesX = None,
     y_mm: shared.PlacesY = None,
-    tilt: Annotated[tuple[float, float], typer.Option(help="Slope of the elastomer along x and y, in mm per mm.")] = (
-        0.0,
-        0.0,
-    ),
-    offset_mm: Annotated[tuple[float, float], typer.Option(help="True minus assumed position of the indenter.")] = (
-        0.0,
-        0.0,
-    ),
-    depth_error_mm: Annotated[float, typer.Option(help="True minus assumed depth.")] = 0.0,
-    thickness_error_mm: Annotated[
-        list[str] | None, typer.Option(help="SHEET=VALUE, true minus designed thickness; may be repeated.")
+    experiment: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="Imperfection of the experiment: depth_error_mm, tilt_x_mrad, tilt_y_mrad, offset_x_mm, offset_y_mm, "
+            "drift, column_drift, thickness_error_mm.SHEET, noise (of each reading of L), seed; or rest_distance_mm, "
+            "the height of an indenter with a material while L_0 is read. May be repeated.",
+        ),
     ] = None,
-    noise: Annotated[
-        float, shared.number_option(("--noise",), 0.0, 1.0, "Relative standard deviation of each reading of L.")
-    ] = 0.0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     ideal: shared.Ideal = False,
     dielectric: Annotated[
         bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance due to the dent.")
     ] = False,
-    metal: Annotated[
-        bool, typer.Option("--metal/--no-metal", help="Include the indenter's material, if it has one.")
-    ] = True,
-    rest_distance_mm: Annotated[
-        float,
-        typer.Option(help="Height above the sheets of an indenter with a material while L_0 is read; inf: far away."),
-    ] = 0.0,
     reach: Annotated[
         str,
         typer.Option(
@@ -55,8 +50,9 @@ def response(
             "that keep the error of δ below this fraction of its peak; auto for 0.001 on large boards, else all."
         ),
     ] = "auto",
+    dent: Annotated[bool, typer.Option("--dent", help="Compute the dent and the force alone, without coils.")] = False,
     out: shared.NumbersFile = Path("response.nc"),
-    plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent")] = None,
+    plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent, or with --dent the dent")] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
@@ -65,75 +61,121 @@ def response(
 
     Computes δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the
     other coils as the scan terminates them. The table shows the peak of every map. Positions in the table, the picture
-    and a .csv are on the board; in a .nc they count from the map's origin, which it states. After an interruption the
+    and a .csv are on the board. In a .nc they count from the map's origin, which it states. After an interruption the
     same command resumes from the folder FILE.parts. On large boards only the coils near the indenter are included, and
-    a line says so; --reach all includes every coil.
+    a line says so.
 
     An indenter with a material (indenter.material of the design) also changes δ by its eddy currents and its
-    magnetisation; their share is shown beside δ. L_0 is that of the indenter just touching the sheets. A negative depth
-    of such an indenter is a height above the sheets: --depth-mm=-5,-1,0,1.
+    magnetisation. Their share is shown beside δ. L_0 is read while the indenter just touches the sheets. A negative
+    depth of such an indenter is a height above the sheets: --depth-mm=-5,-1,0,1.
 
-    Plates below the coils ([[plate]]: a backplane, a copper pour) are included, at the frequency of each state:
-    infinite plates reflect the field of the coils and that of the dent, plates with an outline only that of the coils.
+    Plates below the coils ([[plate]]: a backplane, a copper pour) are included at the frequency of each state. Infinite
+    plates reflect the field of the coils and of the dent, plates with an outline only the field of the coils.
+
+    With --dent the table has the displacement of each sheet's upper face on the axis, the force of the indenter, which
+    has no friction, and the ring, the highest rise of the free surface. A rectangular sample counts as wide, and its
+    seat as even.
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
+
+    Example: coilarray response gast2020 --dent --depth-mm 0.1:1:10 --out dent.csv
     """
     depths, *places = (
         shared.lengths(option, text) for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
-    errors = _thickness_errors(thickness_error_mm or ())
+    if dent:
+        _print_dent(design, depths, out, plot, as_json=as_json)
+        return
+    imperfections, rest = _experiment(experiment or ())
     counted = _reach(reach)
     from coilarray.circuit.readability import reading_lines
     from coilarray.report.figures import map_outlines
-    from coilarray.report.indentation_tables import response_table
-    from coilarray.report.target_tables import path_drive_table
+    from coilarray.report.response_tables import path_drive_table, response_table
     from coilarray.response.dataset import coils_outside, on_board
-    from coilarray.response.map import Imperfections, response_map
+    from coilarray.response.map import response_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.indentation, *places)
-    offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
-    imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
     with shared.map_parts(out) as keep, shared.progress_bar("response") as progress:
         result = response_map(
             opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, keep=keep, progress=progress,
+            dielectric=dielectric, rest=rest, keep=keep, progress=progress,
         )  # fmt: skip
         shown = on_board(result)
         table = response_table(shown)
         in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
         shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
     shared.draw(plot, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
-    error = result.attrs["error_of_peak"]
-    lines = [f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"]
+    error, lifted = result.attrs["error_of_peak"], result.attrs.get("lifted_m")
+    lines = [*reading_lines(shown), *([] if ideal else shared.missing_capacitance(opened))]
     if error:
-        lines.insert(
-            0,
+        lines.append(
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter are included: the error "
-            f"of δ is up to {error:g} of its peak; --reach all includes every coil",
+            f"of δ is up to {error:g} of its peak; --reach all includes every coil"
         )
-    outside = coils_outside(shown) if x is None and y is None else []
-    if outside:
+    lines.append(f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}")
+    if outside := coils_outside(shown) if x is None and y is None else []:
         lines.append(f"note: the design's positions do not include the centres of {', '.join(outside)}")
-    lifted = result.attrs.get("lifted_m")
     if lifted:
         weightless = opened.indentation is not None and not opened.indentation.unevenness.weight
         held = "; without seat_weight_Pa only the indenter holds it down" * weightless
         lines.append(f"note: the sample rises off its seat by up to {lifted * 1e3:.2g} mm{held}")
-    lines = [*reading_lines(shown), *([] if ideal else shared.missing_capacitance(opened)), *lines]
     # a path through metal needs its own drive; a dent alone changes no amplitude
     drive = path_drive_table(shown if "metal_delta" in shown else shown.drop_vars("amplitude", errors="ignore"))
     data = {
-        **shared.design_record(opened),
-        "file": out and str(out),
-        "error_of_peak": error,
-        "lifted_m": lifted,
-        "response": table.records(),
-        drive.name: drive.records(),
-    }
-    shared.print_result(
-        data, as_json=as_json, tables=[table, *([drive] if drive.rows else [])], lines=lines, files=[plot]
-    )
+        **shared.design_record(opened), "file": out and str(out), "error_of_peak": error, "lifted_m": lifted,
+        table.name: table.records(), drive.name: drive.records(),
+    }  # fmt: skip
+    tables = [table, *([drive] if drive.rows else [])]
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot])
+
+
+def _print_dent(
+    name: str | None, depths: list[float] | None, out: Path | None, plot: Path | None, *, as_json: bool
+) -> None:
+    """Compute, write and print the dent and the force of a design."""
+    if depths is not None and depths[0] <= 0:
+        raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
+    from coilarray.circuit.coupling import provenance
+    from coilarray.design.model import load_design_file
+    from coilarray.report.response_tables import indentation_table
+    from coilarray.report.tables import design_table
+    from coilarray.response.setup import contact_at, indentation_of
+
+    file = load_design_file(name)
+    opened = file.design
+    setup = indentation_of(opened)
+    result = contact_at(setup, opened.sheets, depths or setup.depths).assign_attrs(provenance(opened))
+    how = f"{setup.indenter.name}, base {setup.base}, {setup.strain} strain"
+    table = replace(indentation_table(result), title=how)
+    shared.write_numbers(out, result, table.csv)
+    shared.draw(plot, lambda: viz.indentation_figure(result, setup.indenter))
+    not_given = [
+        row
+        for row in design_table(file).records()
+        if row["origin"] != "given"
+        and _enters(str(row["key"]))
+        and not (depths and str(row["key"]).endswith(".depths_mm"))
+    ]
+    lines = []
+    if setup.sample_bounds is not None:
+        lines.append("The sample counts as wide here, on an even seat that holds it. Responses include sides and seat.")
+    for row in not_given:
+        lines.append(
+            ": ".join(filter(None, (f"{row['origin']}", f"{row['key']} = {row['value']}", f"{row['reason']}")))
+        )
+    data = {
+        **shared.design_record(opened), "indenter": setup.indenter.name, "base": str(setup.base),
+        "strain": setup.strain, "dents": table.records(),
+        "not_given": [{**row, "value": file.values[str(row["key"])]} for row in not_given],
+    }  # fmt: skip
+    shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=(out, plot))
+
+
+def _enters(key: str) -> bool:
+    """Tell whether a key of the design enters the dent."""
+    in_tables = key.startswith(("elastomer.", "indentation.")) and key.split(".")[-1] in _ENTERING
+    return key.startswith("indenter.") or in_tables
 
 
 def _reach(text: str) -> Reach:
@@ -144,16 +186,26 @@ def _reach(text: str) -> Reach:
         raise ElastomerError(f"--reach must be all, auto or a relative error of δ; got {text!r}.") from None
 
 
-def _thickness_errors(texts: Sequence[str]) -> dict[str, float]:
-    """Errors in m by the sheet's name."""
-    errors: dict[str, float] = {}
+def _experiment(texts: Sequence[str]) -> tuple[Imperfections, float]:
+    """Return imperfections, and the distance of the indenter at rest in m, from KEY=VALUE."""
+    from coilarray.studies.calibrate.data import imperfections_of
+    from coilarray.studies.calibrate.plan import IMPERFECTIONS
+
+    values: dict[str, float] = {}
+    known = (*IMPERFECTIONS, f"{_SHEET}SHEET", "noise", "seed", _REST)
     for text in texts:
-        sheet, _, value = text.partition("=")
+        key, _, value = text.partition("=")
+        if key not in known and not key.startswith(_SHEET):
+            raise ElastomerError(f"--experiment must be KEY=VALUE with a key of {', '.join(known)}; got {text!r}.")
+        if key in values:
+            raise ElastomerError(f"--experiment must name {key} once.")
         try:
-            error = float(value) * 1e-3
+            values[key] = float(value)
         except ValueError:
-            raise ElastomerError(f"--thickness-error-mm must be SHEET=VALUE; got {text!r}.") from None
-        if sheet in errors:
-            raise ElastomerError(f"--thickness-error-mm must name a sheet once; got {sheet!r} again.")
-        errors[sheet] = error
-    return errors
+            raise ElastomerError(f"--experiment {key} must be a number; got {value!r}.") from None
+    seed = values.get("seed", 0.0)
+    if not seed.is_integer():
+        raise ElastomerError(f"--experiment seed must be a whole number; got {seed:g}.")
+    sheets = {key.removeprefix(_SHEET): value * 1e-3 for key, value in values.items() if key.startswith(_SHEET)}
+    found = replace(imperfections_of(values), thickness_errors=sheets, noise=values.get("noise", 0.0), seed=int(seed))
+    return found, values.get(_REST, 0.0) * 1e-3

@@ -166,11 +166,6 @@ NumbersFile = Annotated[
     Path | None,
     out_option(f"File to write: .nc (netCDF) or .csv; {_UNLESS_PRINTED}", ".nc", ".csv", printed=True),
 ]
-FieldFile = Annotated[
-    Path | None,
-    out_option(f"File to write: .nc (netCDF) or .vtr (ParaView); {_UNLESS_PRINTED}", ".nc", ".vtr", printed=True),
-]
-OthersOpen = Annotated[bool, typer.Option("--others-open", help="Leave all other coils open.")]
 TableFile = Annotated[
     Path | None,
     file_option(
@@ -321,20 +316,19 @@ def print_result(
     *,
     as_json: bool,
     tables: Sequence[Table] = (),
-    titles: bool = False,
-    lines: Sequence[str] = (),
+    lines: Sequence[str | Table] = (),
     files: Sequence[Path | None] = (),
 ) -> None:
-    """Print the result of a command: either `data` as JSON, or tables, sentences and the files written."""
+    """Print the result of a command: `data` as JSON, or tables, sentences and the files written."""
     if as_json:
         print_json(data)
         return
     for table in tables:
-        print_table(table, title=titles)
+        typer.echo(table.text(terminal_width()))
         if len(tables) > 1:
             typer.echo()
     for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
-        say(line)
+        say(line) if isinstance(line, str) else typer.echo(line.text(terminal_width()))
 
 
 def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> list[str]:
@@ -379,11 +373,6 @@ def _share_text(share: float) -> str:
 def print_json(data: Any) -> None:
     """Print a value as JSON; a number that is not finite is a fault of the program, never NaN in the output."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
-
-
-def print_table(table: Table, *, title: bool = True) -> None:
-    """Print a table as wide as the terminal."""
-    typer.echo(table.text(terminal_width(), title=title))
 
 
 def table_text(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> str:

@@ -49,7 +49,7 @@ def studio(
         ),
     ] = 20.0,
 ) -> None:
-    """Change a design in the browser and see its results at once.
+    """Change a design in the browser and see the results.
 
     It has sliders for the design; the board in three dimensions, couplings and margins; the field, with switches for
     every coil; an indenter to drag over the board; optimisations; and the live board or its emulator. The page is

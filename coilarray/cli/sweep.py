@@ -12,6 +12,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.display_units import value_text
+from coilarray.compute.table import Table, text_table
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -104,7 +105,8 @@ def sweep(
         "accuracy": plan.accuracy,
         "points": _records(result),
     }
-    lines = []
+    lines: list[str] = []
+    tables: list[Table] = []
     if wanted is not None:
         best = best_points(plan, result, wanted)
         data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
@@ -119,7 +121,8 @@ def sweep(
             for one in plan.requests
             if one.key not in (RULES, UNREAD) or one.key in asked
         ]
-        typer.echo(shared.table_text(("quantity", "unit", "smallest", "where", "largest", "where"), rows))
+        headers = ("quantity", "unit", "smallest", "where", "largest", "where")
+        tables = [text_table(headers, rows)]
         broken = int((result[RULES] > 0).sum())
         if broken:
             where = "still in the table" if shown is result else "left out of the table"
@@ -133,7 +136,7 @@ def sweep(
         lines.append(
             f"wrote {out}: {points} point{'s' if points > 1 else ''} over {', '.join(map(str, result.reason.dims))}"
         )
-    shared.print_result(data, as_json=as_json, lines=lines, files=[plot])
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot])
 
 
 def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:

@@ -70,7 +70,7 @@ def target(
     from coilarray.circuit.readability import reading_lines
     from coilarray.compute.display_units import PER_MILLION
     from coilarray.report.figures import map_outlines
-    from coilarray.report.target_tables import (
+    from coilarray.report.response_tables import (
         base_table,
         path_drive_table,
         range_table,
@@ -113,7 +113,7 @@ def target(
         "deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
-    shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot, maps])
 
 
 def _accuracy(text: str) -> Accuracy | float:

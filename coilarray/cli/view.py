@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.maps import kept_table, read_map
-from coilarray.cli.readings import read_readings
-from coilarray.errors import GeometryError, LocalizeError, OutputError
+from coilarray.errors import GeometryError, OutputError
 from coilarray.viz.offscreen import require_pyvista
 
 if TYPE_CHECKING:
-    from coilarray.cli.readings import Reading
+    from coilarray.compute.arrays import FloatArray
     from coilarray.design.model import Design
     from coilarray.viz.scenes.design import Item, View
     from coilarray.viz.scenes.scene import Scene, Side
 
-_LARGEST_MA = 1e9
+    Axes = tuple[FloatArray, FloatArray, FloatArray]
+
+Kind = Literal["window", "picture", "film", "page", "parts", "field"]
+_KINDS: dict[str, Kind] = {
+    ".png": "picture", ".gif": "film", ".mp4": "film", ".html": "page", ".vtm": "parts", "": "parts",
+    ".nc": "field", ".vtr": "field",
+}  # fmt: skip
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
+_FRAMES, _RATE = 48, 12.0  # pictures of a film, and pictures per second
+_SPACING_MM = 0.5  # of points of the field
+_MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
 
 
 def _length(name: str, text: str) -> Any:
     return shared.number_option((name,), shared.SMALLEST_MM, shared.LONGEST_MM, text)
-
-
-def _file(name: str, text: str, *suffixes: str) -> Any:
-    return shared.file_option((f"--{name}",), text, suffixes)
 
 
 def view(
@@ -48,16 +51,14 @@ def view(
             "passive coils), coupling, response, location. By default the board, with its plates and target."
         ),
     ] = None,
-    screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,
-    movie: Annotated[
-        Path | None, _file("movie", "Write a film of the indenter moving over the board: .gif or .mp4.", ".gif", ".mp4")
-    ] = None,
-    html: Annotated[
+    out: Annotated[
         Path | None,
-        _file("html", "Write a page on which the scene can be turned in a browser, without a network: .html.", ".html"),
-    ] = None,
-    vtk: Annotated[
-        Path | None, typer.Option(help="Write for ParaView: .vtm, or a folder with a file for each part.")
+        shared.file_option(
+            ("--out", "-o"),
+            "File to write instead of a window: a picture (.png), a film of the indenter over the board (.gif, .mp4), "
+            "a page to turn the scene in a browser (.html), parts for ParaView (.vtm, or a folder), or the numbers of "
+            "the field (.nc, .vtr).",
+        ),
     ] = None,
     side: Annotated[
         Literal["oblique", "top", "front", "right"], typer.Option("--from", help="Side from which the scene is seen.")
@@ -67,178 +68,234 @@ def view(
     ] = None,
     layers: Annotated[str | None, typer.Option(help="Copper layers shown, as L1,L3; all by default.")] = None,
     coil: Annotated[str | None, typer.Option(help="The measured coil; the middle one by default.")] = None,
-    others_open: shared.OthersOpen = False,
-    current_mA: Annotated[
-        float, typer.Option("--current-mA", help="Current in the measured coil, for the field.")
-    ] = 1.0,
-    spacing_mm: Annotated[
-        float | None, _length("--spacing-mm", "Spacing of the points of B; 0.5 on planes and 1 in a box by default.")
-    ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
         typer.Option(
             help="x and y of indenter or target on the board; by default off the middle of the board, or at the coil."
         ),
     ] = None,
-    distance_mm: Annotated[
-        float | None, _length("--distance-mm", "Distance of the target; the smallest of the design by default.")
-    ] = None,
     depth_mm: Annotated[
         float | None, _length("--depth-mm", "Depth of the dent; the largest of the design by default.")
     ] = None,
-    response: Annotated[Path | None, typer.Option(help="Response to show (.nc); computed by default.")] = None,
-    reading: Annotated[
-        str | None,
-        typer.Option(help="δ from which to find a position, as coil1=7.1e-4,...; that of the indenter by default."),
+    distance_mm: Annotated[
+        float | None, _length("--distance-mm", "Distance of the target; the smallest of the design by default.")
     ] = None,
-    noise: shared.Noise = None,
-    table: shared.TableFile = None,
-    path_mm: Annotated[
-        str | None,
-        typer.Option(help='Path of the film on the board, as "X,Y X,Y ..."; along x over the middle coil by default.'),
+    spacing_mm: Annotated[
+        float | None, _length("--spacing-mm", "Spacing of the points of B; 0.5 on planes and 1 in a box by default.")
     ] = None,
-    frames: Annotated[int, shared.number_option(("--frames",), 2, 1000, "Number of pictures of the film.")] = 48,
-    rate: Annotated[float, typer.Option(help="Pictures of the film per second.")] = 12.0,
+    z_mm: Annotated[
+        str | None,
+        typer.Option(help="Height of .nc and .vtr above the board, or FROM:TO for a volume; the design's by default."),
+    ] = None,
     force: shared.Force = False,
-    allow_violations: shared.AllowViolations = False,
+    as_json: shared.AsJson = False,
 ) -> None:
-    """Show a design in three dimensions.
+    """Show a design in three dimensions, or its magnetic field.
 
-    Opens a window, or writes a picture, a film, a page or files for ParaView. B is in phase with the current, in free
-    space or beside infinite plates; the target that is shown with it is one of them, at one distance.
+    Opens a window, or writes a file. B is in phase with a current of 1 mA in the measured coil, in free space or beside
+    infinite plates. The target that is shown with it is one of them, at one distance.
 
-    Example: coilarray view gast2020 --screenshot board.png
+    The numbers of the field (.nc, .vtr) are on a plane or in a volume above the board, of a target only with
+    --distance-mm. Magnetic sheets change only the currents. Traces are thin wires along their middle lines, so B is
+    not the field of the trace nearer to it than its width.
 
-    Example: coilarray view gast2020 --show board,field,lines --coil coil3 --html field.html
+    Example: coilarray view gast2020 --out board.png
 
-    Example: coilarray view gast2020 --movie touch.gif
+    Example: coilarray view gast2020 --show board,field,lines --coil coil3 --out field.html
+
+    Example: coilarray view gast2020 --out touch.gif
+
+    Example: coilarray view gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
     """
-    wanted = _Outputs(screenshot, movie, html, vtk, side, _pixels(size), rate)
-    _check_vtk(vtk)
+    kind, pixels = _kind(out), _pixels(size)
     items = () if show is None else _items(show)
-    for option, given, needed in (
-        ("--response", response, "response"), ("--reading", reading, "location"), ("--table", table, "location"),
-        ("--distance-mm", distance_mm, "target"),
-    ):  # fmt: skip
-        if given is not None and needed not in (items or (needed,) * (needed == "target")):
-            raise OutputError(f"{option} is for --show {needed}.")
-    if movie is None and path_mm is not None:
-        raise OutputError("--path-mm is for --movie.")
-    if movie is not None and not wanted.still:
-        for option, changed in (
-            ("--show", show is not None), ("--layers", layers is not None), ("--coil", coil is not None),
-            ("--others-open", others_open), ("--spacing-mm", spacing_mm is not None), ("--at-mm", at_mm is not None),
-            ("--distance-mm", distance_mm is not None),
-        ):  # fmt: skip
-            if changed:
-                raise OutputError(f"{option} is not for --movie: a film shows the dent and δ of all coils.")
-    corners = None if path_mm is None else _way(path_mm)
+    given = {
+        "--show": show, "--from": side if side != "oblique" else None, "--size": size, "--layers": layers,
+        "--coil": coil, "--at-mm": at_mm, "--depth-mm": depth_mm, "--distance-mm": distance_mm,
+        "--spacing-mm": spacing_mm, "--z-mm": z_mm,
+    }  # fmt: skip
+    unused = {"film": _NOT_OF_FILMS, "field": _NOT_OF_FIELDS}.get(kind, {"--z-mm"})
+    for option, value in given.items():
+        if value is not None and option in unused:
+            what = {"film": "a film, which shows the dent and δ of all coils", "field": "the numbers of a field"}
+            raise OutputError(f"{option} is not for {what.get(kind, 'a scene, but for .nc and .vtr')}.")
+    if distance_mm is not None and kind != "field" and items and "target" not in items:
+        raise OutputError("--distance-mm is for --show target.")
+    heights = None if z_mm is None else _heights(z_mm)
+    if kind == "parts" or (out is not None and out.suffix.lower() == ".vtr"):
+        require_pyvista("files for ParaView")
+    opened = shared.open_design(design, allow_violations=True)
     depth, spacing, distance = (
         None if length is None else length * 1e-3 for length in (depth_mm, spacing_mm, distance_mm)
     )
-    if not 0 < abs(current_mA) <= _LARGEST_MA:
-        raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g} and not 0; got {current_mA:g}.")
-    located = None if reading is None else _reading(reading)
-    draped = None if response is None else read_map(response)
+    if kind == "field" and out is not None:
+        line, data = _write_field(opened, out, coil, heights, spacing_mm or _SPACING_MM, distance)
+        shared.print_result({**shared.design_record(opened), **data}, as_json=as_json, lines=[line])
+        return
     from coilarray.viz.scenes.design import View, board_and_metal
 
-    opened = shared.open_design(design, allow_violations=allow_violations)
     items = items or board_and_metal(opened)
-    if distance_mm is not None and "target" not in items:
+    if distance is not None and "target" not in items:
         raise OutputError(f"--distance-mm is for a design with a [target]; {opened.name} has none.")
-    wanted.check()
-    if movie is None or wanted.still:
+    _check_machine(kind, out, pixels)
+    notes: list[str] = []
+    if kind == "film" and out is not None:
+        _write_film(opened, out, side, pixels, depth)
+        lines = [f"wrote {out}: {_FRAMES} pictures, {_FRAMES / _RATE:.3g} s"]
+    else:
+        from coilarray.cli.maps import kept_table
+
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
-            coil=coil, others_open=others_open, current=current_mA * 1e-3, spacing=spacing,
-            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth, distance=distance,
-            response=draped, table=kept_table(opened, table) if "location" in items else None, reading=located,
-            noise=noise,
+            coil=coil, spacing=spacing, at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth,
+            distance=distance, table=kept_table(opened, None) if "location" in items else None,
         )  # fmt: skip
-        wanted.show(_scene(opened, asked), opened.name)
-    if movie is not None:
-        wanted.film(opened, corners, frames, depth)
+        scene = _scene(opened, asked)
+        notes = list(scene.notes)
+        lines = [*notes, *_write_scene(scene, kind, out, opened.name, side, pixels)]
+    data = {**shared.design_record(opened), "file": out and str(out), "notes": notes}
+    shared.print_result(data, as_json=as_json, lines=lines)
 
 
-@dataclass(frozen=True)
-class _Outputs:
-    """Files to write (none: a window), and the view of the scene."""
-
-    screenshot: Path | None
-    movie: Path | None
-    html: Path | None
-    vtk: Path | None
-    side: Side
-    pixels: dict[str, tuple[int, int]]
-    rate: float
-
-    @property
-    def still(self) -> bool:
-        """True if a file of a single scene is wanted."""
-        return any(path is not None for path in (self.screenshot, self.html, self.vtk))
-
-    def check(self) -> None:
-        """Refuse before a long computation what this machine cannot show."""
-        from coilarray.viz.scenes.page import check_page
-        from coilarray.viz.scenes.pictures import check_movie, check_rendering, check_window
-
-        if self.html is not None:
-            check_page()
-        if self.screenshot is not None:
-            check_rendering(**self.pixels)
-        if self.movie is not None:
-            check_movie(self.movie, rate=self.rate, **self.pixels)
-        elif not self.still:
-            check_window()
-
-    def show(self, scene: Scene, name: str) -> None:
-        """Write the files of a scene, or show it in a window."""
-        for note in scene.notes:
-            typer.echo(note)
-        if self.screenshot is not None:
-            viz.save_picture(scene, self.screenshot, side=self.side, **self.pixels)
-            typer.echo(f"wrote {self.screenshot}")
-        if self.html is not None:
-            viz.save_page(scene, self.html, title=name, side=self.side)
-            typer.echo(f"wrote {self.html}")
-        if self.vtk is not None:
-            typer.echo(f"wrote {', '.join(str(path) for path in viz.save_vtk(scene, self.vtk))}")
-        if not self.still:
-            viz.show(scene, side=self.side)
-
-    def film(self, design: Design, corners: list[tuple[float, float]] | None, frames: int, depth: float | None) -> None:
-        """Write the film of an indenter that moves over the board."""
-        from coilarray.viz.scenes.touch import touch_along
-
-        path = cast("Path", self.movie)
-        with shared.progress_bar("response") as progress:
-            touch = touch_along(design, corners, count=frames, depth=depth, progress=progress)
-        with shared.progress_bar("film") as progress:
-
-            def counted() -> Iterator[Scene]:
-                for done, scene in enumerate(touch.scenes(), start=1):
-                    yield scene
-                    progress(done, frames)
-
-            viz.save_movie(touch.board(), counted(), path, side=self.side, rate=self.rate, **self.pixels)
-        typer.echo(f"wrote {path}: {frames} pictures, {frames / self.rate:.3g} s")
+_NOT_OF_FIELDS = {"--show", "--from", "--size", "--layers", "--at-mm", "--depth-mm"}
+_NOT_OF_FILMS = {"--show", "--layers", "--coil", "--spacing-mm", "--at-mm", "--distance-mm", "--z-mm"}
 
 
-def _check_vtk(path: Path | None) -> None:
-    """Refuse before a long computation a file .vtm, or a folder, that could not be written after it."""
-    if path is not None:
-        require_pyvista("files for ParaView")
-    if path is None or path.suffix.lower() == ".vtm":
-        shared.check_file("--vtk", path, None)
-        return
+def _kind(out: Path | None) -> Kind:
+    """Return the kind of a file by its ending, and refuse one that could not be written."""
+    if out is None:
+        return "window"
+    kind = _KINDS.get(out.suffix.lower())
+    if kind is None:
+        raise OutputError(f"--out must end in {', '.join(filter(None, _KINDS))}, or be a folder; got {out}.")
+    if out.suffix:
+        shared.check_file("--out", out, None)
+        return kind
     try:
-        there = next(folder for folder in (path, *path.parents) if folder.exists())  # at last . or /
+        there = next(folder for folder in (out, *out.parents) if folder.exists())  # at last . or /
     except OSError as error:
-        raise OutputError(f"cannot make the folder {path}: {error.strerror}.") from None
+        raise OutputError(f"cannot make the folder {out}: {error.strerror}.") from None
     if not there.is_dir():
         raise OutputError(f"cannot make the folder {there}: a file has that name.")
     if not os.access(there, os.W_OK):
-        raise OutputError(f"cannot write {path}: the folder {there} is not writable.")
+        raise OutputError(f"cannot write {out}: the folder {there} is not writable.")
+    return kind
+
+
+def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, int]]) -> None:
+    """Refuse before a long computation what this machine cannot show."""
+    from coilarray.viz.scenes.page import check_page
+    from coilarray.viz.scenes.pictures import check_movie, check_rendering, check_window
+
+    if kind == "page":
+        check_page()
+    elif kind == "picture":
+        check_rendering(**pixels)
+    elif kind == "film" and out is not None:
+        check_movie(out, rate=_RATE, **pixels)
+    elif kind == "window":
+        check_window()
+
+
+def _write_scene(
+    scene: Scene, kind: Kind, out: Path | None, name: str, side: Side, pixels: dict[str, tuple[int, int]]
+) -> list[str]:
+    """Write a scene, or show it in a window; return the lines about its files."""
+    if out is None:
+        viz.show(scene, side=side)
+        return []
+    if kind == "parts":
+        return [f"wrote {', '.join(str(path) for path in viz.save_vtk(scene, out))}"]
+    if kind == "page":
+        viz.save_page(scene, out, title=name, side=side)
+    else:
+        viz.save_picture(scene, out, side=side, **pixels)
+    return [f"wrote {out}"]
+
+
+def _write_film(design: Design, out: Path, side: Side, pixels: dict[str, tuple[int, int]], depth: float | None) -> None:
+    """Write the film of an indenter that moves along x over the middle coil."""
+    from coilarray.viz.scenes.touch import touch_along
+
+    with shared.progress_bar("response") as progress:
+        touch = touch_along(design, None, count=_FRAMES, depth=depth, progress=progress)
+    with shared.progress_bar("film") as progress:
+
+        def counted() -> Iterator[Scene]:
+            for done, scene in enumerate(touch.scenes(), start=1):
+                yield scene
+                progress(done, _FRAMES)
+
+        viz.save_movie(touch.board(), counted(), out, side=side, rate=_RATE, **pixels)
+
+
+def _write_field(
+    design: Design,
+    out: Path,
+    coil: str | None,
+    heights: tuple[float, float] | None,
+    spacing_mm: float,
+    distance: float | None,
+) -> tuple[str, dict[str, object]]:
+    """Compute B for 1 mA in a coil and write it; return a line and the numbers about it."""
+    active = design.array.middle_coil if coil is None else coil
+    if active not in design.array.names:
+        raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")
+    axes = _axes(design, heights, spacing_mm)
+    from coilarray.circuit.coupling import couple_design
+    from coilarray.circuit.operating_field import operating_field
+    from coilarray.compute.files import write_text
+    from coilarray.compute.netcdf import save_dataset
+    from coilarray.viz import field_grid
+    from coilarray.viz.datasets.meshes import vtk_text
+
+    if distance is not None:
+        from coilarray.response.target import with_target_as_plate
+
+        design = with_target_as_plate(design, (0.0, 0.0), distance)
+    shape = [len(axis) for axis in axes]
+    coupling = couple_design(design)
+    with shared.progress_bar(f"field at {math.prod(shape)} points") as progress:
+        result = operating_field(design, coupling, active, *axes, current=1e-3, progress=progress)
+    if out.suffix.lower() == ".nc":
+        save_dataset(result, out)
+    else:
+        write_text(out, vtk_text(field_grid(result.x.values, result.y.values, result.z.values, result.B.values)))
+    peak = float(abs(result.B.sel(component="z")).max())
+    without = "" if design.target is None else ", without the target"
+    line = f"wrote {out}: {' × '.join(map(str, shape))} points, {active} active{without}, largest |B_z| "
+    data = {
+        "file": str(out), "coil": active, "current_A": 1e-3, "target_distance_m": distance, "shape": shape,
+        "peak_Bz_T": peak,
+    }  # fmt: skip
+    return f"{line}{peak * 1e6:.4g} µT at 1 mA", data
+
+
+def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float) -> Axes:
+    """x, y and z of the grid in m, at most a spacing apart."""
+    import numpy as np
+
+    x_min, y_min, x_max, y_max = design.array.bounds
+    ranges = ((x_min, x_max), (y_min, y_max), heights or (design.field_height, design.field_height))
+    counts = [math.ceil((end - start) / (spacing_mm * 1e-3) * (1 - 1e-12)) + 1 for start, end in ranges]
+    count = math.prod(counts)
+    if count > _MOST_POINTS:
+        raise GeometryError(f"--spacing-mm {spacing_mm:g} gives {count} points; at most {_MOST_POINTS} are allowed.")
+    x, y, z = (np.linspace(start, end, n) for (start, end), n in zip(ranges, counts, strict=True))
+    return x, y, z
+
+
+def _heights(text: str) -> tuple[float, float]:
+    try:
+        values = [float(part) * 1e-3 for part in text.split(":")]
+    except ValueError:
+        values = []
+    far = not all(abs(value) <= shared.LONGEST_MM * 1e-3 for value in values)
+    if len(values) not in (1, 2) or far or values != sorted(values):
+        raise GeometryError(
+            f"--z-mm must be a number or FROM:TO with FROM below TO, at most {shared.LONGEST_MM:g}; got {text!r}."
+        )
+    return values[0], values[-1]
 
 
 def _items(text: str) -> tuple[Item, ...]:
@@ -251,7 +308,7 @@ def _items(text: str) -> tuple[Item, ...]:
     return tuple(item for item in ITEMS if item in named)
 
 
-def _scene(design: Design, view: View) -> Scene:
+def _scene(design: Design, wanted: View) -> Scene:
     """Compute a scene, with a progress bar for each part."""
     from coilarray.viz.scenes.design import scene_of_design
 
@@ -261,7 +318,7 @@ def _scene(design: Design, view: View) -> Scene:
             bar.close()  # of the work before
             return bar.enter_context(shared.progress_bar(text))
 
-        return scene_of_design(design, view, track)
+        return scene_of_design(design, wanted, track)
 
 
 def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
@@ -272,25 +329,3 @@ def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
     if match is None:
         raise OutputError(f"--size must be as 1600x900; got {text!r}.")
     return {"size": (int(match[1]), int(match[2]))}
-
-
-def _way(text: str) -> list[tuple[float, float]]:
-    """Return corners in m from X,Y X,Y ... in mm."""
-    try:
-        corners = [(float(x) * 1e-3, float(y) * 1e-3) for x, y in (part.split(",") for part in text.split())]
-    except ValueError:
-        corners = []
-    if len(corners) < 2 or not all(abs(value) <= shared.LONGEST_MM * 1e-3 for corner in corners for value in corner):
-        raise GeometryError(f'--path-mm must be two or more points in mm, as "-20,0 20,0"; got {text!r}.')
-    return corners
-
-
-def _reading(text: str) -> Reading:
-    """Return a reading given as δ by coil, or as a file with a single reading."""
-    found = read_readings(text)
-    if len(found) != 1:
-        raise LocalizeError(f"--reading must be one reading; {text} has {len(found)}.")
-    (one,) = found
-    if isinstance(one, LocalizeError):
-        raise one
-    return one

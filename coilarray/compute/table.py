@@ -279,8 +279,8 @@ class Section:
     files: tuple[Table, ...] = ()
 
     def tables(self) -> dict[str, Table]:
-        """Return all tables by their names."""
-        return {table.name: table for table in (*_tables(self.blocks), *self.files)}
+        """Return all tables with a name, those for files last."""
+        return {table.name: table for table in (*_tables(self.blocks), *self.files) if table.name}
 
     def html(self) -> str:
         """Return the section as HTML."""

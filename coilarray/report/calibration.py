@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ import xarray as xr
 from coilarray import viz
 from coilarray.compute.display_units import DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Picture, Table, dataset_table
+from coilarray.compute.table import Details, Picture, Section, Table, Warn, dataset_table
 from coilarray.report.figures import draw
-from coilarray.report.page import now, render_page
+from coilarray.report.page import html_page, now, provenance_section
 
 _PLAIN = DisplayUnit(significant=True)
 _FOUR = DisplayUnit(digits=4)
@@ -23,10 +24,7 @@ _ESTIMATED = "estimated"
 
 
 def ranking_table(result: xr.Dataset) -> Table:
-    """Return a table of all combinations of choices, by fit.
-
-    There is one row for each combination, with its fit, the most probable first.
-    """
+    """Return all combinations of choices with their fits, the most probable first."""
     relative = {
         name: (result[name] - result[name][0]).assign_attrs(long_name=f"{text} − best", units="1")
         for name, text in (("log_evidence", "ln evidence"), ("log_likelihood", "ln likelihood"), ("bic", "BIC"))
@@ -41,10 +39,7 @@ def ranking_table(result: xr.Dataset) -> Table:
 
 
 def unknown_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return a table of the unknowns of a combination.
-
-    A row for each has its value, error and 95 % interval. `combination` is its place in the ranking.
-    """
+    """Return the unknowns of a combination with value, error and 95 % interval."""
     numbers = ("start", "value", "std", "low", "high")
     of = _own(result, combination)
     names = ("unknown", "unit", *numbers, "at_bound")
@@ -52,10 +47,7 @@ def unknown_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return a table of the correlations between unknowns.
-
-    There is a row for each unknown of a combination. `combination` is its place in the ranking.
-    """
+    """Return the correlations between the unknowns of a combination."""
     of = _own(result, combination)
     columns = {
         f"correlation_{name}": of.correlation.sel(other=name, drop=True).assign_attrs(long_name=name)
@@ -66,11 +58,10 @@ def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return a table of the residuals of a fit.
+    """Return the rms residuals of each state and quantity before and after the fit.
 
-    There is one row for each state and quantity with the root mean square of the residuals before and after the fit, in
-    SI, and relative to the measured numbers. Rows that are not fitted are predictions. For ellipses the last row is for
-    their ends x0 ± A on y = 0, of all states and as far as the window shows them.
+    They are in SI and relative to the measured numbers. Rows that are not fitted are predictions. For ellipses the last
+    row is for their ends x0 ± A on y = 0, of all states and as far as the window shows them.
     """
     of = result.isel(combination=combination)
     of = of.isel(datum=np.flatnonzero(np.isfinite(of.measured) & np.isfinite(of.model)))
@@ -98,10 +89,7 @@ def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float, int, bool]:
-    """Row of `misfit_table` for the ends of the ellipses.
-
-    The ends are on y = 0 and in the window.
-    """
+    """Row of `misfit_table` for the ends of the ellipses on y = 0."""
     names = ("before", "model", "measured")
     ends = []
     for state in np.unique(of.state.values):
@@ -116,10 +104,7 @@ def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float,
 
 
 def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return a table of all numbers of a combination.
-
-    A row for each measured or predicted number has its place, measured value, model value and residual.
-    """
+    """Return every measured or predicted number of a combination with its residual."""
     of = result.isel(combination=combination, drop=True)
     where = [name for name in ("quantity", "state", "level", "depth", "y", "x") if name in of.coords]
     names = (*where, "measured", "noise", "weight", "before", "model", "model_std", "residual")
@@ -127,19 +112,13 @@ def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def calibration_tables(result: xr.Dataset) -> list[Table]:
-    """Return every table of a calibration.
-
-    They are for the best combination. The long table of all numbers is the last.
-    """
+    """Return every table of the best combination, the long one last."""
     makers = (ranking_table, unknown_table, correlation_table, misfit_table, residual_table)
     return [make(result) for make in makers]
 
 
 def calibration_notes(result: xr.Dataset) -> list[str]:
-    """Return sentences about the limits of a calibration.
-
-    They describe quantities of the best combination that the data do not determine, and limits of its figures.
-    """
+    """Return sentences about what the data do not determine."""
     best = result.isel(combination=0)
     notes = []
     for name in best.unknown.values[best.at_bound.values].tolist():
@@ -169,10 +148,7 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
 
 
 def calibration_pictures(result: xr.Dataset) -> list[Picture]:
-    """Draw data, model, residuals and posterior.
-
-    The residuals are by position or level.
-    """
+    """Draw data, model, residuals and posterior."""
     pictures = [draw("model", "Measured and fitted, and the residuals.", viz.calibration_figure(result))]
     drawn = viz.posterior_figure(result)
     caption = "Posterior of the unknowns between their bounds: draws, and the most probable point as a cross."
@@ -185,21 +161,35 @@ def calibration_pictures(result: xr.Dataset) -> list[Picture]:
 
 
 def write_calibration_page(result: xr.Dataset, path: Path, data: str) -> None:
-    """Write a calibration as a self-contained HTML page.
-
-    The calibration is to `data`, as named on the page. Raises OutputError if it cannot be written. An earlier page is
-    then left unchanged.
-    """
-    page = render_page(
-        "calibration.html.j2",
-        title=result.attrs["title"] or f"Calibration of {result.attrs['design']}",
-        data=data,
-        best=str(result.combination.values[0]),
-        several=result.sizes["combination"] > 1,
-        tables={table.name: table for table in calibration_tables(result)},
-        notes=calibration_notes(result),
-        pictures=calibration_pictures(result),
-        made={**{key: result.attrs[key] for key in ("design", "design_hash", "coilarray_version")}, "date": now()},
+    """Write a calibration to `data` as a self-contained HTML page."""
+    tables, pictures = {table.name: table for table in calibration_tables(result)}, calibration_pictures(result)
+    several = result.sizes["combination"] > 1
+    best = f"; the most probable combination: **{result.combination.values[0]}**" if several else ""
+    sections = [
+        Section("Unknowns", (
+            "Values in the units of their keys. ± is one standard deviation. The interval holds 95 % of the posterior "
+            "between the bounds.",
+            replace(tables["unknowns"], mark="yes"),
+            Details("Correlations", (tables["correlation"],)),
+        )),
+        Section("Combinations", (
+            "Every combination of choices was fitted. The evidence is the probability of the data under a combination, "
+            "over all values of its unknowns between their bounds. The probability shares it out among the "
+            "combinations, each as likely as any other beforehand.",
+            tables["ranking"],
+        )),
+        Section("What remains", (
+            "Root mean square of fitted less measured numbers, in SI, and relative to the measured ones.",
+            tables["misfit"],
+            *pictures,
+            Details("Data and model", (tables["data"],)),
+        )),
+    ]  # fmt: skip
+    made = {**{key: result.attrs[key] for key in ("design", "design_hash", "coilarray_version")}, "date": now()}
+    page = html_page(
+        result.attrs["title"] or f"Calibration of {result.attrs['design']}",
+        [f"Design **{made['design']}**, fitted to **{data}**{best}.", *map(Warn, calibration_notes(result))],
+        [*(one for one in sections if several or one.title != "Combinations"), provenance_section(made)],
     )
     write_text(path, page)
 

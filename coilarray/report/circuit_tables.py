@@ -1,14 +1,18 @@
-"""Tables of the circuit: states, windings, limits of the converter, frequency sweep."""
+"""Tables of circuit and noise: states, windings, limits of the converter, sweep, noise budget."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+import numpy as np
 import xarray as xr
 
 from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_for
 from coilarray.circuit.impedance import CLOSE_CHANNELS
+from coilarray.circuit.noise_budget import NoiseBudget
 from coilarray.circuit.readability import with_reasons
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.hardware import settle_count
@@ -17,10 +21,7 @@ _ALIKE = 1e-6  # relative distance of frequencies that is only rounding
 
 
 def winding_table(scan: xr.Dataset) -> Table:
-    """Return a table of the coils' windings.
-
-    A row for each coil has the contribution of its winding to the inductance and the direct-current resistance.
-    """
+    """Return resistance and capacitance of every winding."""
     frequency = (
         (),
         scan.attrs["ac_resistance_frequency_Hz"],
@@ -36,10 +37,7 @@ def winding_table(scan: xr.Dataset) -> Table:
 
 
 def state_table(scan: xr.Dataset) -> Table:
-    """Return a table of all states of the scan.
-
-    The values of each row are where the converter oscillates.
-    """
+    """Return all states of the scan, where the converter oscillates."""
     names = (
         "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
         "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
@@ -49,10 +47,7 @@ def state_table(scan: xr.Dataset) -> Table:
 
 
 def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
-    """Describe the effect of channels with close frequencies.
-
-    The pairs are from `coilarray.circuit.impedance.close_channels`. Empty for no pairs.
-    """
+    """Describe states with close frequencies, from `close_channels`."""
     if not pairs:
         return ""
     one, other, distance = pairs[0]
@@ -72,10 +67,7 @@ def state_current_table(scan: xr.Dataset) -> Table:
 
 
 def limit_table(scan: xr.Dataset) -> Table:
-    """Return a table of states and limits of an LDC1614.
-
-    It has no rows for a design without a converter.
-    """
+    """Return the limits of an LDC1614 for every state, none without a converter."""
     four = DisplayUnit(digits=4)
     columns = (
         *map(Column, ("state", "limit")),
@@ -91,10 +83,7 @@ def limit_table(scan: xr.Dataset) -> Table:
 
 
 def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
-    """State, frequency, R_p, Q and self-resonance of all resonators.
-
-    They are in SI. Empty without a converter.
-    """
+    """State, frequency, R_p, Q and self-resonance of all resonators in SI."""
     if "readable" not in scan:
         return []
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
@@ -103,10 +92,7 @@ def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]
 
 
 def drive_table(scan: xr.Dataset) -> Table:
-    """Return a table of the sensor drive settings.
-
-    A row for each state has the setting of the LDC1614's sensor drive and the least settling count.
-    """
+    """Return the LDC1614's sensor drive and least settling count by state."""
     columns = (
         Column("state"),
         Column("idrive_code", "IDRIVE"),
@@ -126,3 +112,137 @@ def sweep_table(sweep: xr.Dataset) -> Table:
     """Return one row for each frequency and state."""
     names = ("frequency", "state", "impedance_real", "impedance_imag", "apparent_inductance", "quality_factor")
     return dataset_table("sweep", "Impedance over frequency", sweep, names)
+
+
+_NOISE = DisplayUnit("10⁻⁶", 1e6, 3, significant=True)
+_DRIFT = DisplayUnit("10⁻⁶/K", 1e6, 3, significant=True)
+
+
+def noise_table(budget: NoiseBudget) -> Table:
+    """Return the causes of noise, each for the state where it is the largest, and totals."""
+    columns = (
+        Column("cause"),
+        Column("scan_noise", "noise of a scan", "1", _NOISE),
+        Column("drift", "drift", "1/K", _DRIFT),
+        Column("change", "since L_0", "1", _NOISE),
+        Column("coils", "coils"),
+        Column("size", "size"),
+        Column("source", "source"),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            cause.name, *(_largest_value(values) for values in (cause.noise, cause.drift, np.abs(cause.change))),
+            "common" if cause.common else "each", cause.size, cause.source,
+        )
+        for cause in budget.causes
+    ]  # fmt: skip
+    changes = np.sqrt(np.sum([cause.change**2 for cause in budget.causes], axis=0))
+    rows.append(("all in quadrature", *map(_largest_value, (budget.scan_noise, budget.drift, changes)), "", "", ""))
+    return Table("causes", "Noise and drift of L, relative", columns, tuple(rows))
+
+
+def sigma_table(budget: NoiseBudget) -> Table:
+    """Return noise, drift and σ of δ by state."""
+    columns = (
+        Column("state"),
+        Column("noise", "noise of δ", "1", _NOISE),
+        Column("drift", "drift of δ", "1/K", _DRIFT),
+        Column("sigma", "σ of δ", "1", _NOISE),
+        *([Column("readable")] if budget.unread else []),
+    )
+    values = [budget.noise.tolist(), budget.drift.tolist(), budget.sigma.tolist()]
+    if budget.unread:
+        values.append([name not in budget.unread for name in budget.states])
+    return Table("sigma", "δ of a reading", columns, tuple(zip(budget.states, *values, strict=True)))
+
+
+def budget_lines(budget: NoiseBudget) -> list[str]:
+    """Describe the settings of a budget and its unverified parts."""
+    readout, assumed = budget.readout, [cause.name for cause in budget.causes if cause.size == "assumed"]
+    lines = [
+        f"RCOUNT {readout.rcount}, {readout.conversion_time * 1e3:.3g} ms at {readout.reference * 1e-6:.4g} MHz; plain "
+        f"counting would resolve {readout.counting_limit:.2g} of f, the resolution above is finer",
+        f"σ of δ: {readout.averaged_scans} of a reading and {readout.baseline_scans} scans of L_0, and what changes "
+        f"from L_0 to the reading by {readout.temperature_change:g} K and {readout.supply_change * 1e3:g} mV",
+    ]
+    if budget.reference:
+        lines.append(f"less the mean δ of {', '.join(budget.reference)}, which must not be pressed")
+    if budget.unread:
+        lines.append(f"no LDC1614 can read {', '.join(budget.unread)}, whose noise is of no use: coilarray impedance")
+    if assumed:
+        lines.append(f"assumed, not verified on a board: {', '.join(assumed)}; change them in [readout]")
+    return lines
+
+
+def stability_table(found: xr.Dataset) -> Table:
+    """Return measured noise and drift by state, beside the budget."""
+    columns = (
+        Column("state"),
+        Column("scan_noise", "noise of a scan", "1", _NOISE),
+        Column("low", "from", "1", _NOISE),
+        Column("high", "to", "1", _NOISE),
+        Column("expected", "budget", "1", _NOISE),
+        Column("least", "least deviation", "1", _NOISE),
+        Column("least_tau", "averaged over", "s", DisplayUnit("s", 1.0, 3, significant=True)),
+        Column("drift", "drift", "1/s", DisplayUnit("10⁻⁶/h", 3.6e9, 3, significant=True)),
+        Column("drift_error", "± drift", "1/s", DisplayUnit("10⁻⁶/h", 3.6e9, 2, significant=True)),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for name in found.state.values.tolist():
+        one = found.sel(state=name)
+        least = int(np.nanargmin(one.deviation.values))
+        shown = (one.scan_noise, one.low[0], one.high[0], one.expected, one.deviation[least], one.tau[least])
+        numbers = [float(value) for value in (*shown, one.drift, one.drift_error)]
+        rows.append((name, *("" if math.isnan(value) else value for value in numbers)))
+    return Table("stability", "Noise and drift of δ at rest", columns, tuple(rows))
+
+
+def allan_table(found: xr.Dataset) -> Table:
+    """Return Allan deviations by state and averaging time."""
+    columns = (
+        Column("state"),
+        Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
+        *(Column(name, text, "1", _NOISE) for name, text in (("deviation", ""), ("low", "from"), ("high", "to"))),
+    )
+    rows = [
+        (name, float(tau), *(float(found[key].sel(state=name, tau=tau)) for key in ("deviation", "low", "high")))
+        for name in found.state.values.tolist()
+        for tau in found.tau.values
+        if np.isfinite(found.deviation.sel(state=name, tau=tau))
+    ]
+    return Table("allan", "Allan deviation of δ", columns, tuple(rows))
+
+
+def averages_table(found: xr.Dataset) -> Table:
+    """Return Allan deviations over all states by averaging time."""
+    columns = (
+        Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
+        *(Column(name, f"{name} coil", "1", _NOISE) for name in ("least", "median", "largest")),
+        Column("expected", "budget, white", "1", _NOISE),
+    )
+    expected, first = float(found.expected.median()), float(found.tau[0])
+    rows = []
+    for tau in found.tau.values.tolist():
+        values = found.deviation.sel(tau=tau).values
+        white = expected * math.sqrt(first / tau)
+        shown = (np.nanmin(values), np.nanmedian(values), np.nanmax(values), white)
+        rows.append((tau, *("" if math.isnan(value) else float(value) for value in shown)))
+    return Table("averages", "Allan deviation of δ", columns, tuple(rows))
+
+
+def stability_lines(found: xr.Dataset) -> list[str]:
+    """Describe the measuring time and compare noise and budget."""
+    lines = [f"{found.attrs['scans']} scans, one every {found.attrs['period']:.4g} s; intervals of 68 %"]
+    ratio = (found.scan_noise / found.expected).values
+    if np.isfinite(ratio).any():
+        lines.append(f"noise of a scan over that of the budget: {np.nanmin(ratio):.2f} to {np.nanmax(ratio):.2f}")
+    return lines
+
+
+def _largest_value(values: FloatArray) -> float:
+    return float(values[np.abs(values).argmax()])
+
+
+def budget_tables(budget: NoiseBudget) -> Sequence[Table]:
+    """Return both tables."""
+    return noise_table(budget), sigma_table(budget)

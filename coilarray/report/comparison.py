@@ -17,17 +17,14 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Column, Table, Value, cell, dataset_table, root_mean_square
+from coilarray.compute.table import Column, Details, Section, Table, Value, Warn, cell, dataset_table, root_mean_square
 from coilarray.paper.ellipse import PARAMETERS
 from coilarray.report import figures
-from coilarray.report.page import now, render_page
+from coilarray.report.page import html_page, now, provenance_section
 
 
 def scale_table(comparison: xr.Dataset) -> Table:
-    """Return a table of scales and shifts.
-
-    A row for each depth and state has the scale and shift of the simulated map onto the measured map.
-    """
+    """Return scale and shift of the simulated onto the measured map by depth and state."""
     shifts = {}
     for axis in ("x", "y"):
         for end in ("", "_std"):
@@ -39,10 +36,7 @@ def scale_table(comparison: xr.Dataset) -> Table:
 
 
 def remains_table(comparison: xr.Dataset) -> Table:
-    """Return a table of residuals before and after the fit.
-
-    A row for each depth and state has the root mean square of the residuals and the correlation.
-    """
+    """Return rms residuals and correlations before and after the fit by depth and state."""
     errors = ("noise", "rms_before", "rms_before_std", "rms_after", "rms_after_std")
     correlations = ("correlation_before", "correlation_before_std", "correlation_after", "correlation_after_std")
     five = DisplayUnit(digits=5)
@@ -51,10 +45,9 @@ def remains_table(comparison: xr.Dataset) -> Table:
 
 
 def ellipse_table(comparison: xr.Dataset) -> Table:
-    """Return a table of differences between ellipses.
+    """Return measured minus simulated x0, A and B by depth and state.
 
-    A row for each depth, state and ellipse parameter has measured minus simulated over the levels of both. Levels that
-    one of the two maps does not determine are counted and left out.
+    They are over the levels of both maps. Levels that one of them does not determine are counted and left out.
     """
     columns = (
         Column("depth", unit="m"), Column("state"), Column("parameter"), Column("levels", "levels of both", "1"),
@@ -79,10 +72,7 @@ def ellipse_table(comparison: xr.Dataset) -> Table:
 
 
 def curve_table(comparison: xr.Dataset) -> Table:
-    """Return a table of ellipses at all levels.
-
-    A row for each depth, state and level of either map has x0, A and B with standard deviations.
-    """
+    """Return x0, A and B of both maps at every level, with standard deviations."""
     curves = {
         f"{name}_{source}{end}": comparison[f"{name}{end}"]
         .sel(source=source, drop=True)
@@ -104,10 +94,7 @@ def curve_table(comparison: xr.Dataset) -> Table:
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:
-    """Return a table of L_0 of both responses by state.
-
-    None if one of them has no L_0.
-    """
+    """Return L_0 of both responses by state, None if one has none."""
     if "base_inductance" not in comparison:
         return None
     measured, simulated = (comparison.base_inductance.sel(source=one, drop=True) for one in ("measured", "simulated"))
@@ -126,19 +113,13 @@ def inductance_table(comparison: xr.Dataset) -> Table | None:
 
 
 def comparison_tables(comparison: xr.Dataset) -> list[Table]:
-    """Return every table of a comparison.
-
-    The long table of all levels is the last.
-    """
+    """Return every table of a comparison, the long one last."""
     makers = (scale_table, remains_table, ellipse_table, inductance_table, curve_table)
     return [table for table in (make(comparison) for make in makers) if table is not None]
 
 
 def comparison_notes(comparison: xr.Dataset) -> list[str]:
-    """Return sentences about the limits of a comparison.
-
-    They describe parts that were not compared and limits of the figures. The list is empty without limits.
-    """
+    """Return sentences about what was not compared, and the limits of the figures."""
     said = comparison.attrs
     notes = []
     for side in comparison.source.values.tolist():
@@ -181,18 +162,42 @@ def write_comparison_page(
 ) -> None:
     """Write a comparison as a self-contained HTML page.
 
-    The folder must exist. `names` are the names of the measured and of the simulated response on the page. `outlines`
-    are the corners of the coils in m from the map's origin, each of shape (m, 2). Raises OutputError if it cannot be
-    written. An earlier page is then left unchanged.
+    `names` are the names of the measured and of the simulated response on the page. `outlines` are the corners of the
+    coils in m from the map's origin, each of shape (m, 2).
     """
-    page = render_page(
-        "comparison.html.j2",
-        names=names,
-        tables={table.name: table for table in comparison_tables(comparison)},
-        notes=comparison_notes(comparison),
-        pictures=figures.comparison_pictures(comparison, outlines),
-        emulated=[bool(comparison.attrs.get(f"{side}_emulated", 0)) for side in ("measured", "simulated")],
-        made=_provenance(comparison.attrs),
+    tables = {table.name: table for table in comparison_tables(comparison)}
+    whose = [
+        name + " (from the emulator: no real board was read)" * bool(comparison.attrs.get(f"{side}_emulated", 0))
+        for name, side in zip(names, ("measured", "simulated"), strict=True)
+    ]
+    sections = [
+        Section("Scale and shift", (
+            "Scale of δ and shift in x and y that bring the simulated map onto the measured one best, coil by coil: "
+            "measured(x, y) ≈ scale · simulated(x − shift x, y − shift y). ± is one standard deviation by the noise of "
+            "the readings alone.",
+            replace(tables["scales"], mark="yes"),
+        )),
+        Section("What remains", (
+            "Measured less simulated δ, root mean square over the positions, and the correlation of the two maps: as "
+            "simulated (before), and scaled and shifted (after). Where the rms after is well above the noise, the maps "
+            "differ in more than scale and place.",
+            tables["remains"],
+            *figures.comparison_pictures(comparison, outlines),
+        )),
+        Section("Ellipses", (
+            "Both maps at the same positions through the same refinement, levels and ellipse fit: centre x0 and "
+            "semi-axes A and B of every level of δ, neither scaled nor shifted.",
+            tables["ellipses"],
+            Details("x0, A and B over δ", (tables["curves"],)),
+        )),
+    ]  # fmt: skip
+    if "inductances" in tables:
+        sections.append(Section(tables["inductances"].title, (tables["inductances"],)))
+    page = html_page(
+        "Measured beside simulated",
+        [f"Measured: **{whose[0]}**. Simulated: **{whose[1]}**.", *map(Warn, comparison_notes(comparison))],
+        [*sections, provenance_section(_provenance(comparison.attrs))],
+        title=f"{names[0]} beside {names[1]}",
     )
     write_text(path, page)
 

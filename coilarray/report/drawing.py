@@ -44,10 +44,7 @@ class Drawing:
             self._thread.start()
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
-        """Submit a function of a module.
-
-        Its arguments and its result are pickled.
-        """
+        """Submit a function of a module, whose arguments and result are pickled."""
         future: Future[Result] = Future()
         with self._told:
             self._todo.append((future, function, arguments))
@@ -55,10 +52,7 @@ class Drawing:
         return future
 
     def finish(self) -> None:
-        """Finish all tasks.
-
-        This process helps if many tasks have not begun.
-        """
+        """Finish all tasks, and help if many have not begun."""
         while len(self._todo) > (_WORTH if self._process is not None else 0) and (task := self._take()) is not None:
             _fulfil(task)
         with self._told:
@@ -74,10 +68,7 @@ class Drawing:
             return self._todo.popleft() if self._todo else None
 
     def _serve(self) -> None:
-        """Give the process its tasks until none is left.
-
-        It also stops if the process has ended.
-        """
+        """Give the process its tasks until none is left or it has ended."""
         assert self._process is not None
         while True:
             with self._told:
@@ -153,7 +144,9 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
 
     collect_seldom()
     threading.Thread(target=viz.rendering_problem, daemon=True).start()  # asks a process that takes a second
-    from coilarray.report import figures, png  # noqa: F401 - loaded before the first task comes
+    from matplotlib.backends import backend_agg  # noqa: F401 - loaded before the first task comes
+
+    from coilarray.report import figures  # noqa: F401
 
     while True:
         try:

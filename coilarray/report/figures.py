@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -30,13 +31,15 @@ if TYPE_CHECKING:
 
 
 _SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
+_DPI = 130
+_RIM = 0.1  # inches of white around a picture
+_WHITE = 0xFFFFFFFF  # a pixel of four bytes
+_BESIDE = (1.5, 4.0, 1.2, 1.0)  # inches at the left, at the right, below and above a single pair of axes
+_AXES_PART = 0.84  # of a figure's width and height
 
 
 def board_picture(design: Design) -> list[Picture]:
-    """Show the board.
-
-    It is rendered if this machine can, else drawn from above.
-    """
+    """Show the board, drawn from above if this machine cannot render it."""
     if viz.rendering_problem() is None:
         caption = "The board; lengths in mm."
         if design.plates:
@@ -50,10 +53,7 @@ def board_picture(design: Design) -> list[Picture]:
 
 
 def board_page(design: Design) -> str | None:
-    """Return a page on which the board can be turned.
-
-    None if PyVista or trame-vtk is not installed.
-    """
+    """Return a page on which the board can be turned, None without the extra 3d."""
     from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
     from coilarray.viz.scenes.page import scene_page
 
@@ -73,53 +73,51 @@ def copper_pictures(design: Design) -> list[Picture]:
     return [draw(f"copper_{layer}", f"Copper of layer {layer}.", viz.plot_copper(array, layer)) for layer in used]
 
 
-def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
-    """Draw the coupling between coils.
+def effective_inductance_picture(coupling: xr.Dataset) -> list[Picture]:
+    """Draw L with the others open, and as terminated."""
+    caption = "Inductance of each coil with all others open, and with the others as terminated."
+    return [draw("effective_inductance", caption, viz.plot_effective_inductance(coupling))]
 
-    Heat maps of L and k, L open against L as terminated, and the passive currents.
-    """
+
+def matrix_pictures(coupling: xr.Dataset) -> list[Picture]:
+    """Draw heat maps of k and L."""
+    inductance = "Mutual inductance of the pairs, and for few coils the self-inductance on the diagonal."
     return [
-        draw(
-            "inductance",
-            "Inductance matrix: mutual inductance of the pairs, and of few coils the self-inductance on the diagonal.",
-            viz.plot_inductance(coupling),
-        ),
         draw("coupling", "Coupling coefficients k = M/√(L L).", viz.plot_coupling(coupling)),
-        draw(
-            "effective_inductance",
-            "Inductance of each coil with all others open, and with the others as terminated.",
-            viz.plot_effective_inductance(coupling),
-        ),
-        draw("currents", "Current in each passive coil per ampere in the active one.", viz.plot_currents(coupling)),
+        draw("inductance", inductance, viz.plot_inductance(coupling)),
     ]
 
 
-def field_pictures(
-    design: Design, active: str, line: dict[str, xr.Dataset], plane: dict[str, xr.Dataset]
-) -> list[Picture]:
-    """Draw B_z above the board.
+def current_picture(coupling: xr.Dataset) -> list[Picture]:
+    """Draw the currents of the passive coils."""
+    caption = "Current in each passive coil per ampere in the active one."
+    return [draw("currents", caption, viz.plot_currents(coupling))]
 
-    It is shown along a line through the active coil, and on the plane, a picture for each entry.
-    """
+
+def field_line_picture(design: Design, active: str, line: dict[str, xr.Dataset]) -> list[Picture]:
+    """Draw B_z along a line through the active coil."""
     across = _outline(design, active)[:, 0]
-    height = f"{design.field_height * 1e3:g} mm above the board"
+    caption = f"B_z along x through {active}, {_field_words(design)}."
+    drawn = viz.plot_field_lines(line, coil=(float(across.min()), float(across.max())))
+    return [draw("field_line", caption, drawn)]
+
+
+def field_map_pictures(design: Design, active: str, plane: dict[str, xr.Dataset]) -> list[Picture]:
+    """Draw B_z on a plane above the board, a picture for each entry."""
     outlines = [_outline(design, name) for name in design.array.names]
-    where = "beside the plates" if design.plates else "in free space"
+    captions = {
+        label: f"B_z of {active} {_field_words(design)}, per ampere{'' if len(plane) == 1 else f': {label}'}."
+        for label in plane
+    }
     return [
-        draw(
-            "field_line",
-            f"B_z along x through {active}, {height}, {where}.",
-            viz.plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
-        ),
-        *(
-            draw(
-                f"field_map_{k}",
-                f"B_z of {active} {height}, {where}, per ampere{'' if len(plane) == 1 else f': {label}'}.",
-                viz.plot_field_map(field, outlines=outlines),
-            )
-            for k, (label, field) in enumerate(plane.items())
-        ),
+        draw(f"field_map_{k}", captions[label], viz.plot_field_map(field, outlines=outlines))
+        for k, (label, field) in enumerate(plane.items())
     ]
+
+
+def _field_words(design: Design) -> str:
+    where = "beside the plates" if design.plates else "in free space"
+    return f"{design.field_height * 1e3:g} mm above the board, {where}"
 
 
 def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
@@ -139,43 +137,40 @@ def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
 
 
 def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
-    """Draw force over depth and the deepest dent.
-
-    The dent is shown in section and, if this machine can render, in the middle of a coil.
-    """
+    """Draw the deepest dent in section and, if this machine can render, over a coil, and the force over depth."""
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
-    pictures = [
-        draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation)),
-        draw("dent_section", caption, viz.plot_dent(indentation, indenter)),
-    ]
-    if viz.rendering_problem() is not None:
-        return pictures
-    outline = _outline(design, coil)
-    x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
-    dent = _render(
-        "dent",
-        f"The deformed sheets over {coil}, {deepest}; a quarter is cut out.",
-        lambda path: viz.save_dent_picture(
-            design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_SIZE
-        ),
-    )
-    return [*pictures, dent]
+    pictures = [draw("dent_section", caption, viz.plot_dent(indentation, indenter))]
+    if viz.rendering_problem() is None:
+        outline = _outline(design, coil)
+        x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
+        caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
+        array, sheets, at = design.array, design.sheets, (x, y)
+        pictures.append(
+            _render(
+                "dent",
+                caption,
+                lambda path: viz.save_dent_picture(array, path, sheets, indentation, indenter, centre=at, size=_SIZE),
+            )
+        )
+    return [*pictures, draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation))]
 
 
-def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
-    """Draw δ as maps, profiles and over depth.
-
-    The maps have the outlines of the coils, the profiles are along x, and one state is shown at every depth.
-    """
+def response_map_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
+    """Draw δ as maps with the outlines of the coils, none for a single row of places."""
+    if min(response.sizes["x"], response.sizes["y"]) == 1:
+        return []
     deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
-    pictures = []
-    if min(response.sizes["x"], response.sizes["y"]) > 1:
-        caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
-        pictures.append(draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response))))
+    caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
+    return [draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response)))]
+
+
+def response_line_pictures(response: xr.Dataset) -> list[Picture]:
+    """Draw δ along a line, and of one state for each depth."""
+    deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
     caption = f"δ along {along}, {deepest}; dotted lines are the centres of the coils."
-    pictures.append(draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along)))
+    pictures = [draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along))]
     state = middle_state(response)
     if response.sizes[along] > 1:
         caption = f"δ of {state} along {along} for each depth, with its width at half the peak."
@@ -187,10 +182,7 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
 
 
 def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
-    """Draw the effect of a target.
-
-    It is shown over its distance, and as maps at the least distance.
-    """
+    """Draw the effect of a target over its distance, and as maps."""
     caption = (
         "|δ|, inductance, quality factor and frequency of the states over the distance of the target, where it moves "
         "each the most; dotted: the noise of δ, and the values without the target."
@@ -210,40 +202,28 @@ def bounds_picture(design: Design, bounds: xr.Dataset) -> list[Picture]:
     return [draw("position_bounds", caption, viz.identifiability_figure(bounds, outlines))]
 
 
-def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
-    """Draw ellipse parameters, intersection and error of x.
-
-    A, B and x0 of the middle coil are over δ. Two ellipses intersect. The error of x is over the map.
-    """
+def ellipse_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
+    """Draw A, B and x0 of the middle coil over δ, and two ellipses that intersect."""
     names = positions.model.names
     coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
     place = positions.example()
-    at = (
-        true_minus(f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g})")
-        + f" mm{positions.axis.removeprefix('x').removesuffix(' (mm)')}"
-    )
+    at = true_minus(f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g})")
+    at += f" mm{positions.axis.removeprefix('x').removesuffix(' (mm)')}"
     parameters = viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published)
     parameters.set_ylabel(f"A, B, $x_0$: {positions.axis}")
     ellipses = viz.plot_ellipses(positions.ellipses(place), positions.found[place], place)
     ellipses.set_xlabel(positions.axis)
-    return [
-        draw(
-            "ellipse_parameters",
-            f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}.",
-            parameters,
-        ),
-        draw(
-            "ellipses",
-            f"Ellipses for the readings at {at}, which meet where the indenter may be; their x is its position.",
-            ellipses,
-        ),
-        draw(
-            "x_error",
-            "Determined less real x over the map; grey where the model has no position.",
-            viz.plot_x_error(positions.error, outlines=[_outline(design, name) for name in design.array.names]),
-        ),
-    ]
+    fitted = f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}."
+    crossed = f"Ellipses for the readings at {at}. They meet where the indenter may be."
+    return [draw("ellipse_parameters", fitted, parameters), draw("ellipses", crossed, ellipses)]
+
+
+def position_error_picture(design: Design, positions: MapPositions) -> list[Picture]:
+    """Draw the error of x over the map."""
+    outlines = [_outline(design, name) for name in design.array.names]
+    caption = "Error of x (found − true) over the map; grey where the model has no position."
+    return [draw("x_error", caption, viz.plot_x_error(positions.error, outlines=outlines))]
 
 
 def distortion_picture(distortion: xr.Dataset) -> list[Picture]:
@@ -254,10 +234,7 @@ def distortion_picture(distortion: xr.Dataset) -> list[Picture]:
 
 
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
-    """Draw the residuals between two responses.
-
-    Also shows x0 of both, state by state, and reading against reading.
-    """
+    """Draw the residuals between two responses, and x0 of both."""
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
     caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
     dots = draw("readings", caption, viz.plot_readings(comparison, -1))
@@ -273,10 +250,7 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
-    """Outline of every coil in m, shape (m, 2).
-
-    It counts from the origin of a response map.
-    """
+    """Outline of every coil in m from the origin of a map, each of shape (m, 2)."""
     shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
     return [_outline(design, name) + shift for name, shift in zip(design.array.names, shifts, strict=True)]
 
@@ -296,6 +270,56 @@ def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
 
 def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
     """Return a drawn figure as a picture with caption."""
-    from coilarray.report.png import png_of  # imports Matplotlib
-
     return Picture(name, caption, png_url(png_of(drawn)))
+
+
+def png_of(drawn: Axes | Figure) -> bytes:
+    """Draw a figure without its white rim, and close it.
+
+    Matplotlib's own tight box would draw it twice.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    from coilarray.viz.plots.style import close
+
+    figure = drawn if isinstance(drawn, Figure) else drawn.figure
+    assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
+    close(figure)
+    buffer = io.BytesIO()
+    figure.set_dpi(_DPI)
+    _lay_out(figure)
+    canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+    inked = pixels.view(np.uint32)[..., 0] != _WHITE
+    if any(edge.any() for edge in (inked[0], inked[-1], inked[:, 0], inked[:, -1])):  # it may extend beyond the figure
+        figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
+        return buffer.getvalue()
+    rim = round(_RIM * _DPI)
+    rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
+    cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
+    # Matplotlib's own imsave would first search the pixels for colours, which takes as long
+    Image.fromarray(np.ascontiguousarray(pixels[cut][..., :3])).save(
+        buffer, format="png", dpi=(_DPI, _DPI), compress_level=3
+    )
+    return buffer.getvalue()
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay out single axes with a rim for their labels.
+
+    Matplotlib's layout measures every text first, which takes as long as drawing. Several axes need it.
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    if len(figure.axes) != 1 or not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
+        return
+    (axes,), (width, height) = figure.axes, figure.get_size_inches().tolist()
+    left, right, low, high = _BESIDE
+    share = _AXES_PART
+    figure.set_layout_engine("none")
+    figure.set_size_inches(width + left + right, height + low + high)
+    whole = figure.get_size_inches()
+    axes.set_position((left / whole[0], low / whole[1], share * width / whole[0], share * height / whole[1]))

@@ -17,12 +17,12 @@ import numpy as np
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.display_units import true_minus, value_text
 from coilarray.compute.files import make_folder, write_text
-from coilarray.compute.table import Column, Picture, Table
+from coilarray.compute.table import Column, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
 from coilarray.report.figures import draw
-from coilarray.report.page import now, render_page
+from coilarray.report.page import html_page, now, provenance_section
 from coilarray.studies.optimize.goal import Objective, Trial
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.space import Axis
@@ -39,10 +39,7 @@ _MOST_FRONTS = 3  # pictures of pairs of objectives
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Design that the page shows beside the start.
-
-    It has the name of its file without the suffix, its trial, and itself.
-    """
+    """Design that the page shows beside the start, with the name of its file."""
 
     label: str
     trial: Trial
@@ -50,43 +47,88 @@ class Chosen:
 
 
 def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
-    """Write ``report.html`` of an optimisation in a folder.
-
-    The page is self-contained, and the folder is made if it does not exist. Raises OutputError if it cannot be written.
-    An earlier page is then left unchanged.
-    """
+    """Write ``report.html`` of an optimisation in a folder."""
     path = Path(folder) / "report.html"
     make_folder(path.parent)
     chosen = chosen_designs(result)
     parts = importance(result.goal, result.axes, result.trials)
-    page = render_page(
-        "optimization.html.j2",
-        result=result,
-        goal=result.goal,
-        chosen=chosen,
-        none_better="" if result.front else none_better(result),
-        impossible=sum(bool(trial.reason) for trial in result.trials),
-        feasible=sum(trial.feasible for trial in result.trials),
-        searched=sum(trial.kind == "search" for trial in result.trials),
-        variables=variable_table(result, chosen),
-        quantities=quantity_table(result, chosen),
-        trials=trial_table(result),
-        reasons=reason_table(result),
-        convergence=_convergence_pictures(result),
-        importance=_importance_pictures(result, parts),
-        fronts=_front_pictures(result, chosen),
-        boards=_board_picture(result, chosen),
-        made={**provenance(result.design), "date": now()},
-    )
+    goal, several = result.goal, len(result.goal.objectives) > 1
+    fronts, important = _front_pictures(result, chosen), _importance_pictures(result, parts)
+    trials, reasons = trial_table(result), reason_table(result)
+    sections = [Section("Before and after", (
+        Group("text", (quantity_table(result, chosen),)), Group("text", (variable_table(result, chosen),)),
+        *_file_words(result),
+    ))]  # fmt: skip
+    if fronts:
+        words = "No feasible point is better than a point of the front in every objective. Far-off points are left out."
+        sections.append(Section("Pareto front", (words, *fronts)))
+    sections += [
+        Section("Boards", (_board_picture(result, chosen),)),
+        Section("Convergence", (
+            *_convergence_pictures(result),
+            *([f"No local solver: {result.polish_problem}"] if result.polish_problem else []),
+        )),
+        Section("Importance", (_IMPORTANCE, *important) if important else (_NOT_IMPORTANT,)),
+        Section(trials.title, (Details("All trials: `trials.csv`", (trials,), open=several),)),
+    ]  # fmt: skip
+    if reasons.rows:
+        sections.append(Section(reasons.title, (Group("text", (reasons,)),)))
+    name = result.design.title or result.design.name
+    page = html_page(
+        goal.title or f"Optimisation of {result.design.name}",
+        [name, _search_words(result), *_warnings(result)],
+        [*sections, provenance_section(
+            {**provenance(result.design), "date": now()},
+            "The goal, the trials and all numbers: `result.json` and `trials.csv`. The study for Optuna: `study.db`.",
+        )],
+        title=f"{name} – optimisation",
+    )  # fmt: skip
     write_text(path, page)
     return path
 
 
-def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
-    """Return the best design, or three designs of a front.
+_IMPORTANCE = (
+    "How differently each variable is distributed among the best tenth of the feasible points than among all of them "
+    "(PED-ANOVA, Watanabe et al., IJCAI 2023), as a part of the sum over all variables. It describes the region "
+    "that was searched. A variable without importance may matter beside another one or outside."
+)
+_NOT_IMPORTANT = "Too few points keep all bounds to find out which variables matter."
 
-    They are the two ends of the front and the point nearest to the best of every objective.
-    """
+
+def _search_words(result: Optimization) -> str:
+    """Describe goal and search in a paragraph."""
+    goal, searched = result.goal, sum(trial.kind == "search" for trial in result.trials)
+    wanted = ", ".join(f"**{objective.wish}**" for objective in goal.objectives)
+    kept = f"; kept: {', '.join(constraint.wish for constraint in goal.constraints)}" if goal.constraints else ""
+    refined = len(result.trials) - searched
+    impossible = sum(bool(trial.reason) for trial in result.trials)
+    return (
+        f"Wanted: {wanted}{kept}. {searched} points of the sampler {goal.sampler} (seed {goal.search.seed})"
+        f"{f' and {refined} of the local solver' if refined else ''}; "
+        f"{sum(trial.feasible for trial in result.trials)} keep all bounds"
+        f"{f', {impossible} give no design' if impossible else ''}."
+    )
+
+
+def _warnings(result: Optimization) -> list[Warn]:
+    if not result.front:
+        text = none_better(result)
+        return [Warn(f"{text[0].upper()}{text[1:]}. No design is written beside this page.")]
+    reason = f": {result.start.reason}" if result.start.reason else ""
+    return [] if result.start.feasible else [Warn(f"The given design does not keep all bounds{reason}.")]
+
+
+def _file_words(result: Optimization) -> list[str]:
+    if len(result.goal.objectives) > 1:
+        return [
+            "Shown are the ends of the Pareto front, and the point nearest to the best of every objective where the "
+            "front spans the unit box. Files of all its designs: `pareto_NN.toml`."
+        ]
+    return ["File of the design: `best.toml`."] if result.front else []
+
+
+def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
+    """Return the best design, or both ends of a front and the point nearest to all optima."""
     labels = [Path(name).stem for name in design_names(result)]
     places = _ends_and_middle(result)
     return tuple(Chosen(labels[k], result.front[k], vary(result.file, result.front[k].changes)) for k in sorted(places))
@@ -104,10 +146,7 @@ def _ends_and_middle(result: Optimization) -> set[int]:
 
 
 def none_better(result: Optimization) -> str:
-    """Describe a search that has found no better design.
-
-    The text also describes how near it came.
-    """
+    """Describe a search that has found no better design."""
     start = result.start
     if not start.feasible:
         broken = ", ".join(bound for bound, violation in start.violations.items() if violation > 0)
@@ -125,10 +164,7 @@ def none_better(result: Optimization) -> str:
 
 
 def _is_start(result: Optimization, trial: Trial) -> bool:
-    """Test whether a trial equals the given design.
-
-    Rounding does not count.
-    """
+    """Test whether a trial equals the given design to rounding."""
     return all(
         value == axis.start
         or (isinstance(value, float) and isinstance(axis.start, int | float) and math.isclose(value, axis.start))
@@ -138,10 +174,7 @@ def _is_start(result: Optimization, trial: Trial) -> bool:
 
 
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """Return a table of the variables.
-
-    A row for each has its range, its value at the start and in each chosen design.
-    """
+    """Return the variables with range, start and chosen values."""
     columns = (
         Column("entry"),
         Column("allowed", "may be"),
@@ -156,10 +189,7 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
 
 
 def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
-    """List the variables that end at a bound.
-
-    For them the bound of their range decides, not the goal.
-    """
+    """List the variables that end at a bound of their range, which then decides."""
     lines = []
     for axis in result.axes:
         if axis.choices:
@@ -173,10 +203,7 @@ def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
 
 
 def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequence[str] = ()) -> Table:
-    """Return a table of quantities before and after.
-
-    They are the quantities of `keys`, or of the goal and all that are cheap.
-    """
+    """Return quantities before and after: those of `keys`, or of the goal and all cheap ones."""
     columns = (
         Column("quantity"),
         Column("unit"),
@@ -207,10 +234,7 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequenc
 
 
 def trial_table(result: Optimization) -> Table:
-    """Return a table of trials.
-
-    It has the front for several objectives, else the best trial and the best others of the search.
-    """
+    """Return the front, or the best trials of a single objective."""
     several = len(result.goal.objectives) > 1
     sign = -1 if result.goal.objectives[0].maximized else 1
     others = [t for t in result.trials if t.feasible and t.kind == "search" and t not in result.front]
@@ -236,10 +260,7 @@ def trial_table(result: Optimization) -> Table:
 
 
 def reason_table(result: Optimization) -> Table:
-    """Return a table of the reasons for invalid points.
-
-    The most frequent reason is the first.
-    """
+    """Return the reasons for invalid points, the most frequent first."""
     reasons = [trial.reason for trial in result.trials if trial.reason]
     kinds = Counter(_DIGITS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
     example = {_DIGITS.sub("#", reason): reason for reason in reversed(reasons)}
@@ -327,10 +348,7 @@ def _wishes(result: Optimization) -> dict[str, str]:
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
-    """Quantities of a design.
-
-    They are the quantities of its trial, and the others that can be computed.
-    """
+    """Quantities of a trial, and the others that can be computed."""
     known = dict(trial.quantities)
     evaluation = Evaluation(design)
     for key in keys:

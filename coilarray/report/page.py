@@ -1,19 +1,29 @@
-"""HTML pages from one set of templates, with the origin of each page."""
+"""HTML pages of sections, with the origin of each page."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 import jinja2
 
-from coilarray.compute.html import html_table
+from coilarray.compute.table import Block, Group, Section, html_blocks, text_table
 
 
-def render_page(template: str, **values: object) -> str:
-    """Return a page made from a template of this package.
+def html_page(
+    heading: str,
+    lead: Sequence[Block],
+    sections: Sequence[Section],
+    *,
+    title: str = "",
+    top: Sequence[Block] = (),
+    scene: str | None = None,
+    contents: bool = False,
+) -> str:
+    """Return a self-contained page.
 
-    An undefined name in the template is an error.
+    `lead` comes before the list of contents, `top` after it. `scene` is a page on which the board can be turned, shown
+    in place of the first picture of `top`.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("coilarray.report", "."),
@@ -22,26 +32,19 @@ def render_page(template: str, **values: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["html_table"] = html_table
-    return environment.get_template(template).render(**values)
+    return environment.get_template("page.html.j2").render(
+        title=title or heading, heading=heading, lead=html_blocks(lead), top=html_blocks(top), scene=scene,
+        sections=sections, contents=contents, blocks=html_blocks,
+    )  # fmt: skip
+
+
+def provenance_section(made: Mapping[str, object], *notes: str) -> Section:
+    """Return the origin of a page as its last section."""
+    names = {"design_hash": "design hash (SHA-256)", "coilarray_version": "coilarray"}
+    rows = [(names.get(key, key.replace("_", " ")), str(value)) for key, value in made.items()]
+    return Section("Provenance", (Group("text", (text_table(("made", "with"), rows),)), *notes))
 
 
 def now() -> str:
     """Return the date and time in UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def with_contents(page: str) -> str:
-    """Return a page with linked sections.
-
-    A list of them replaces its comment "contents".
-    """
-    titles: list[str] = []
-
-    def linked(match: re.Match[str]) -> str:
-        titles.append(match[1])
-        return f'<h2 id="section-{len(titles)}">{match[1]}</h2>'
-
-    page = re.sub(r"<h2>(.*?)</h2>", linked, page)
-    links = " · ".join(f'<a href="#section-{k}">{title}</a>' for k, title in enumerate(titles, start=1))
-    return page.replace("<!-- contents -->", f'<nav class="contents">{links}</nav>')

@@ -51,27 +51,11 @@ def summary_table(
     target: xr.Dataset | None = None,
     bounds: xr.Dataset | None = None,
 ) -> Table:
-    """Return a table of the least and largest values.
+    """Return the least and largest values of the decisive quantities over all coils and states.
 
-    A row for each quantity is over all coils and states, with the names of the two.
-
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        Result of `coilarray.couple_design`.
-    scan : xarray.Dataset or None
-        Result of `coilarray.circuit.impedance.scan_design`. None if the design has no circuit.
-    margins : sequence of Margin
-        Result of `coilarray.geometry.check_rules`.
-    response : xarray.Dataset or None
-        Response on the board. None for a design without a response.
-    without : xarray.Dataset, optional
-        Scan without the plates, for a design with plates.
-    target : xarray.Dataset, optional
-        Result of `coilarray.target_map`.
-    bounds : xarray.Dataset, optional
-        The response's `position_bounds`. Of x the table has the least over the coils, the values that half and 95 % of
-        their area do not exceed, and the share where x is not determined.
+    `scan`, `response` and `target` are None for a design without them. `without` is the scan without plates. Of
+    `bounds` it has the least σ of x over the coils, the values that half and 95 % of their area do not exceed, and the
+    share where x is not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     spread = any(most != "" for _, _, most, *_ in found)
@@ -83,10 +67,9 @@ def summary_table(
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Dataset | None) -> list[str]:
-    """Return a line for each kind of broken limit.
+    """Return a line for each kind of broken limit, for its worst case.
 
-    The limits are those of the board house and of the converter, and the line describes the worst case. `maps` are the
-    maps of a target and of an indentation, for positions that the converter cannot read.
+    `maps` are maps of a target and of an indentation, for positions that the converter cannot read.
     """
     lines = broken_rules(margins)
     broken = [] if scan is None else broken_limits(scan)
@@ -100,10 +83,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
 
 
 def unread_words(design: Design) -> str:
-    """Describe why no LDC1614 can read the flat board.
-
-    Empty if one can, or if this is not checked.
-    """
+    """Describe why no LDC1614 can read the flat board, empty if one can."""
     if not design.readout.converter or len(design.array.names) > _MOST_READ:
         return ""
     try:
@@ -144,10 +124,7 @@ def _rows(
 
 
 def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
-    """Return the row of the largest δ.
-
-    States that may have a larger δ beyond the map are left out if there are others.
-    """
+    """Row of the largest δ, without states that may peak beyond the map if there are others."""
     peaks, names = delta.max(("x", "y")), delta.state.values.tolist()
     at = delta.fillna(-np.inf).argmax(("x", "y"))
     ends = [(at[axis] == 0) | (at[axis] == delta.sizes[axis] - 1) for axis in ("x", "y") if delta.sizes[axis] > 1]
@@ -163,11 +140,10 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
 
 
 def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
-    """Return the Cramér–Rao bounds over the deepest map.
+    """Return the Cramér–Rao bounds over the deepest map, None if x is determined nowhere.
 
-    None for a map that determines x nowhere. The coordinate ``over_coils`` (y, x) marks places over a coil of the
-    array. The attribute ``coil_size`` is the size of the largest coil, in m. If σ is above it, the position is not
-    determined.
+    The coordinate ``over_coils`` (y, x) marks places over a coil. The attribute ``coil_size`` is the size of the
+    largest coil in m. If σ is above it, the position is not determined.
     """
     try:
         bounds = identifiability(forward_model(response), float(response.depth[-1]))
@@ -234,10 +210,9 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Return the least and largest finite value with their names.
+    """Row of the least and largest finite value with their names.
 
-    If all are alike there is one number, if none is finite there is no row. A self-resonance that is not found, and the
-    parallel resistance of a coil without losses, are infinite.
+    A self-resonance that is not found, and R_p without losses, are infinite.
     """
     finite = np.flatnonzero(np.isfinite(values))
     if not len(finite):

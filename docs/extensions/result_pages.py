@@ -58,7 +58,7 @@ def _series() -> xr.Dataset:
 def results() -> Iterator[tuple[str, str, xr.Dataset]]:
     """Yield title, origin and dataset of every kind of result."""
     starter = ca.load_design(_STARTER)
-    yield "Coupling", "`coilarray matrix --out`, {doc}`couple_design`", ca.couple_design(starter)
+    yield "Coupling", "{doc}`couple_design`, ``report/coupling.nc`` of a report", ca.couple_design(starter)
     yield "Scan", "{doc}`scan_design`", ca.scan_design(starter)
     yield (
         "Impedance over frequency",

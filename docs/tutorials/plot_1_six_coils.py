@@ -31,7 +31,7 @@ plot_copper(design.array, "L1")
 # Couplings
 # ---------
 #
-# ``coilarray matrix gast2020`` prints the same in the terminal.
+# ``coilarray impedance gast2020`` prints the same in the terminal.
 
 coupling = ca.couple_design(design)
 plot_coupling(coupling)
@@ -76,9 +76,10 @@ plot_response(plane, "coil2")
 # --------
 #
 # The curves of equal δ look like ellipses, and the paper finds positions where the ellipses of two coils meet
-# (``coilarray fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of places
-# and depths, and searches for the place whose δ agree with a reading. Here the reading is computed too, for (5, 3) mm
-# and a depth of 0.7 mm. The coils are in a row, which cannot distinguish y from −y, so that there are two answers.
+# (``coilarray paper fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of
+# places and depths, and searches for the place whose δ agree with a reading. Here the reading is computed too, for
+# (5, 3) mm and a depth of 0.7 mm. The coils are in a row, which cannot distinguish y from −y, so that there are two
+# answers.
 
 table = ca.response_map(
     design,

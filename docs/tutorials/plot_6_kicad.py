@@ -26,19 +26,19 @@ for path in exported.files:
     print(path.relative_to(folder))
 
 # %%
-# The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray import`` reads
-# tracks, arcs and vias of named nets, layer by layer; without ``--nets`` it takes every net that winds. In a terminal:
-# ``coilarray import starter-kicad/starter.kicad_pcb --nets coil1,coil2,coil3 --out back.toml``. In Python ``main`` runs
-# a command:
+# The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray init --from``
+# reads tracks, arcs and vias of named nets, layer by layer; without ``--nets`` it takes every net that winds. In a
+# terminal: ``coilarray init back.toml --from starter-kicad/starter.kicad_pcb --nets coil1,coil2,coil3``. In Python
+# ``main`` runs a command:
 
 board = next(folder.rglob("*.kicad_pcb"))
 nets = ",".join(design.array.names)
-main(["import", str(board), "--nets", nets, "--out", str(folder / "back.toml")])
+main(["init", str(folder / "back.toml"), "--from", str(board), "--nets", nets])
 
 # %%
-# The result is a design as any other, and ``coilarray matrix back.toml`` prints its inductances and couplings. A board
-# file says nothing of what lies on the board: this design has no elastomer, whose magnetic sheet makes 3 % of L here.
-# The coils by themselves are those of before:
+# The result is a design as any other, and ``coilarray impedance back.toml`` prints its inductances and couplings. A
+# board file says nothing of what lies on the board: this design has no elastomer, whose magnetic sheet makes 3 % of L
+# here. The coils by themselves are those of before:
 
 back = ca.load_design(folder / "back.toml")
 before, after = (ca.inductance_matrix(one.array.conductors()) for one in (design, back))

@@ -21,6 +21,7 @@ from coilarray.compute.netcdf import save_dataset
 from coilarray.compute.table import text_table
 from coilarray.design.bundled import read
 from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
+from coilarray.report.tables import matrix_tables
 from coilarray.studies.create import Choices
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -30,19 +31,15 @@ good, answer = successes()
 PICTURES = ".png, .svg or .pdf"
 FILES = {
     "--out": {
-        "check": ".csv", "distortion": ".nc or .csv", "field": ".nc or .vtr", "fit": ".json",
-        "impedance": ".nc or .csv", "import": ".toml", "indent": ".nc or .csv", "response": ".nc or .csv",
+        "check": ".csv", "paper distortion": ".nc or .csv", "paper fit": ".json", "response": ".nc or .csv",
         "sweep": ".nc or .csv", "tolerance": ".nc, .json or .csv",
     },
     "--plot": dict.fromkeys(
-        ("distortion", "fit", "impedance", "indent", "response", "sweep", "tolerance"), PICTURES
+        ("paper distortion", "paper fit", "impedance", "response", "sweep", "tolerance"), PICTURES
     ),
     "--picture": {"check": PICTURES, "board compare": PICTURES},
-    "--table": {"locate": ".nc", "tolerance": ".nc", "view": ".nc"},
+    "--table": {"locate": ".nc"},
     "--template": {"tolerance": ".toml"},
-    "--screenshot": {"view": ".png"},
-    "--movie": {"view": ".gif or .mp4"},
-    "--html": {"view": ".html"},
 }  # fmt: skip
 
 
@@ -64,7 +61,7 @@ def test_help_of_every_command_has_an_example(capsys, command):
 
 
 def test_a_misspelt_command_gets_the_right_one_named(capsys):
-    assert "No such command 'matrx'. Did you mean 'matrix'?" in refused(capsys, "matrx")
+    assert "No such command 'impedence'. Did you mean 'impedance'?" in refused(capsys, "impedence")
 
 
 @pytest.fixture
@@ -154,7 +151,7 @@ def test_version(capsys, monkeypatch):
 @pytest.mark.slow
 def test_init_copies_a_bundled_design(capsys):
     Path("d").mkdir()  # is in nobody's way
-    assert "wrote d.toml" in good(capsys, "init", "d", "--from", "gast2020")
+    assert "wrote d.toml\nnext: " in good(capsys, "init", "d", "--from", "gast2020")
     assert load_design("d.toml").name == "gast2020"
     good(capsys, "init", "d.toml", "--from", "starter")  # the command's own file
     assert Path("d.toml").read_text(encoding="utf-8") == read("starter")
@@ -165,7 +162,7 @@ def test_init_copies_a_bundled_design(capsys):
     good(capsys, "init", "--force", "d.toml", "--from", "starter")
     assert "no bundled design 'x'" in refused(capsys, "init", "y.toml", "--from", "x")
     line = refused(capsys, "init", "y.toml", "--from", "starter", "--coils", "1")
-    assert "--from copies a design as it is; it cannot be given with other choices" in line
+    assert "--from takes a design or a board as it is; it cannot be given with other choices" in line
 
 
 @pytest.mark.slow
@@ -179,10 +176,10 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
     assert (file.design.name, len(file.design.array.names)) == ("my_board", 3)
     assert file.document == new_design("my_board").document  # the same defaults
     assert "all rules are kept" in good(capsys, "check", "my_board.toml")
-    data = answer(capsys, "matrix", "my_board.toml")
+    data = answer(capsys, "impedance", "my_board.toml", "--points", "2")
     inductance = float(re.search(r"inductance: (\S+) µH", out)[1])
     assert data["inductance_H"][0][0] * 1e6 == pytest.approx(inductance, rel=1e-3)  # which screening may err
-    of_scan = answer(capsys, "impedance", "my_board.toml", "--points", "2")["windings"][0]
+    of_scan = data["windings"][0]
     said = re.search(r"resistance: (\S+) ohm at (\S+) MHz, (\S+) times that of direct current", out).groups()
     assert float(said[0]) == pytest.approx(of_scan["ac_resistance_ohm"], rel=0.05)  # of the coil with the most
     assert float(said[2]) > 1
@@ -266,7 +263,7 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("command", "option", "file"),
-    [("matrix", "--out", "a.csv"), ("impedance", "--plot", "a.svg"), ("view", "--html", "a.html"), ("report", "", "")],
+    [("impedance", "--plot", "a.svg"), ("view", "--out", "a.html"), ("report", "", "")],
 )
 def test_what_another_wrote_is_not_replaced(capsys, command, option, file):
     """Before any work; what the command itself wrote is tried with init and export."""
@@ -278,76 +275,64 @@ def test_what_another_wrote_is_not_replaced(capsys, command, option, file):
 
 
 @pytest.mark.slow
-def test_matrix(capsys):
-    data = answer(capsys, "matrix", "starter", "--out", "m.nc")
+def test_matrices(capsys):
+    data = answer(capsys, "impedance", "starter", "--points", "2")
     expected = couple_design(load_design("starter"))
     np.testing.assert_allclose(data["inductance_H"], expected.inductance, rtol=1e-12)
     np.testing.assert_allclose(data["coupling"], expected.coupling, rtol=1e-12)
-    with xr.open_dataset("m.nc", engine="h5netcdf") as saved:
-        np.testing.assert_allclose(saved.inductance, expected.inductance, rtol=1e-12)
-        assert saved.attrs["design_hash"] == data["design_hash"]
-        assert saved.inductance.attrs["units"] == "H"
-    assert f"{float(expected.inductance[0, 0]) * 1e6:.4f}" in good(capsys, "matrix", "starter", "--out", "m.csv")
-    assert len(Path("m.csv").read_text(encoding="utf-8").splitlines()) == 1 + 6
+    assert len(data["pairs"]) == 6
+    assert f"{float(expected.inductance[0, 0]) * 1e6:.4f}" in good(capsys, "impedance", "starter", "--points", "2")
     for suffix, beginning in ((".cir", "* starter"), (".inp", "* starter"), (".s3p", "!")):  # for other programs
-        good(capsys, "matrix", "starter", "--out", f"m{suffix}")
+        good(capsys, "impedance", "starter", "--points", "2", "--out", f"m{suffix}")
         assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
 
 
-@pytest.mark.lowest
-def test_the_matrix_of_a_single_coil_is_its_inductance(capsys):
-    head, row = good(capsys, "matrix", "gast_fem").splitlines()
-    inductance = float(couple_design(load_design("gast_fem")).open_inductance[0])
-    assert (head.split(), row.split()) == (["coil", "L", "(µH)"], ["coil1", f"{inductance * 1e6:.4f}"])
+def test_the_matrix_of_a_single_coil_is_its_inductance():
+    (one,) = matrix_tables(["a"], np.array([[2e-6]]))
+    assert (one.headers, one.cells()) == (["coil", "L (µH)"], [["a", "2.0000"]])
 
 
-def test_of_many_coils_the_strongest_couplings_are_printed(capsys, monkeypatch):
-    monkeypatch.setattr("coilarray.cli.matrix._MOST_COILS", 2)
-    monkeypatch.setattr("coilarray.cli.matrix._MOST_PAIRS", 2)
-    lines = good(capsys, "matrix", "starter").splitlines()
-    found = couple_design(load_design("starter"))
-    L, k = np.diag(found.inductance) * 1e6, found.coupling.values
-    assert lines[0] == f"L of 3 coils: {L.min():.4f} to {L.max():.4f} µH"
-    pairs = sorted([(0, 1), (0, 2), (1, 2)], key=lambda pair: -abs(k[pair]))[:2]
-    printed = [line.replace("−", "-").split("  ") for line in lines if "–" in line]
-    assert [(row[0], float(row[-1])) for row in printed] == [
-        (f"coil{a + 1} – coil{b + 1}", pytest.approx(k[a, b], abs=5e-6))
-        for a, b in pairs  # of five decimals
-    ]
-    assert lines[-1] == "… and 1 more (--json, --out)"
+def test_of_many_coils_the_strongest_couplings_are_shown():
+    names = [f"coil{k}" for k in range(30)]
+    M = 1e-6 * np.eye(30)
+    M[3, 7] = M[7, 3] = -2e-7
+    M[4, 5] = M[5, 4] = 1e-7
+    (table,) = matrix_tables(names, M)
+    assert [row[0] for row in table.rows[:2]] == ["coil3 – coil7", "coil4 – coil5"]
+    assert table.rows[0][1:] == (-2e-7, pytest.approx(-0.2))
+    assert table.notes == ("L of 30 coils: 1.0000 to 1.0000 µH", "… and 415 more (--json)")
 
 
 def test_a_fasthenry_file_has_no_plates(capsys):
     plate = '\n[[plate]]\nname = "shield"\nmaterial = "copper"\nthickness_mm = 0.1\nz_mm = -4.0\n'
     Path("p.toml").write_text(read("starter").replace("\n[field]", plate + "\n[field]"), encoding="utf-8")
     assert "--out .inp cannot hold [[plate]], which starter has; write .cir or .sNp" in refused(
-        capsys, "matrix", "p.toml", "--out", "m.inp"
+        capsys, "impedance", "p.toml", "--out", "m.inp"
     )
 
 
 @pytest.mark.slow
 def test_field_plane_and_volume(capsys):
-    data = answer(capsys, "field", "starter", "--spacing-mm", "2", "--current-mA", "2")
-    assert (data["file"], list(Path().iterdir())) == (None, [])  # none that is not asked for
-    good(capsys, "field", "starter", "--spacing-mm", "2", "--current-mA", "2")
+    data = answer(capsys, "view", "starter", "--spacing-mm", "2", "--out", "field.nc")
     with xr.open_dataset("field.nc", engine="h5netcdf") as saved:
         assert saved.B.dims == ("x", "y", "z", "component")
         assert saved.z.values == pytest.approx([3e-3])
         assert float(abs(saved.B.sel(component="z")).max()) == pytest.approx(data["peak_Bz_T"])
-        assert saved.attrs["active_current_A"] == 2e-3
-    arguments = ("--coil", "coil1", "--z-mm", "1:3", "--spacing-mm", "2", "--out", "f.vtr", "--others-open")
-    assert "× 2 points, coil1 active" in good(capsys, "field", "starter", *arguments)
+        assert saved.attrs["active_current_A"] == 1e-3
+    arguments = ("--coil", "coil1", "--z-mm", "1:3", "--spacing-mm", "2", "--out", "f.vtr")
+    assert "× 2 points, coil1 active" in good(capsys, "view", "starter", *arguments)
     import pyvista
 
     grid = pyvista.read("f.vtr")
     assert grid.bounds[4:] == pytest.approx((1, 3))  # mm
 
 
-@pytest.mark.parametrize("line", ["field starter --out f.vtr", "view starter --vtk files"])
-def test_files_for_paraview_say_which_libraries_are_missing(tmp_path, monkeypatch, capsys, line):
+@pytest.mark.parametrize("file", ["f.vtr", "files"])
+def test_files_for_paraview_say_which_libraries_are_missing(tmp_path, monkeypatch, capsys, file):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "files for ParaView need PyVista, which is not installed" in refused(capsys, *line.split())
+    line = refused(capsys, "view", "starter", "--out", file)
+    assert "files for ParaView need PyVista, which is not installed" in line
     assert not list(tmp_path.iterdir())
 
 
@@ -375,7 +360,7 @@ def test_impedance(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["report", "matrix", "field", "view", "export"])
+@pytest.mark.parametrize("command", ["report", "impedance", "export"])
 def test_a_broken_rule_is_refused_unless_allowed(capsys, command):
     text = read("starter").replace('[["L1", "L2"], ["L3", "L4"]]', '[["L1", "L2"]]')  # coils overlap on one layer pair
     Path("d.toml").write_text(text, encoding="utf-8")
@@ -384,7 +369,7 @@ def test_a_broken_rule_is_refused_unless_allowed(capsys, command):
     wanted = r"clearance of coil1 – coil2 on layer L[12] is -.* mm at .* mm, margin -.* mm"
     assert re.search(wanted, refused(capsys, command, "d.toml", *more))
     assert sorted(path.name for path in Path().iterdir()) == ["d.toml"]
-    if command in ("matrix", "export"):
+    if command in ("impedance", "export"):
         # crossing coils on one layer: the numbers are still finite
         good(capsys, command, "d.toml", *more, "--allow-violations")
 
@@ -399,19 +384,17 @@ test_mistakes_are_one_line = mistakes(
     (("repot",), "No such command 'repot'"),
     (("report", "--bogus"), "--bogus"),
     (("report", "none.toml"), "there is no design file none.toml"),
-    (("matrix", "starter", "--out", "m.xlsx"), "--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got m.xlsx"),
-    (("field", "starter", "--coil", "coil9"), "--coil must be one of coil1, coil2, coil3; got coil9"),
-    (("field", "starter", "--spacing-mm", "0"), "--spacing-mm must be 1e-06 to 100000; got 0"),
-    (("field", "starter", "--z-mm", "0:90000"), "points; at most 20000000 are allowed"),
+    (("impedance", "starter", "--out", "m.xlsx"), "--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got m.xlsx"),
+    (("view", "starter", "--out", "f.nc", "--coil", "coil9"), "--coil must be one of coil1, coil2, coil3; got coil9"),
+    (("view", "starter", "--out", "f.nc", "--spacing-mm", "0"), "--spacing-mm must be 1e-06 to 100000; got 0"),
+    (("view", "starter", "--out", "f.nc", "--z-mm", "0:90000"), "points; at most 20000000 are allowed"),
     (("check", ""), "the name of a design file must not be empty"),
-    (("field", "starter", "--spacing-mm", "x"), "'--spacing-mm'"),
-    (("field", "starter", "--z-mm", "3:1"), "FROM:TO with FROM below TO, at most 100000; got '3:1'"),
-    (("field", "starter", "--z-mm", "nan"), "--z-mm must be a number"),
-    (("field", "starter", "--current-mA", "inf"), "--current-mA must be at most 1e+09; got inf"),
+    (("view", "starter", "--out", "f.nc", "--spacing-mm", "x"), "'--spacing-mm'"),
+    (("view", "starter", "--out", "f.nc", "--z-mm", "3:1"), "FROM:TO with FROM below TO, at most 100000; got '3:1'"),
+    (("view", "starter", "--out", "f.nc", "--z-mm", "nan"), "--z-mm must be a number"),
     (("impedance", "starter", "--from-MHz", "5", "--to-MHz", "1"), "--from-MHz must be at least 1e-06 and below"),
     (("impedance", "starter", "--points", "1"), "--points must be 2 to 10000; got 1"),
-    (("matrix", "starter", "--out", "m.s2p"), "a Touchstone file of 3 ports must end in .s3p; got m.s2p"),
-    (("matrix", "starter", "--out", "no/such/folder/m.csv"), "cannot write no/such/folder/m.csv: No such file"),
+    (("impedance", "starter", "--out", "m.s2p"), "a Touchstone file of 3 ports must end in .s3p; got m.s2p"),
     (("init", "."), ". is a folder; name a file in it"),
     (("init", ".."), ".. is a folder; name a file in it"),
     (("init", "d.txt"), "NAME must end in .toml; got d.txt"),
@@ -483,8 +466,8 @@ def test_two_coils_in_one_place(capsys):
     first = text[text.index("[[array.placements]]") : text.index("[board]")]
     text = text.replace(first, first + first.replace('"coil1"', '"coil2"'))
     Path("d.toml").write_text(text, encoding="utf-8")
-    assert "clearance of coil1 – coil2" in refused(capsys, "matrix", "d.toml")
-    assert "must be positive definite" in refused(capsys, "matrix", "d.toml", "--allow-violations")
+    assert "clearance of coil1 – coil2" in refused(capsys, "impedance", "d.toml")
+    assert "must be positive definite" in refused(capsys, "impedance", "d.toml", "--allow-violations")
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pic
 
 _, refused = runner("board", "compare")
 good, answer = successes("board", "compare")
-fit, fit_refused = runner("fit")
+fit, fit_refused = runner("paper", "fit")
 locate, locate_refused = runner("locate")
 
 WIDE = (np.arange(-12e-3, 25.1e-3, 1e-3), np.arange(-10e-3, 10.1e-3, 1e-3))

@@ -1,4 +1,4 @@
-"""``coilarray import``: boards become designs that every other command takes; each mistake is one line."""
+"""``coilarray init --from BOARD``: boards become designs that every other command takes; each mistake is one line."""
 
 from pathlib import Path
 
@@ -14,8 +14,8 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.geometry import Array, Placement, Spiral
 
 pytestmark = pytest.mark.usefixtures("own_folder")
-_, refused = runner("import")
-good, answer = successes("import")
+_, refused = runner("init", "--from")
+good, answer = successes("init", "--from")
 
 SPIRAL = square_spiral()
 
@@ -35,8 +35,8 @@ def small_array():
 @pytest.mark.slow
 def test_a_board_becomes_a_design_with_the_same_matrix(capsys):
     array = small_array()
-    out = good(capsys, write(array_text(array)), "--out", "back.toml")
-    assert out.splitlines()[-1] == "wrote back.toml; next: coilarray check back.toml"
+    out = good(capsys, write(array_text(array)), "back.toml")
+    assert out.splitlines()[-2:] == ["wrote back.toml", "next: coilarray check back.toml, coilarray report back.toml"]
     rows = [line.split() for line in out.splitlines() if line.startswith("c")]
     assert rows[1][:6] == ["coil", "net", "shape", "layers", "turns", "length"]
     assert [row[:5] for row in rows[2:]] == [["c1", "c1", "shape1", "L1", "L2"], ["c2", "c2", "shape1", "L3", "L4"]]
@@ -45,7 +45,7 @@ def test_a_board_becomes_a_design_with_the_same_matrix(capsys):
     # 0.5 nm of rounding over gaps of 0.15 mm
     L, before = (inductance_matrix(each.conductors()) for each in (design.array, array))
     np.testing.assert_allclose(L, before, rtol=1e-6)
-    for command in (("check",), ("matrix", "--allow-violations"), ("impedance", "--allow-violations")):
+    for command in (("check",), ("impedance", "--allow-violations")):
         assert main([command[0], "back.toml", *command[1:]]) == 0
 
 
@@ -101,12 +101,12 @@ def test_folders_that_cannot_be_searched_are_named(capsys, monkeypatch):
 
     monkeypatch.setattr(Path, "stat", refuse)
     assert "closed/b.kicad_pcb: cannot be read: Permission denied" in refused(capsys, "closed/b.kicad_pcb")
-    assert "closed/d.toml" in refused(capsys, file, "--out", "closed/d.toml")
+    assert "closed/d.toml" in refused(capsys, file, "closed/d.toml")
 
 
 def test_only_the_wanted_nets(capsys):
     text = board(path(*SPIRAL), path((20, 0), (30, 0), net="2"))
-    good(capsys, write(text), "--nets", " B , A", "--out", "d.toml")
+    good(capsys, write(text), "--nets", " B , A", "d.toml")
     assert load_design("d.toml").array.names == ("B", "A")
 
 
@@ -123,7 +123,7 @@ def test_a_stackup_from_a_design(capsys):
 def test_a_file_that_exists_is_only_replaced_when_told(capsys):
     file, design = write(board(path(*SPIRAL))), Path("design.toml")
     design.write_text("precious")
-    assert "design.toml exists and is not as `coilarray import` left it; --force replaces it" in refused(capsys, file)
+    assert "design.toml exists and is not as `coilarray init` left it; --force replaces it" in refused(capsys, file)
     assert design.read_text() == "precious"
     good(capsys, file, "--force")
     assert load_design("design.toml").array.names == ("A",)
@@ -137,11 +137,10 @@ def test_a_file_that_exists_is_only_replaced_when_told(capsys):
         (["b.kicad_pcb", "--nets", "C"], "b.kicad_pcb: there is no net 'C'; the board has A, B."),
         (["b.kicad_pcb", "--nets", " , "], "b.kicad_pcb: --nets must name at least one net; got ' , '"),
         (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
-        (["b.kicad_pcb", "--out", "."], "--out must end in .toml; got ."),
         (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
-        (["b.txt"], "b.txt: not a board; it must be a .kicad_pcb file, or Gerber files in a .zip or a folder"),
+        (["b.txt"], "there is no bundled design 'b.txt', nor a board of that name (.kicad_pcb, .zip or a folder)"),
+        (["starter", "--nets", "A"], "--nets and --stackup are for --from with a board"),
         (["cut.kicad_pcb"], "cut.kicad_pcb:9: the file ends inside"),
-        ([], "Missing argument 'BOARD'"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_no_file(capsys, arguments, message):

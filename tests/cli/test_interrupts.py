@@ -44,7 +44,7 @@ def interrupted(*command, after):
     ("after", "command"),  # the package is loaded after about one second
     [
         (1.2, "check large.toml"),
-        (1.5, "matrix large.toml --out m.nc"),
+        (1.5, "impedance large.toml --out m.nc"),
         (2.0, "report gast2020 --out folder"),
         (2.0, "response gast2020 --x-mm=-40:40:400 --depth-mm 0.1:1:20 --out r.nc"),
         (2.0, "sweep gast2020 --vary array.pitch_mm=14:16:40 -q worst_k --out s.csv --workers 1"),
@@ -185,9 +185,9 @@ def test_lack_of_memory_is_one_line(monkeypatch, capsys, error, code):
         raise error
 
     monkeypatch.setattr(main, "program", lambda name: program)
-    assert main.main(["matrix"]) == code
-    assert capsys.readouterr().err == "coilarray: error: there is not enough memory for coilarray matrix.\n"
+    assert main.main(["impedance"]) == code
+    assert capsys.readouterr().err == "coilarray: error: there is not enough memory for coilarray impedance.\n"
     monkeypatch.setattr(main, "own_limit", lambda: 3e8)
-    assert main.main(["matrix"]) == 2
-    line = "coilarray: error: coilarray matrix needs 0.6 GB of address space; 0.30 GB are left (ulimit -v).\n"
+    assert main.main(["impedance"]) == 2
+    line = "coilarray: error: coilarray impedance needs 0.6 GB of address space; 0.30 GB are left (ulimit -v).\n"
     assert capsys.readouterr().err == line

@@ -27,7 +27,7 @@ from coilarray.localize.inverse import Location, Mode, locate
 from coilarray.paper.ellipse import fit_ellipses
 from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_from_json
 from coilarray.paper.published import published_map, published_model, table_a1
-from coilarray.report.localize_tables import location_record
+from coilarray.report.position import location_record
 from coilarray.response.map import Imperfections, response_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
@@ -76,7 +76,7 @@ def streamed(monkeypatch, capsys, data, *arguments):
 
 
 def test_fit_is_that_of_the_library(capsys, maps):
-    answer = answered(capsys, "fit", maps / "a1.nc", "--out", "m.json", "--plot", "m.svg")
+    answer = answered(capsys, "paper", "fit", maps / "a1.nc", "--out", "m.json", "--plot", "m.svg")
     fits = fit_ellipses(published_map())
     model, written = ellipse_model(fits), Path("m.json").read_text(encoding="utf-8")
     assert (model_from_json(written), json.loads(written)["schema"]) == (model, 1)
@@ -99,14 +99,14 @@ def test_fit_is_that_of_the_library(capsys, maps):
 
 
 def test_fit_prints_millimetres_beside_table_a1(capsys, maps):
-    code, out, err = run(capsys, "fit", maps / "a1.nc")
+    code, out, err = run(capsys, "paper", "fit", maps / "a1.nc")
     assert (code, err) == (0, "")
     (row,) = [row for line in out.splitlines() if (row := line.split())[:4] == ["coil1", "x0", "Table", "A1"]]
     assert row[4:] == ["−2.721·10¹²", "1.245·10¹⁰", "−2.012·10⁷", "1.424·10⁴", "−17.24"]
 
 
 def test_fit_of_one_coil_and_depth_without_table_a1(capsys, maps):
-    answer = answered(capsys, "fit", maps / "row.nc", "--depth-mm", "1", "--coil", "coil4")
+    answer = answered(capsys, "paper", "fit", maps / "row.nc", "--depth-mm", "1", "--coil", "coil4")
     assert {(row["coil"], row["source"]) for row in answer["polynomials"]} == {("coil4", "this map")}
     assert answer["fits"][0]["x0_less_published_rms_m"] == ""
     assert answer["polynomials"][2]["p0_m"] == pytest.approx(26e-3, abs=1e-4)  # the bell is centred there
@@ -120,9 +120,9 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
         return published_map()
 
     monkeypatch.setattr(coilarray.response.map, "response_map", computed)
-    assert (run(capsys, "fit", "gast2020")[0], asked["name"]) == (0, "gast2020")
+    assert (run(capsys, "paper", "fit", "gast2020")[0], asked["name"]) == (0, "gast2020")
     assert list(asked["depths"]) == list(load_design("gast2020").indentation.depths[:1])
-    assert (run(capsys, "fit", "--depth-mm", "0.5")[0], asked["depths"]) == (0, [0.5e-3])
+    assert (run(capsys, "paper", "fit", "--depth-mm", "0.5")[0], asked["depths"]) == (0, [0.5e-3])
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_mistakes_of_fit(capsys, monkeypatch, arguments, message):
     save_dataset(published_map(x=[-2e-3, 0.0, 2e-3]), Path("small.nc"))
     save_dataset(published_map() * np.nan, Path("nan.nc"))
     save_dataset(published_map() * 0, Path("flat.nc"))
-    assert message in refused(capsys, "fit", *arguments)
+    assert message in refused(capsys, "paper", "fit", *arguments)
 
 
 @pytest.fixture
@@ -176,7 +176,7 @@ def quick(monkeypatch):
 
 
 def test_distortion_tells_what_remains(capsys, quick):
-    code, out, err = run(capsys, "distortion", "gast2020", "--out", "d.csv", "--plot", "d.svg")
+    code, out, err = run(capsys, "paper", "distortion", "gast2020", "--out", "d.csv", "--plot", "d.svg")
     assert (code, err) == (0, "")
     assert quick == [("distortion", load_design("gast2020").indentation.base, ["coil1", "coil2", "coil3"])]
     rows = {line.split("  ")[0]: line.split() for line in out.splitlines() if line}
@@ -199,7 +199,7 @@ def test_distortion_with_the_error_of_a_calibration(capsys, quick):
     save_dataset(calibration(), Path("calibration.nc"))
     save_dataset(published_map(), Path("map.nc"))
     options = ("--posterior", "calibration.nc", "--draws", "3", "--out", "d.csv", "--plot", "d.svg")
-    code, out, err = run(capsys, "distortion", "gast2020", *options)
+    code, out, err = run(capsys, "paper", "distortion", "gast2020", *options)
     assert (code, err) == (0, "")
     imperfections, draws = quick[1]
     assert imperfections == Imperfections()
@@ -208,12 +208,14 @@ def test_distortion_with_the_error_of_a_calibration(capsys, quick):
     assert row[2:] == ["0.300", "0.030"] * 3
     with Path("d.csv").open(encoding="utf-8") as lines:
         assert next(csv.DictReader(lines))["x0_grounded_std_m"] == "0.0001"
-    assert "map.nc must have value, posterior" in refused(capsys, "distortion", "gast2020", "--posterior", "map.nc")
-    assert "there is no file n.nc" in refused(capsys, "distortion", "gast2020", "--posterior", "n.nc")
+    assert "map.nc must have value, posterior" in refused(
+        capsys, "paper", "distortion", "gast2020", "--posterior", "map.nc"
+    )
+    assert "there is no file n.nc" in refused(capsys, "paper", "distortion", "gast2020", "--posterior", "n.nc")
 
 
 def test_distortion_as_json_has_no_nan(capsys, quick):
-    answer = answered(capsys, "distortion", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3")
+    answer = answered(capsys, "paper", "distortion", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3")
     one, _, three = answer["residuals"]
     assert [one["residual_rms_m"], one["residual_mean_m"]] == pytest.approx([0.75e-3] * 2, rel=1e-12)
     assert one["compared"] == 1  # of three levels the map reaches two
@@ -224,7 +226,7 @@ def test_distortion_as_json_has_no_nan(capsys, quick):
 
 
 test_mistakes_of_distortion = mistakes(
-    runner("distortion", "gast2020")[1],
+    runner("paper", "distortion", "gast2020")[1],
     (("--coil", "coil9"), "a state must be measured and named after its coil; got 'coil9'"),
     (("--out", "d.txt"), "--out must end in .nc or .csv; got d.txt"),
     (("--plot", "d.gif"), "--plot must end in .png, .svg or .pdf"),
@@ -384,7 +386,7 @@ def test_status_of_readings_without_a_position(monkeypatch, capsys, maps):
 
 def test_the_ellipse_model_of_a_file_of_table_a1_and_of_a_map(capsys, maps):
     values = {"coil1": 8.0895e-4, "coil2": 6.4684e-4, "coil3": 0.0}
-    assert run(capsys, "fit", maps / "a1.nc", "--out", "m.json")[0] == 0
+    assert run(capsys, "paper", "fit", maps / "a1.nc", "--out", "m.json")[0] == 0
     fitted = model_from_json(Path("m.json").read_text(encoding="utf-8"))
     for name, model in (("published", published_model()), ("m.json", fitted), (maps / "a1.nc", fitted)):
         for addition in (0.2, 0.0):
@@ -521,7 +523,7 @@ def test_mistakes_of_locate(capsys, maps, arguments, message):
     ],
 )
 def test_model_files_that_are_none(capsys, maps, change, message):
-    assert run(capsys, "fit", maps / "a1.nc", "--out", "m.json")[0] == 0
+    assert run(capsys, "paper", "fit", maps / "a1.nc", "--out", "m.json")[0] == 0
     data = json.loads(Path("m.json").read_text(encoding="utf-8"))
     del data["checksum"]  # or the change itself would be refused
     (data if set(change) & set(data) else data["coils"][0]).update(change)

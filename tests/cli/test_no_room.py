@@ -63,9 +63,8 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
 def test_a_log_that_finds_no_room_in_the_end_stays_as_its_lines(capsys, inputs):
     shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     before = content()
-    assert (
-        run(capsys, "board", "live", *READ)[0] == 0
-    )  # keeps its table of responses, which would find no room before the log
+    # keeps its table of responses, which would find no room before the log
+    assert run(capsys, "board", "live", *READ)[0] == 0
     with file_limit(6000):  # room for the lines, and not for the netCDF file that they become
         code, _, err = run(capsys, "board", "live", *READ, "--log", "log.nc")
     assert (code, err) == (2, "coilarray: error: cannot write log.nc: File too large.\n")
@@ -85,10 +84,10 @@ def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys, inputs, m
     shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     with small_disk(Path("disk"), 16 * 4096) as disk:
         for name, command in (
-            ("x.nc", ("field", "bare.toml", "--spacing-mm", "2", "--out")),
+            ("x.nc", ("view", "bare.toml", "--spacing-mm", "2", "--out")),
             ("x.nc", ("board", "info", "campaign.sqlite", "--to", "nc", "--out")),
             ("x.svg", ("export", "starter", "--to", "svg", "--out")),
-            ("x.vtm", ("view", "starter", "--vtk")),
+            ("x.vtm", ("view", "starter", "--out")),
             ("x.sqlite", ("board", "measure", *BOARD, "--scans", "5", "--out")),
         ):
             kept = disk / "kept"

@@ -1,4 +1,4 @@
-"""``coilarray noise`` and ``coilarray board info --noise``: the budget, and the emulated board beside it."""
+"""``coilarray impedance --noise`` and ``coilarray board info --noise``: budget and board."""
 
 import json
 
@@ -14,9 +14,9 @@ from coilarray.localize.identifiability import identifiability
 
 pytestmark = pytest.mark.slow
 
-budget_run, budget_refused = runner("noise")
+budget_run, budget_refused = runner("impedance", "--noise")
 _, refused = runner("board", "info")
-good, budget_of = successes("noise")
+good, budget_of = successes("impedance", "--noise")
 _, noise_of = successes("board", "info")
 record, _ = successes("board", "measure")
 

@@ -11,6 +11,7 @@ from support.command_line import mistakes, runner, successes
 import coilarray.response.changes
 from coilarray import load_design
 from coilarray.design.bundled import read
+from coilarray.elastomer.contact import indent
 from coilarray.errors import ElastomerError
 from coilarray.response.map import Imperfections, response_map
 
@@ -95,8 +96,8 @@ def test_json_tells_the_peaks_and_the_file_is_the_dataset_of_the_library(capsys,
 
 def test_the_table_and_every_value_as_csv(capsys, expected):
     out = good(capsys, *SMALL, "--out", "r.csv")
-    header, *rows, last = out.splitlines()
-    assert header.split("  ")[0] == "depth (mm)"
+    title, header, *rows, last = out.splitlines()
+    assert (title, header.split("  ")[0]) == ("Response", "depth (mm)")
     assert last == "wrote r.csv: 1 × 1 × 2 × 3 values over ('depth', 'y', 'x', 'state')"
     cells = [row.split() for row in rows]
     assert [row[1] for row in cells] == ["coil1", "coil2", "coil3"]
@@ -116,16 +117,17 @@ def test_imperfections_of_the_experiment(capsys, monkeypatch):
         return response_map(design, **given)
 
     monkeypatch.setattr(coilarray.response.map, "response_map", perfect)
-    errors = ("--tilt", "0.01", "-0.02", "--offset-mm", "-0.3", "0.4", "--depth-error-mm", "0.05")
-    sheets = ("--thickness-error-mm", "base=-0.2", "--thickness-error-mm", "magnetic=0.1")
-    good(capsys, *IDEAL, *errors, *sheets, "--noise", "1e-6", "--seed", "7", "--out", "r.csv")
+    errors = "tilt_x_mrad=10 tilt_y_mrad=-20 offset_x_mm=-0.3 offset_y_mm=0.4 depth_error_mm=0.05 noise=1e-6 seed=7"
+    sheets = " thickness_error_mm.base=-0.2 thickness_error_mm.magnetic=0.1"
+    options = [word for one in (errors + sheets).split() for word in ("--experiment", one)]
+    good(capsys, *IDEAL, *options, "--out", "r.csv")
     lengths = {"offset": (-0.3 * 1e-3, 0.4 * 1e-3), "depth_error": 0.05 * 1e-3}
     thicknesses = {"base": -0.2 * 1e-3, "magnetic": 0.1 * 1e-3}
     assert seen == [Imperfections((0.01, -0.02), **lengths, thickness_errors=thicknesses, noise=1e-6, seed=7)]
 
 
 def test_strays_and_permittivity_enter_the_circuit(capsys, starter, ideal):
-    good(capsys, *SMALL, "--strays", "--dielectric", "--out", "r.nc")
+    good(capsys, *SMALL, "--dielectric", "--out", "r.nc")
     wanted = library(starter, dielectric=True)
     good(capsys, *IDEAL, "--out", "ideal.csv")
     np.testing.assert_allclose(delta_of("ideal.csv"), ideal, rtol=1e-9)
@@ -175,16 +177,15 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
     (("--depth-mm", "-0.1"), "depth of an indentation must be at least 0"),
     (("--x-mm", "east"), "--x-mm must be rising numbers of mm"),
     (("--y-mm", "2e5"), "--y-mm must be rising numbers of mm, at most 100000,"),
-    (("--tilt", "nan", "0"), "tilt, offset, errors, drift and noise must be finite"),
-    (("--tilt", "0.1"), "'--tilt'"),
-    (("--tilt", "1", "0"), "tilt must be at most 0.1"),
-    (("--thickness-error-mm", "base"), "--thickness-error-mm must be SHEET=VALUE; got 'base'"),
-    (("--thickness-error-mm", "base=thin"), "--thickness-error-mm must be SHEET=VALUE; got 'base=thin'"),
-    (("--thickness-error-mm", "foam=1"), "thickness_errors names the sheet 'foam'; there are base, magnetic"),
-    (("--thickness-error-mm", "base=1", "--thickness-error-mm", "base=2"), "name a sheet once; got 'base' again"),
+    (("--experiment", "tilt_x_mrad=nan"), "tilt, offset, errors, drift and noise must be finite"),
+    (("--experiment", "tilt_x_mrad=1000"), "tilt must be at most 0.1"),
+    (("--experiment", "tilt=1"), "--experiment must be KEY=VALUE with a key of depth_error_mm, tilt_x_mrad,"),
+    (("--experiment", "drift=fast"), "--experiment drift must be a number; got 'fast'"),
+    (("--experiment", "seed=0.5"), "--experiment seed must be a whole number; got 0.5"),
+    (("--experiment", "thickness_error_mm.foam=1"), "names the sheet 'foam'; there are base, magnetic"),
+    (("--experiment", "drift=1", "--experiment", "drift=2"), "--experiment must name drift once"),
     (("--reach", "near"), "--reach must be all, auto or a relative error of δ; got 'near'"),
     (("--reach", "1e-5"), "0.0001 to 0.1 of the peak; got 1e-05"),
-    (("--seed", "-1"), "'--seed'"),
 )
 
 
@@ -224,8 +225,8 @@ def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
     assert [path.name for path in Path().glob("r.*")] == ["r.nc.parts"]
     assert len(list(Path("r.nc.parts").iterdir())) == 1
     # a mistake in between costs nothing
-    refused(capsys, *command, "--depth-error-mm", "nan")
-    refused(capsys, *command, "--depth-error-mm", "-1")
+    refused(capsys, *command, "--experiment", "depth_error_mm=nan")
+    refused(capsys, *command, "--experiment", "depth_error_mm=-1")
     assert len(list(Path("r.nc.parts").iterdir())) == 1
 
     good(capsys, *command)
@@ -237,3 +238,80 @@ def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
         # every block is the same computation, apart from the order of sums in parallel kernels
         np.testing.assert_allclose(saved.inductance_change, whole.inductance_change, rtol=1e-9, atol=1e-18)
         np.testing.assert_allclose(saved.delta, whole.delta, rtol=1e-9, atol=1e-15)
+
+
+def linear_file(name="linear.toml", text=""):
+    """A file of the starter under small strain, which is quick."""
+    changed = (text or read("starter")).replace('strain = "finite"', 'strain = "linear"')
+    Path(name).write_text(changed, encoding="utf-8")
+    return name
+
+
+def test_the_table_of_a_dent_is_that_of_the_library(capsys):
+    design = load_design("starter")
+    setup = design.indentation
+    expected = indent(design.sheets, setup.indenter, setup.depths, base="bonded")
+    data = answer(capsys, "starter", "--dent", "--out", "dent.nc", "--plot", "dent.svg")
+    assert data["design_hash"] == design.digest
+    assert (data["indenter"], data["base"]) == ("hemisphere", "bonded")
+    rows = data["dents"]
+    np.testing.assert_allclose([row["depth_m"] for row in rows], [0.3e-3, 0.6e-3], rtol=1e-12)
+    # the same computation once more
+    np.testing.assert_allclose([row["force_N"] for row in rows], expected.force, rtol=1e-9)
+    np.testing.assert_allclose([row["contact_radius_m"] for row in rows], expected.contact_radius, rtol=1e-9)
+    for sheet in ("base", "magnetic"):
+        on_axis = expected.displacement_z.sel(interface=sheet).isel(r=0)
+        np.testing.assert_allclose([row[f"{sheet}_displacement_m"] for row in rows], on_axis, rtol=1e-9)
+    # the tip has gone as deep as it should: to the mean gap of the innermost hat of pressure
+    np.testing.assert_allclose([row["magnetic_displacement_m"] for row in rows], [-0.3e-3, -0.6e-3], rtol=1e-3)
+    assert all(-row["magnetic_displacement_m"] > -row["base_displacement_m"] > 0 for row in rows)
+    # the ring is the highest point outside of the contact
+    top = expected.displacement_z.isel(interface=-1)
+    for k, row in enumerate(rows):
+        highest = int(top.isel(depth=k).values.argmax())
+        # a parabola through nodes lies a little above them, and its vertex between their neighbours
+        assert 1.0 <= row["ring_height_m"] / float(top[k, highest]) < 1.02
+        assert float(top.r[highest - 1]) < row["ring_radius_m"] < float(top.r[highest + 1])
+        assert row["ring_radius_m"] > row["contact_radius_m"]
+    with xr.open_dataset("dent.nc", engine="h5netcdf") as saved:
+        np.testing.assert_allclose(saved.displacement_z, expected.displacement_z, rtol=1e-9, atol=1e-15)
+        assert saved.force.attrs["units"] == "N"
+    assert Path("dent.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_values_of_a_dent_that_nobody_gave_are_named(capsys):
+    out = good(capsys, "gast2020", "--dent", "--depth-mm", "0.5")
+    assert "hemisphere, base seat of 5.3 kPa/mm" in out
+    for key in ("elastomer.0.youngs_modulus_kPa = 55: ", "elastomer.1.youngs_modulus_kPa = 152: ", "indentation.base"):
+        assert f"assumed: {key}" in out
+    assert "origin" not in out  # where the dent is made does not change it
+    assert "relative_permeability" not in out
+    text = read("starter").replace("poissons_ratio = 0.4999", "#", 1)
+    not_given = answer(capsys, linear_file(text=text), "--dent", "--depth-mm", "0.3")["not_given"]
+    (ratio,) = (row for row in not_given if row["key"] == "elastomer.0.poissons_ratio")
+    assert (ratio["origin"], ratio["value"]) == ("default", 0.4999)
+    assert "indentation.depths_mm" not in {row["key"] for row in not_given}
+
+
+def test_a_cylinder_has_force_a_metre(capsys):
+    file = linear_file(text=read("starter").replace('"hemisphere"', '"cylinder_edge"', 1))
+    out = good(capsys, file, "--dent", "--depth-mm", "0.3", "--out", "d.csv")
+    assert "force on the indenter (N/m)" in out
+    assert "half width of the contact (mm)" in out
+    assert Path("d.csv").read_text(encoding="utf-8").startswith("depth_m,force_N_per_m,")
+
+
+def test_a_sample_with_sides_counts_as_wide_for_a_dent(capsys):
+    sides = "sample_x_mm = [-30, 30]\nsample_y_mm = [-30, 30]\n"
+    text = read("starter").replace("[indentation]\n", "[indentation]\n" + sides)
+    assert "The sample counts as wide here" in good(capsys, linear_file("sides.toml", text), "--dent")
+    wide = answer(capsys, linear_file(), "--dent")["dents"]
+    assert answer(capsys, "sides.toml", "--dent")["dents"] == wide
+
+
+test_mistakes_of_a_dent_are_one_line = mistakes(
+    runner("response", "starter", "--dent")[1],
+    (("--depth-mm", "0"), "--depth-mm must be above zero with --dent; got 0"),
+    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT"),
+    (("--depth-mm", "40"), "thickness of all sheets"),
+)

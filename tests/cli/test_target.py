@@ -64,7 +64,7 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     out = good(capsys, "locate", "--model", "target.nc", f"coil1={reading}")
     assert "distance (mm)" in out
     assert "2.000" in out
-    assert "target.nc must have delta over depth" in refused(capsys, "fit", "target.nc")
+    assert "target.nc must have delta over depth" in refused(capsys, "paper", "fit", "target.nc")
     (quick,) = answer(capsys, "target", "ball.toml", "--ideal", "--distance-mm", "1", "--accuracy", "screen")["target"]
     assert quick["delta"] == pytest.approx(delta[0], rel=1e-2)  # 1e-3 of L and of its change, which nearly cancel
     assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)

@@ -13,10 +13,8 @@ from support.command_line import mistakes, runner, successes
 from support.tolerance_boards import loops
 
 from coilarray import load_design
-from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.design.bundled import read
 from coilarray.design.write import design_document
-from coilarray.response.map import response_map
 from coilarray.studies.tolerance import Positions, analyse, load_tolerances
 
 pytestmark = pytest.mark.slow
@@ -117,16 +115,10 @@ def linear(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def table(linear):
-    """A table of that design, much coarser than a right one."""
-    path = linear.with_name("table.nc")
-    axis = np.linspace(2e-3, 5e-3, 4)
-    save_dataset(response_map(load_design(linear), depths=[0.2e-3, 0.4e-3], x=axis, y=axis, ideal=True), path)
-    return path
+POSITIONS = "\n[positions]\nx_mm = [3]\ny_mm = [1, 3]\ndepth_mm = 0.3\nnoise = 1e-7\n"
 
 
-def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, linear, table):
+def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, linear):
     """What it makes of them is in tests/studies/test_tolerance_position.py."""
     seen = {}
 
@@ -136,14 +128,11 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
         return result.assign_attrs(found="7 of 8", undetermined="dielectric")
 
     monkeypatch.setattr("coilarray.studies.tolerance.analyse", without_positions)
-    Path("fab.toml").write_text('schema = 1\nothers = "none"\n[placement]\nboard_mm = 0.05', encoding="utf-8")
-    options = ("--x-mm", "3", "--y-mm", "1,3", "--depth-mm", "0.3", "--noise", "1e-7", "--table", table)
-    out = good(capsys, linear, "fab.toml", *options, "--workers", "1", "--samples", "8", "-q", "span_mm")
-    assert seen["positions"] == Positions((3e-3,), (1e-3, 3e-3), 0.3 * 1e-3, 1e-7)
-    np.testing.assert_array_equal(seen["table"].delta, load_part(table).delta)
-    assert (
-        "found without doubt in 7 of 8; the others are at the border of the map or do not fit within the noise" in out
-    )
+    monkeypatch.setattr("coilarray.cli.tolerance.kept_table", lambda design, file: "the table")
+    Path("fab.toml").write_text(f"schema = 1\n[placement]\nboard_mm = 0.05{POSITIONS}", encoding="utf-8")
+    out = good(capsys, linear, "fab.toml", "--workers", "1", "--samples", "8", "-q", "span_mm")
+    assert seen == {"positions": Positions((3e-3,), (1e-3, 3e-3), 0.3 * 1e-3, 1e-7), "table": "the table"}
+    assert "found without doubt in 7 of 8; the others" in out
     assert "taken as known, as a reading has almost no information about it: dielectric" in out
 
 
@@ -152,37 +141,29 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
     [
         (("-q", "foo"), "there is no quantity 'foo'"),
         (("--samples", "5"), "samples must be 0 or at least 8; got 5"),
-        (("limits.toml",), "the limit worst ≤ 1 does not name an output"),
+        ((), "the limit worst ≤ 1 does not name an output"),
     ],
 )
 def test_mistakes_show_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
     monkeypatch.setattr("coilarray.localize.forward.table_for", lambda *_, **__: pytest.fail("must come last"))
-    Path("limits.toml").write_text('schema = 1\n[[limit]]\nquantity = "worst"\nat_most = 1\n', encoding="utf-8")
-    assert message in refused(capsys, "starter", "--x-mm", "0", "--samples", "0", "--table", "new.nc", *arguments)
-    assert not Path("new.nc").exists()
-
-
-def test_a_table_of_another_design_is_refused(capsys, table):
-    line = refused(capsys, "gast2020", "--x-mm", "3", "--table", table)
-    assert "is the table of a design other than gast2020" in line
+    limit = '[[limit]]\nquantity = "worst"\nat_most = 1\n' if not arguments else ""
+    Path("places.toml").write_text(f"schema = 1\n{POSITIONS}{limit}", encoding="utf-8")
+    assert message in refused(capsys, "starter", "places.toml", "--samples", "0", *arguments)
 
 
 test_mistakes_are_one_line = mistakes(
     runner("tolerance", "--workers", "1", "--allow-violations")[1],
     (("loops.toml", "nothing.toml"), "there is no tolerance file nothing.toml"),
     (("loops.toml", "loops.toml"), "loops.toml: "),
-    (("loops.toml", "--sampling", "halton"), "'halton' is not one of"),
     (("loops.toml", "--accuracy", "best"), "'best' is not one of"),
     (("loops.toml", "--workers", "2", "--cluster", "tcp://a:1"), "--workers is for processes on this machine"),
-    (("loops.toml", "--table", "table.nc"), "--table is for positions"),
-    (("loops.toml", "--x-mm", "0"), "positions need [indenter] and [indentation]"),
-    (("loops.toml", "--y-mm", "0"), "--y-mm needs --x-mm"),
-    (("loops.toml", "--depth-mm", "1"), "--depth-mm needs --x-mm"),
-    (("loops.toml", "--noise", "1e-5"), "--noise needs --x-mm"),
-    (("starter", "--x-mm", "5,0"), "--x-mm must be rising numbers of mm"),
-    (("starter", "--x-mm", "0", "--depth-mm", "0"), "--depth-mm must be positive and finite; got 0"),
-    (("starter", "--x-mm", "0", "--noise", "0"), "--noise must be above 0"),
 )
+
+
+def test_positions_need_an_indenter(capsys):
+    Path("places.toml").write_text(f"schema = 1\n{POSITIONS}", encoding="utf-8")
+    line = refused(capsys, "loops.toml", "places.toml", "--allow-violations")
+    assert "positions need [indenter] and [indentation]" in line
 
 
 def test_a_design_that_breaks_a_rule_is_refused(capsys):

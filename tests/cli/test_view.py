@@ -13,17 +13,14 @@ from PIL import Image
 from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
-from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
-from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
-from coilarray.viz.datasets.results import DELTA
 from coilarray.viz.offscreen import NO_RENDERING
 
 pytestmark = pytest.mark.slow
 
-_, refused = runner("view")
-good, _ = successes("view")
+run, refused = runner("view")
+good, answer = successes("view")
 LINEAR = read("starter").replace('strain = "finite"', 'strain = "linear"')  # quick
 renders = pytest.mark.usefixtures("rendering")
 
@@ -44,7 +41,7 @@ def linear():
 @renders
 def test_a_picture_of_what_is_asked_for(capsys):
     look = ("--from", "top", "--size", "640x360", "--show", "board", "--layers", "L1")
-    assert good(capsys, "starter", "--screenshot", "top.png", *look) == "wrote top.png\n"
+    assert good(capsys, "starter", "--out", "top.png", *look) == "wrote top.png\n"
     picture = imread("top.png")[..., :3]
     assert picture.shape == (360, 640, 3)
     red, green, blue = np.moveaxis(picture, -1, 0)
@@ -58,48 +55,34 @@ def test_a_page_and_files_for_paraview_need_no_graphics_driver(capsys, monkeypat
     pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
     monkeypatch.setenv(NO_RENDERING, "1")
     items = ("--show", "board,coupling,currents", "--coil", "coil1")
-    out = good(capsys, "starter", *items, "--html", "page.html", "--vtk", "parts")
-    assert "Black: coil1 is measured, the others as terminated" in out
+    assert "Black: coil1 is measured, the others as terminated" in good(capsys, "starter", *items, "--out", "page.html")
     assert Path("page.html").read_text(encoding="utf-8").count("<title>starter</title>") == 1
+    said = answer(capsys, "starter", *items, "--out", "parts")
+    assert (said["file"], len(said["notes"])) == ("parts", 1)
     copper = pyvista.read("parts/copper_L1.vtp")
     assert {"coil", "current in phase (A/A)"} <= set(copper.cell_data.keys())
-    assert good(capsys, "starter", "--vtk", "board.vtm") == "wrote board, board.vtm\n"
+    assert good(capsys, "starter", "--out", "board.vtm") == "wrote board, board.vtm\n"
 
 
 @renders
-def test_a_film_along_a_way(capsys, linear):
-    way = ("--path-mm", "-3,0 3,1", "--depth-mm", "0.3", "--frames", "3", "--rate", "2", "--size", "160x90")
-    assert good(capsys, linear, "--movie", "touch.gif", *way) == "wrote touch.gif: 3 pictures, 1.5 s\n"
+def test_a_film(capsys, linear, monkeypatch):
+    monkeypatch.setattr("coilarray.cli.view._FRAMES", 3)
+    options = ("--depth-mm", "0.3", "--size", "160x90")
+    assert good(capsys, linear, "--out", "touch.gif", *options) == "wrote touch.gif: 3 pictures, 0.25 s\n"
     with Image.open("touch.gif") as film:
         assert (film.n_frames, film.size) == (3, (160, 90))
 
 
-def test_a_map_of_a_file_is_draped(capsys, linear):
-    grid = {"depths": [0.3e-3], "x": [-5e-3, 0, 5e-3], "y": [-2e-3, 2e-3]}
-    response = response_map(load_design(linear), **grid, ideal=True)
-    save_dataset(response, Path("map.nc"))
-    items = ("--show", "response", "--response", "map.nc", "--coil", "coil1")
-    out = good(capsys, linear, *items, "--vtk", "parts")
-    assert out.startswith("δ of coil1 at the indenter, 0.3 mm deep.")
-    mesh = pyvista.read("parts/response.vtp")
-    expected = response.delta.sel(state="coil1").values.ravel()
-    np.testing.assert_array_equal(np.sort(mesh.point_data[DELTA]), np.sort(expected))
-
-
-def test_a_reading_is_located(capsys, linear):
-    design = load_design(linear)
+def test_a_position_is_located_with_the_kept_table(capsys, linear, monkeypatch):
     x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
-    table = response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y, ideal=True)
-    save_dataset(table, Path("table.nc"))
-    delta = forward_model(table).delta([-2e-3, 4e-3, 0.5e-3])
-    reading = ",".join(f"{name}={value!r}" for name, value in zip(design.array.names, delta.tolist(), strict=True))
-    items = ("--show", "location", "--table", "table.nc", "--reading", reading, "--noise", "1e-6")
-    out = good(capsys, linear, *items, "--vtk", "parts")
-    assert "found: x = −2.00 ± " in out
-    # one of the pins: a board that is nearly symmetric has a second place for the reading
-    place = 1e3 * np.add(design.indentation.origin_point, [-2e-3, 4e-3])
-    pins = [pyvista.read(path).points[0][:2] for path in Path("parts").glob("pin_*.vtp")]
-    assert min(np.hypot(*(pin - place)) for pin in pins) < 0.01  # mm; the reading has no errors
+    table = response_map(load_design(linear), depths=[0.3e-3, 0.6e-3], x=x, y=y, ideal=True)
+    monkeypatch.setattr("coilarray.cli.maps.kept_table", lambda design, file: table)
+    code, out, err = run(
+        capsys, linear, "--show", "location", "--depth-mm", "0.5", "--at-mm", "2", "3", "--out", "parts"
+    )
+    assert (code, err) == (0, "")
+    assert "found: x = " in out
+    assert list(Path("parts").glob("pin_*.vtp"))
 
 
 test_mistakes_are_one_line = mistakes(
@@ -107,24 +90,18 @@ test_mistakes_are_one_line = mistakes(
     (("--show", "board,fields"), "--show must be of board, elastomer, dent, plates, target, eddies, field,"),
     (("--from", "below"), "'below' is not one of 'oblique', 'top', 'front', 'right'"),
     (("--size", "big"), "--size must be as 1600x900; got 'big'"),
-    (("--vtk", "no/p.vtm"), "cannot write no/p.vtm: there is no folder no"),
-    (("--vtk", "/dev/null/p"), "cannot make the folder /dev/null: a file has that name"),
-    (("--coil", "x", "--show", "field", "--vtk", "p"), "there is no coil 'x'"),
-    (("--current-mA", "0"), "--current-mA must be at most 1e+09 and not 0; got 0"),
+    (("--out", "p.txt"), "--out must end in .png, .gif, .mp4, .html, .vtm, .nc, .vtr, or be a folder; got p.txt"),
+    (("--out", "no/p.vtm"), "cannot write no/p.vtm: there is no folder no"),
+    (("--out", "/dev/null/p"), "cannot make the folder /dev/null: a file has that name"),
+    (("--coil", "x", "--show", "field", "--out", "p"), "there is no coil 'x'"),
     (("--spacing-mm", "nan"), "--spacing-mm must be 1e-06 to 100000; got nan"),
-    (("--spacing-mm", "1e-4", "--show", "surfaces", "--vtk", "p"), "GB of memory; at most 1 GB is allowed"),
+    (("--spacing-mm", "1e-4", "--show", "surfaces", "--out", "p"), "GB of memory; at most 1 GB is allowed"),
     (("--depth-mm", "-1"), "--depth-mm must be 1e-06 to 100000; got -1"),
-    (("--response", "m.nc"), "--response is for --show response"),
-    (("--reading", "coil1=1"), "--reading is for --show location"),
-    (("--table", "t.nc"), "--table is for --show location"),
-    (("--show", "response", "--response", "m.nc"), "there is no file m.nc"),
-    (("--show", "location", "--reading", "7"), "READINGS must be coil1="),
-    (("--path-mm", "0,0 1,1"), "--path-mm is for --movie"),
-    (("--movie", "m.gif", "--path-mm", "0,0 1,nan"), "--path-mm must be two or more points in mm"),
-    (("--movie", "m.gif", "--frames", "1"), "--frames must be 2 to 1000; got 1"),
-    (("--movie", "m.gif", "--show", "field"), "--show is not for --movie"),
-    (("--movie", "m.gif", "--at-mm", "0", "0"), "--at-mm is not for --movie"),
-    (("--movie", "m.gif", "--distance-mm", "1"), "--distance-mm is not for --movie"),
+    (("--out", "m.gif", "--show", "field"), "--show is not for a film"),
+    (("--out", "m.gif", "--at-mm", "0", "0"), "--at-mm is not for a film"),
+    (("--out", "f.nc", "--show", "field"), "--show is not for the numbers of a field"),
+    (("--z-mm", "1"), "--z-mm is not for a scene"),
+    (("--show", "board", "--distance-mm", "1"), "--distance-mm is for --show target"),
     (("--distance-mm", "1"), "--distance-mm is for a design with a [target]; starter has none"),
 )
 
@@ -132,14 +109,14 @@ test_mistakes_are_one_line = mistakes(
 def test_what_cannot_be_written_is_refused_before_anything_is_computed(capsys, monkeypatch):
     monkeypatch.setattr("coilarray.viz.scenes.design.scene_of_design", lambda *_: pytest.fail("computed"))
     Path("taken").touch()
-    assert "cannot make the folder taken: a file has that name" in refused(capsys, "starter", "--vtk", "taken")
-    assert "cannot make the folder taken" in refused(capsys, "starter", "--html", "b.html", "--vtk", "taken/parts")
+    assert "cannot make the folder taken: a file has that name" in refused(capsys, "starter", "--out", "taken")
+    assert "cannot make the folder taken" in refused(capsys, "starter", "--out", "taken/parts")
     assert [path.name for path in Path().iterdir()] == ["taken"]
 
 
 @renders
 def test_pictures_that_cannot_be_are_one_line(capsys):
-    line = refused(capsys, "starter", "--screenshot", "b.png", "--size", "90000x9")
+    line = refused(capsys, "starter", "--out", "b.png", "--size", "90000x9")
     assert "sides of 1 to 6000 pixels; got 90000x9" in line
     assert list(Path().iterdir()) == []
 
@@ -149,7 +126,7 @@ def test_a_window_without_a_screen_is_one_line(capsys, monkeypatch):
     assert "neither DISPLAY nor WAYLAND_DISPLAY is set" in refused(capsys, "starter")
 
 
-@pytest.mark.parametrize("option", [(), ("--screenshot", "b.png"), ("--movie", "m.gif")])
+@pytest.mark.parametrize("option", [(), ("--out", "b.png"), ("--out", "m.gif")])
 def test_without_rendering_it_is_one_line(capsys, monkeypatch, option):
     monkeypatch.setenv(NO_RENDERING, "1")
     monkeypatch.setenv("DISPLAY", ":0")
@@ -163,7 +140,7 @@ def test_a_machine_without_mesa_gets_one_line():
     changed = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow", "__EGL_VENDOR_LIBRARY_FILENAMES": os.devnull}
     program = [sys.executable, "-c", "from coilarray.cli.main import run; run()", "view", "starter"]
     child = subprocess.run(
-        [*program, "--screenshot", "b.png"], env=os.environ | changed, capture_output=True, text=True, check=False
+        [*program, "--out", "b.png"], env=os.environ | changed, capture_output=True, text=True, check=False
     )
     if child.returncode == 0:
         pytest.skip("VTK renders here without EGL, through OSMesa")

@@ -188,10 +188,11 @@ def write_inputs(folder):
 
 @pytest.mark.parametrize(("command", "targets", "writing"), [
     ("report flat.toml --out r --force", "r/report.html r/report/coupling.nc", False),
-    ("field flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc --force", "f.nc", False),
-    ("distortion gast2020 --out d.csv --plot d.png --force", "d.csv d.png", False),
-    ("matrix small.toml --out m.nc --force", "m.nc", True), ("matrix small.toml --out m.csv --force", "m.csv", True),
-    ("fit a1.nc --out f.json --force", "f.json", True), ("field small.toml --out f.vtr --force", "f.vtr", True),
+    ("view flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc --force", "f.nc", False),
+    ("paper distortion gast2020 --out d.csv --plot d.png --force", "d.csv d.png", False),
+    ("impedance small.toml --points 2 --out i.csv --force", "i.csv", True),
+    ("response small.toml --dent -o d.nc --force", "d.nc", True),
+    ("paper fit a1.nc --out f.json --force", "f.json", True), ("view small.toml --out f.vtr --force", "f.vtr", True),
     ("export small.toml --to gerber --out g.zip --force", "g.zip", True),
     ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb", True),
 ])  # fmt: skip

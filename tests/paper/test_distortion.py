@@ -15,7 +15,7 @@ from coilarray import load_design
 from coilarray.errors import LocalizeError
 from coilarray.paper.distortion import EllipseCurves, distortion, ellipse_curves
 from coilarray.paper.published import published_map, published_model
-from coilarray.report.localize_tables import indenter_table
+from coilarray.report.position import indenter_table
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
 from coilarray.response.setup import map_axes
 

@@ -14,8 +14,7 @@ from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_un
 from coilarray.compute.table import Column, Table, dataset_table, text_table
 from coilarray.metal.finite_plates import worst_attributes
 from coilarray.report import summary
-from coilarray.report.indentation_tables import response_table
-from coilarray.report.metal_tables import plate_table
+from coilarray.report.response_tables import plate_table, response_table
 
 
 @pytest.mark.parametrize(("unit", "numbers", "texts"), [

@@ -18,10 +18,10 @@ BOARD = ("two.toml", "--wiring", "wiring.toml")
 AT = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "0.5")
 PITCH = ("--vary", "array.pitch_mm=12:14:3", "--workers", "1")
 READ = ("two.toml", "--recording", "rest.sqlite", "--speed", "1000", "--no-locate")
-FIELD = ("field", "bare.toml", "--spacing-mm", "4", "--out")
+FIELD = ("view", "bare.toml", "--spacing-mm", "4", "--out")
 TARGET = ("target", "ball.toml", "--ideal", "--distance-mm", "1:4:4")
 CALIBRATE = ("calibrate", "gast2020", "published", "--unknown", "coils.hexagon.gap_mm=0.05:0.1", "--workers", "1")
-FILM = ("--path-mm", "-3,0 3,1", "--depth-mm", "0.3", "--frames", "3", "--size", "160x90")
+FILM = ("--depth-mm", "0.3", "--size", "160x90")
 # whether it writes more than 6 kB in one file, and the command
 WRITES = [
     (True, "init", "new.toml", "--from", "starter"),
@@ -31,28 +31,28 @@ WRITES = [
     (True, "export", "starter", "--to", "gerber", "--out", "b.zip"),
     (True, "export", "starter", "--to", "dxf", "--out", "b.dxf"),
     (True, "export", "starter", "--to", "stl", "--out", "b.stl"),
-    (False, "import", "two.kicad_pcb", "--out", "new.toml"),
+    (False, "init", "--from", "two.kicad_pcb", "new.toml"),
     (True, "check", "starter", "--picture", "rules.png"),
-    (True, "view", "starter", "--vtk", "v.vtm"),
-    (True, "matrix", "bare.toml", "--out", "m.nc"),
-    (True, "matrix", "bare.toml", "--out", "m.s1p"),
+    (True, "view", "starter", "--out", "v.vtm"),
+    (True, "impedance", "bare.toml", "--out", "m.nc"),
+    (True, "impedance", "bare.toml", "--out", "m.s1p"),
     (True, *FIELD, "f.nc"),
     (False, *FIELD, "f.vtr"),
     (False, "impedance", "bare.toml", "--out", "i.csv"),
-    (True, "indent", "two.toml", "--depth-mm", "0.5", "--out", "d.nc"),
+    (True, "response", "two.toml", "--dent", "--depth-mm", "0.5", "--out", "d.nc"),
     (True, "response", "two.toml", *AT, "--out", "r.nc"),
     (True, "response", "two.toml", *AT, "--plot", "r.png"),
-    (True, "indent", "two.toml", "--depth-mm", "0.5", "--plot", "d.png"),
+    (True, "response", "two.toml", "--dent", "--depth-mm", "0.5", "--plot", "d.png"),
     (True, "impedance", "bare.toml", "--plot", "i.png"),
     (False, *TARGET, "--out", "t.csv"),
     (True, *TARGET, "--plot", "t.png"),
     (True, *TARGET, "--maps", "m.png"),
     (True, *CALIBRATE, "--out", "folder"),
     (True, *CALIBRATE, "--plot", "c.png"),
-    (True, "distortion", "gast2020", "--out", "d.nc"),
-    (True, "distortion", "gast2020", "--plot", "d.png"),
-    (False, "fit", "quick.nc", "--out", "model.json"),
-    (True, "fit", "quick.nc", "--plot", "fit.svg"),
+    (True, "paper", "distortion", "gast2020", "--out", "d.nc"),
+    (True, "paper", "distortion", "gast2020", "--plot", "d.png"),
+    (False, "paper", "fit", "quick.nc", "--out", "model.json"),
+    (True, "paper", "fit", "quick.nc", "--plot", "fit.svg"),
     (False, "sweep", "starter", *PITCH, "--quantity", "span_mm", "--out", "s.csv"),
     (True, "sweep", "starter", *PITCH, "--quantity", "span_mm", "--plot", "s.png"),
     (True, "optimize", "starter", *PITCH, "--goal", "minimize span_mm", "--trials", "3"),
@@ -70,15 +70,15 @@ WRITES = [
     (False, "board", "live", *READ, "--log", "log.csv"),
     (False, "board", "live", *READ, "--log", "log.nc"),
     (True, "board", "compare", "campaign.sqlite", "quick.nc", "--picture", "c.png"),
-    (True, "view", "starter", "--screenshot", "v.png"),
-    (True, "view", "two.toml", *FILM, "--movie", "v.gif"),
+    (True, "view", "starter", "--out", "v.png"),
+    (True, "view", "two.toml", *FILM, "--out", "v.gif"),
     (True, "report", "bare.toml", "--out", "folder"),
-    (True, "view", "starter", "--html", "v.html"),
+    (True, "view", "starter", "--out", "v.html"),
 ]
 # these take long to draw, and are only stopped later: s.png and n.png, which are written alike, at their first byte too
 PICTURES = {"c.png", "d.png", "i.png", "m.png", "r.png", "rules.png", "t.png"}
 SLOW = PICTURES | {"folder", "m.s1p", "r.nc", "v.gif", "v.html", "v.png"}
-WRITES_NOTHING = {"locate", "noise", "studio", "docs", "keys", "board test"}
+WRITES_NOTHING = {"locate", "studio", "docs", "keys", "board test"}
 BALL = """[target]
 shape = "sphere"
 diameter_mm = 8
@@ -92,7 +92,7 @@ step_mm = 2
 
 def command_of(arguments):
     """Name of the command of a command line."""
-    return " ".join(arguments[: 2 if arguments[0] == "board" else 1])
+    return " ".join(arguments[: 2 if arguments[0] in ("board", "paper") else 1])
 
 
 def write_inputs(folder: Path) -> None:

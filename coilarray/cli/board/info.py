@@ -78,8 +78,8 @@ def info(
     coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if a checksum is wrong.
 
     With --noise it shows the noise of single scans, the noise of averages over longer times, and the drift, each with
-    its confidence interval, beside the budget that `coilarray noise` explains, for the settings of the recording. Let
-    nothing touch the board while it is recorded, some ten minutes.
+    its confidence interval, beside the budget that `coilarray impedance --noise` explains, for the settings of the
+    recording. Let nothing touch the board while it is recorded, some ten minutes.
 
     Example: coilarray board info run.sqlite
 

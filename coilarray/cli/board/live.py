@@ -208,7 +208,7 @@ def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[Live
 
 def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str] = ()) -> dict[str, Any]:
     """Return a reading as a mapping for JSON, in SI units."""
-    from coilarray.report.localize_tables import location_record
+    from coilarray.report.position import location_record
 
     return {
         "emulated": emulated,
@@ -232,7 +232,7 @@ def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str
 
 def press_record(press: Press) -> dict[str, Any]:
     """Return a press as a mapping for JSON, in SI units; ``end_s`` is null while it lasts."""
-    from coilarray.report.localize_tables import location_record
+    from coilarray.report.position import location_record
 
     return {
         "number": press.number,
@@ -319,7 +319,7 @@ def _place_text(reading: LiveReading) -> str:
         return baseline_text(reading.waiting)
     if reading.location is None:
         return reading.problem
-    from coilarray.report.localize_tables import location_record
+    from coilarray.report.position import location_record
 
     status = str(location_record(reading.location).get("status", reading.location.reason))
     if reading.location.verdict not in _LOCATED:

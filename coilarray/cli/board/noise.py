@@ -21,7 +21,7 @@ def show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_js
     from coilarray.hardware.record.reference_coil import less_reference
     from coilarray.hardware.record.stability import stability
     from coilarray.hardware.scan.board_network import board_budget
-    from coilarray.report.noise_tables import (
+    from coilarray.report.circuit_tables import (
         allan_table,
         averages_table,
         budget_lines,

@@ -3,7 +3,7 @@ What makes a reading scatter and drift
 ======================================
 
 The noise of one scan and the drift per kelvin of the six-coil sensor, cause by cause. Hatched: assumed sizes, which no
-public source or device has confirmed; `coilarray noise` names the sources of the others.
+public source or device has confirmed; `coilarray impedance --noise` names the sources of the others.
 """
 
 import matplotlib.pyplot as plt

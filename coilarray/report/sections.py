@@ -1,0 +1,529 @@
+"""Sections of a design's report: what each needs, its tables and its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
+from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
+from coilarray.circuit.operating_field import operating_field
+from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
+from coilarray.design.fab_limits import load_profile
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.words import metal_words
+from coilarray.errors import CoilarrayError, LocalizeError
+from coilarray.geometry import Margin, check_rules
+from coilarray.geometry.array import array_words
+from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
+from coilarray.paper.published import difference_from_published, published_model
+from coilarray.report import circuit_tables, figures, position, response_tables, tables
+from coilarray.report.drawing import Drawing
+from coilarray.report.summary import position_bounds
+from coilarray.response.dataset import coils_outside, on_board, origin_of
+from coilarray.response.map import response_map
+from coilarray.response.setup import contact_at
+from coilarray.response.target import target_map
+
+# the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per pixel
+_LINE_POINTS = 401
+_PLANE_STEP = 0.5e-3
+_PLANE_POINTS = (100, 400)
+_SWEEP_POINTS = 60
+# depths of the force curve, none closer to a depth of the design than this part of the greatest
+_CURVE_POINTS, _CURVE_APART = 8, 0.02
+_ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
+_MANY = 8  # coils, of which matrices stand one below the other
+
+
+class Results:
+    """Results of a design that its sections are made of, computed beside the drawing of pictures."""
+
+    def __init__(
+        self, file: DesignFile, distortion: xr.Dataset | None, drawing: Drawing, beside: ThreadPoolExecutor
+    ) -> None:
+        """Begin the long computations, the common one first."""
+        self.file, self.design, self.distortion = file, file.design, distortion
+        self.several = len(self.design.array.names) > 1
+        self.active = self.design.array.middle_coil
+        self.problems: dict[str, str] = {}
+        self.fields: tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]] = ({}, {})
+        self.positions: position.MapPositions | None = None
+        self._drawing = drawing
+        design = self.design
+        self.pressing = beside.submit(_press, design)
+        beside.submit(design_inductance, design)  # all others wait for it and compute independent parts meanwhile
+        self.coupling = beside.submit(couple_design, design)
+        self.circuit = beside.submit(_circuit, design)
+        self.bare = beside.submit(_without_plates, design)
+        self.targeting = beside.submit(lambda: None if design.target is None else target_map(design))
+        self.responding = beside.submit(
+            lambda: None if design.indentation is None else response_map(design, reach="auto")
+        )
+
+    def draw(self, function: Callable[..., list[Picture]], *arguments: object) -> Future[list[Picture]]:
+        """Draw pictures in the other process."""
+        return self._drawing.submit(function, *arguments)
+
+    @cached_property
+    def margins(self) -> Sequence[Margin]:
+        """Margins to the fabrication rules."""
+        return check_rules(self.design.array, self.design.rules)
+
+    @property
+    def scan(self) -> xr.Dataset:
+        """States of the scan plan."""
+        return self.circuit.result()[0]
+
+    @cached_property
+    def shown(self) -> xr.Dataset | None:
+        """Response with positions on the board."""
+        response = self.responding.result()
+        return None if response is None else on_board(response)
+
+    @property
+    def shown_or_none(self) -> xr.Dataset | None:
+        """`shown`, None if it cannot be computed."""
+        return None if self.responding.exception() else self.shown
+
+    @cached_property
+    def target(self) -> xr.Dataset | None:
+        """Map of the target with positions on the board."""
+        found = self.targeting.result()
+        return None if found is None else on_board(found)
+
+    @property
+    def target_or_none(self) -> xr.Dataset | None:
+        """`target`, None if it cannot be computed."""
+        return None if self.targeting.exception() else self.target
+
+    @cached_property
+    def bounds(self) -> xr.Dataset | None:
+        """Bounds of a located position."""
+        return None if self.shown_or_none is None else position_bounds(self.shown_or_none, self.design.array)
+
+    @cached_property
+    def sheet_share(self) -> dict[str, float]:
+        """Least and largest share of the magnetic sheets in the coils' inductances."""
+        coupling = self.coupling.result()
+        share = np.diag(coupling.sheet_inductance) / coupling.open_inductance.values
+        return {"least": float(share.min()), "most": float(share.max())}
+
+    @property
+    def beside_q(self) -> str:
+        """Words about the resistance of switches in Q."""
+        return self.design.circuit.switches.beside_q
+
+    @property
+    def strays(self) -> str:
+        """Words about the strays in the circuit."""
+        switches = self.design.circuit.switches
+        given = switches.off_capacitance or switches.terminal_capacitance or switches.bus_capacitance
+        return "AC resistance, the capacitance of the windings" + (
+            " and the switches" if given else " (those of the switches are 0 in this design)"
+        )
+
+
+def _copper(r: Results) -> Section:
+    return Section("Copper", (Group("pairs", (r.draw(figures.copper_pictures, r.design),)),))
+
+
+def _indentation(r: Results) -> Section | None:
+    setup = r.design.indentation
+    if setup is None:
+        return None
+    found = r.pressing.result()
+    assert found is not None  # with an indentation
+    elastic = (
+        "Large deformations of neo-Hookean sheets"
+        if setup.strain == "finite"
+        else "Linear elasticity with faces that only move up and down (3 % of δ at a depth of an eighth of the sheets)"
+    )
+    wide = " The rectangular sample counts as wide here; the response includes its sides and its seat."
+    listed = tables.design_table(r.file)
+    entering = tuple(row for row in listed.rows if str(row[0]).startswith(_ENTERING))
+    return Section("Indentation", (
+        f"A rigid {setup.indenter.name} is pressed into the sheets, base: {setup.base}. {elastic}, contact without "
+        "friction or adhesion. Displacements u_z are of the upper faces of the sheets on the axis. The ring is the "
+        f"highest rise of the free surface.{wide if setup.sample_bounds else ''}",
+        r.draw(figures.indentation_pictures, r.design, setup.indenter, found, r.active),
+        response_tables.indentation_table(found),
+        Details("Inputs; assumed ones are marked", (
+            Group("text keys", (replace(listed, name="", rows=entering).without_empty_columns(),)),
+        )),
+    ))  # fmt: skip
+
+
+def _coils(r: Results) -> Section:
+    coupling = r.coupling.result()
+    full = tables.coil_table(r.design, coupling)
+    left_out = coupling.attrs["left_out"]
+    blocks: list[Block] = [
+        full.brief(),
+        f"L_eff, f, R_eff and Q are what the converter sees, with {r.strays}. R_eff and Q are of the coils without the "
+        f"tank capacitor{r.beside_q}. The ideal columns leave out AC resistance and all strays."
+        + (f" Left out everywhere: {left_out.rstrip('.')}." if left_out else ""),
+    ]
+    if r.sheet_share["most"] > 0:
+        shares = dict.fromkeys(f"{100 * share:.2f}" for share in r.sheet_share.values())
+        pairs = "; the table of all pairs has their part of M, and k with and without them" if r.several else ""
+        blocks.append(
+            f"All inductances include the flat magnetic sheets on the board, which make "
+            f"{' to '.join(shares)}\u00a0% of L{pairs}."
+        )
+    if r.several:
+        blocks.append(r.draw(figures.effective_inductance_picture, coupling))
+    return Section("Coils", tuple(blocks), (full, tables.pair_table(coupling)))
+
+
+def _coupling(r: Results) -> Section | None:
+    if not r.several:
+        return None
+    coupling = r.coupling.result()
+    pairs = tables.pair_table(coupling)
+    beside = "two" if len(r.design.array.names) <= _MANY else "pairs"
+    return Section("Coupling", (
+        Group(beside, (r.draw(figures.matrix_pictures, coupling),)),
+        r.draw(figures.current_picture, coupling),
+        Details("All pairs", (pairs.brief(),)),
+    ), (pairs,))  # fmt: skip
+
+
+def _field(r: Results) -> Section:
+    line, plane = r.fields = _fields(r.design, r.coupling.result(), r.active)
+    where = "Beside the plates" if r.design.plates else "In free space"
+    sheets = ""
+    if r.sheet_share["most"] > 0:
+        sheets = " The field is computed without the magnetic sheets"
+        sheets += ", which change the currents of the other coils." if r.several else "."
+    return Section("Field", (
+        f"{where}, in phase with the current of {r.active}.{sheets}",
+        r.draw(figures.field_line_picture, r.design, r.active, line),
+        Group("pairs", (r.draw(figures.field_map_pictures, r.design, r.active, plane),)),
+        Details("Values along the line", (tables.line_table(line),)),
+    ))  # fmt: skip
+
+
+def _circuit_section(r: Results) -> Section:
+    scan, sweep = r.circuit.result()
+    windings, limits = circuit_tables.winding_table(scan), circuit_tables.limit_table(scan)
+    drives, currents = circuit_tables.drive_table(scan), circuit_tables.state_current_table(scan)
+    blocks: list[Block] = [
+        f"Each state of the scan plan where the converter oscillates, with {r.strays}: the circuit of the table of "
+        "coils. L_eff is 1/(ω²C), which the converter takes for the inductance. R_eff and Q are of the coils without "
+        f"the tank capacitor{r.beside_q}. The limits of the converter refer to Q of the whole resonator.",
+        circuit_tables.state_table(scan),
+    ]
+    if line := circuit_tables.close_line(close_states(scan)):
+        blocks.append(line)
+    blocks += [windings.brief(), *_elastomer_words(windings.brief())]
+    blocks.append(Group("two", (r.draw(figures.sweep_pictures, sweep),)))
+    if limits.rows:
+        over = sum(row[-1] is False for row in limits.rows)
+        target = " by the coils without the target" if r.design.target else ""
+        kept = f"**{over} limits are broken**; they are marked." if over else f"all limits are kept{target}."
+        details = Details("Limits of the LDC1614", (limits,), open=over > 0)
+        blocks += [f"LDC1614: {kept}", drives, details]
+    if r.several:
+        blocks.append(Details("Currents in each state", (currents,)))
+    blocks.append(Details("Impedance over frequency", (circuit_tables.sweep_table(sweep),)))
+    return Section("Circuit", tuple(blocks), (windings, currents, limits, drives))
+
+
+def _elastomer_words(windings: Table) -> list[str]:
+    """Explain the columns about the elastomer's permittivity, if there are any."""
+    names = {column.name for column in windings.columns}
+    causes = {
+        "elastomer_delta": "when the elastomer is laid on the board",
+        "dent_delta_bound": "at most for a dent that stays in the topmost sheet",
+    }
+    found = [words for name, words in causes.items() if name in names]
+    if not found:
+        return []
+    return [
+        "The apparent δ is the relative change of L that the elastomer's permittivity causes, without the magnetic "
+        f"effect: {', and '.join(found)}."
+    ]
+
+
+def _plates(r: Results) -> Section | None:
+    if not r.design.plates:
+        return None
+    frequency = float(r.coupling.result().frequency.sel(coil=r.active))
+    blocks: list[Block] = [
+        f"Plates that stay where they are, with their skin depth at the resonance of {r.active}. A plate of several "
+        "skin depths screens.",
+        response_tables.plate_table(r.design, frequency),
+    ]
+    without = r.bare.result()
+    if without is not None:
+        blocks += [
+            "Every number of this page is beside the plates. The second column of each pair is without them: eddy "
+            "currents lower L and cost Q, permeability raises L.",
+            response_tables.beside_plates_table(r.scan, without),
+        ]
+    return Section("Metal", tuple(blocks))
+
+
+def _target(r: Results) -> Section | None:
+    target = r.target
+    if target is None:
+        return None
+    drive, coupling = response_tables.path_drive_table(target), response_tables.target_coupling_table(target)
+    blocks: list[Block] = [
+        "A target that is moved over the board, here where it moves each state the most: δ is the change of L against "
+        f"the board without it. Its range ends where |δ| is three times the noise of {target.attrs['sigma']:g} in a "
+        "reading. A step of distance is resolved as far as it is no less than the standard deviation of one reading.",
+        r.draw(figures.target_pictures, r.design, target),
+        response_tables.range_table(target),
+    ]
+    if drive.rows:
+        blocks += [
+            "The drive current of a coil is set once. The amplitude must stay within 1.2 to 1.8 V over the whole path "
+            "of the target: below, the converter measures poorly or not at all, above, its input clamps pull the "
+            "frequency.",
+            drive,
+        ]
+    blocks.append(Details("Every distance", (response_tables.target_table(target),)))
+    if r.several:
+        blocks.append(Details("Coupling with the target", (coupling,)))
+    return Section("Target", tuple(blocks), (drive,))
+
+
+def _response(r: Results) -> Section | None:
+    shown, setup = r.shown, r.design.indentation
+    if shown is None or setup is None:
+        return None
+    closed = ", the other coils closed as the plan says" if r.several else ""
+    window = "" if setup.over_array[0] else ", in the window that the design gives"
+    outside = coils_outside(shown)
+    centres = f"centre{'s' if len(outside) != 1 else ''} of {', '.join(outside)}"
+    return Section("Response", (
+        "Response δ = (L_peak − L_0)/L_0 of every state of the scan plan as the converter sees it: L from the "
+        f"resonance of the whole circuit, with and without the dent{closed}. For the magnetic field the sheets are "
+        "laterally infinite and keep their permeability when they deform. Positions are of the indenter's axis on the "
+        f"board{window}.",
+        *([Warn(f"The window of the map leaves out the {centres}; without x_mm and y_mm it covers all coils.")]
+          if outside else []),
+        Group("large", (r.draw(figures.response_map_pictures, r.design, shown),)),
+        Group("two", (r.draw(figures.response_line_pictures, shown),)),
+        response_tables.response_table(shown),
+    ))  # fmt: skip
+
+
+def _position(r: Results) -> Section | None:
+    if r.design.indentation is None:
+        return None
+    blocks: list[Block] = []
+    if r.bounds is not None and min(r.bounds.sizes.values()) > 1:
+        blocks += [
+            "Best possible standard deviation of the position from one scan (the Cramér–Rao bound), by the noise of "
+            "the readings. `coilarray locate` comes near it.",
+            Group("large", (r.draw(figures.bounds_picture, r.design, r.bounds),)),
+        ]
+    try:
+        blocks += _ellipse_blocks(r)
+    except LocalizeError as error:
+        r.problems["Position"] = str(error)
+        without = f"The ellipses of Gast & Zimmermann (2020) are not fitted here: {error}"
+        blocks.append(without if blocks else Warn(f"Not computed: {error}"))
+    return Section("Position", tuple(blocks)) if r.several else None
+
+
+def _ellipse_blocks(r: Results) -> list[Block]:
+    """Fit the ellipse model of the paper to the map, and locate the map's own places."""
+    if r.shown_or_none is None:
+        raise LocalizeError("there is no response map.")
+    response, compare = r.responding.result(), not difference_from_published(r.design)
+    # beside the paper in its own system, and where the axis of the coils is not the board's
+    own = compare or bool(origin_of(response)[1])
+    found = r.positions = position.map_positions(response if own else r.shown_or_none)
+    published = published_model() if compare else None
+    axis = ""
+    if found.axis != "x (mm)":
+        axis = " Their x0 and the polynomials count from the origin of the map, all positions from the board's."
+    fits = position.fit_table(found.fits, found.model, compare=compare)
+    return [
+        f"Ellipse model of Gast & Zimmermann (2020), fitted to this map {found.depth * 1e3:g}\u00a0mm deep: curves of "
+        "equal δ are ellipses centred on the axis of the coils, their semi-axes and centres polynomials of δ, and the "
+        f"ellipses of two coils meet at the position.{axis} With {SEMIAXIS_ADDITION * 1e3:g}\u00a0mm added to A as in "
+        f"the paper, the model of {', '.join(found.model.names)} gives a position at {len(found.found)} of the grid's "
+        f"{len(found.readings)} places; the largest error of x there is {found.largest_error() * 1e3:.2f}\u00a0mm.",
+        Group("two", (r.draw(figures.ellipse_pictures, r.design, found, published),)),
+        r.draw(figures.position_error_picture, r.design, found),
+        replace(fits, name="ellipses"),
+        Details("Polynomials of δ", (position.polynomial_table(found.model, compare=compare),)),
+        Details("Positions", (position.map_position_table(found),)),
+    ]
+
+
+def _distortion(r: Results) -> Section | None:
+    if r.distortion is None:
+        return None
+    makers = (position.residual_table, position.cause_table, position.indenter_table)
+    return Section("What moves x0", (
+        "The map goes through the processing of Gast & Zimmermann (2020), and each cause is switched off in turn. "
+        "Nothing is fitted to x0. Levels of δ of which the window leaves too little to know an ellipse are crossed "
+        "out, counted and left out of every root mean square.",
+        r.draw(figures.distortion_picture, r.distortion),
+        *(table for table in (make(r.distortion) for make in makers) if table.rows),
+    ))  # fmt: skip
+
+
+def _rules(r: Results) -> Section:
+    table = tables.rules_table(r.margins)
+    broken, count = sum(not margin.kept for margin in r.margins), len(r.margins)
+    blocks: list[Block] = []
+    if (profile := r.file.values.get("fab.profile")) is not None:
+        fab = load_profile(str(profile))
+        links = "; ".join(f"[{title}]({url})" for title, url in fab.sources)
+        blocks.append(
+            f"Limits of {fab.title}, where the design gives no others; read {fab.read.isoformat()} from {links}."
+        )
+    said = (
+        f"**{broken} of {count} margins are broken**; they are marked." if broken else f"All {count} margins are kept."
+    )
+    return Section("Fabrication rules", (
+        *blocks, said, Details("All margins, tightest first", (table,), open=broken > 0, id="rules"),
+    ))  # fmt: skip
+
+
+def _design(r: Results) -> Section:
+    listed = tables.design_table(r.file)
+    decided = replace(listed, name="", rows=tuple(row for row in listed.rows if row[2] != "default"))
+    defaults = replace(listed, name="", rows=tuple(row for row in listed.rows if row[2] == "default"))
+    blocks: list[Block] = [
+        f"Inputs of the design{'; assumed values are marked' if r.file.assumed else ''}.",
+        Group("text keys", (decided.without_empty_columns(),)),
+    ]
+    if defaults.rows:
+        title = f"The other {len(defaults.rows)} values have their defaults"
+        blocks.append(Details(title, (Group("text keys", (defaults.without_empty_columns(),)),)))
+    return Section("Design", tuple(blocks), (listed,))
+
+
+SECTIONS: dict[str, Callable[[Results], Section | None]] = {
+    "Copper": _copper, "Fabrication rules": _rules, "Design": _design, "Indentation": _indentation, "Coils": _coils,
+    "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Metal": _plates, "Response": _response,
+    "Position": _position, "What moves x0": _distortion, "Target": _target,
+}  # fmt: skip
+"""Sections in the order of the work: first those that do not wait for the circuit."""
+
+ORDER = (
+    "Coils", "Coupling", "Field", "Circuit", "Metal", "Target", "Indentation", "Response", "Position", "What moves x0",
+    "Copper", "Fabrication rules", "Design",
+)  # fmt: skip
+ESSENTIAL = ("Copper", "Fabrication rules", "Design", "Coils", "Coupling", "Circuit")
+"""Sections without which there is no report."""
+
+
+def lead(r: Results) -> list[Block]:
+    """First lines of the page."""
+    design, shorts = r.design, sorted(set(terminations_of(r.design)))
+    metal = metal_words(design)
+    grounded = f"{design.circuit.short_resistance:g}\u00a0Ω"
+    others = {("short",): f"grounded through {grounded}", ("open",): "open"}.get(
+        tuple(shorts), f"terminated as given (shorts of {grounded})"
+    )
+    measured = f" While one coil is measured the others are {others}." if r.several else ""
+    lines: list[Block] = [design.source] if design.source else []
+    lines.append(
+        f"{'Coupling report' if r.several else 'Report'} of the design **{design.name}**: {array_words(design.array)}"
+        f"{f', with {metal}' if metal else ''}; tank capacitor {design.circuit.capacitance * 1e12:g} pF.{measured}"
+    )
+    if assumed := len(r.file.assumed):
+        lines.append(
+            Warn(
+                f"{assumed} of the {len(r.file.values)} values of this design are assumed; they are marked in the "
+                "table of the design, with the reason."
+            )
+        )
+    return lines
+
+
+def model_words(design: Design, r: Results) -> str:
+    """Describe the model in a paragraph."""
+    sheets = ", and by the image series of the flat magnetic sheets" if r.sheet_share["most"] > 0 else ""
+    metal = (
+        "; metal by the eddy currents in it at the frequency of each state" if design.plates or design.target else ""
+    )
+    where = "and the plane waves that plates send back" if design.plates else "in free space"
+    return (
+        "Model: straight rectangular traces; inductance by Neumann's integral averaged over the cross-sections (direct "
+        f"current){sheets}{metal}; field by the Biot–Savart law on centre lines {where}. All tables, the response and "
+        "the positions have one circuit, with skin and proximity effect and the capacitance of the windings; numbers "
+        "without them are called ideal. All numbers: folder `report`."
+    )
+
+
+def close_states(scan: xr.Dataset) -> list[tuple[str, str, float]]:
+    """Return pairs of states with close frequencies."""
+    return close_channels(scan.state.values.tolist(), scan.frequency)
+
+
+def _circuit(design: Design) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return scan and sweep of the design's circuit."""
+    scan = scan_design(design)
+    return scan, sweep_design(design, sweep_frequencies(scan, _SWEEP_POINTS))
+
+
+def _without_plates(design: Design) -> xr.Dataset | None:
+    """Scan without the plates, None without plates or a circuit."""
+    if not design.plates:
+        return None
+    try:
+        return scan_design(replace(design, plates=()))
+    except CoilarrayError:
+        return None
+
+
+def _press(design: Design) -> xr.Dataset | None:
+    """Force curve and dents of the design's indentation, None without one."""
+    setup = design.indentation
+    if setup is None:
+        return None
+    return contact_at(setup, design.sheets, _curve(setup.depths)).assign_attrs(provenance(design))
+
+
+def _curve(depths: Sequence[float]) -> list[float]:
+    """Depths in m of a smooth force curve, among them all of a design."""
+    between = np.linspace(0.0, depths[-1], _CURVE_POINTS + 1)[1:-1]
+    apart = np.abs(between[:, None] - depths).min(axis=1) > _CURVE_APART * depths[-1]
+    return sorted([*depths, *between[apart].tolist()])
+
+
+def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
+    """Compute B in T on a line along x through the active coil, and on a plane.
+
+    The others are open and terminated. A single coil has one field of each.
+    """
+    x_min, y_min, x_max, y_max = design.array.bounds
+    place = design.array.placements[design.array.names.index(active)]
+    states = {"others open": False, "others as terminated": True} if len(design.array.names) > 1 else {"alone": False}
+
+    def both(x: npt.ArrayLike, y: npt.ArrayLike) -> dict[str, xr.Dataset]:
+        return {
+            label: operating_field(design, coupling, active, x, y, design.field_height, terminated=terminated)
+            for label, terminated in states.items()
+        }
+
+    x = np.linspace(x_min, x_max, _samples(x_max - x_min))
+    y = np.linspace(y_min, y_max, _samples(y_max - y_min))
+    return both(np.linspace(x_min, x_max, _LINE_POINTS), place.y), both(x, y)
+
+
+def _samples(extent: float) -> int:
+    least, most = _PLANE_POINTS
+    return min(max(round(extent / _PLANE_STEP) + 1, least), most)
+
+
+def both_planes(plane: dict[str, xr.Dataset]) -> xr.Dataset:
+    """Combine both states of the plane along ``others``."""
+    joined = xr.concat(list(plane.values()), dim="others", combine_attrs="drop_conflicts")
+    return joined.assign_coords(others=[label.removeprefix("others ") for label in plane])
