@@ -78,14 +78,14 @@ def _throughput() -> tuple[float, float]:
         reader.configure(settings)
         stream = reader.scans()
         start = time.thread_time()
-        times = [scan.time for scan in itertools.islice(stream, SCANS)]
+        scans = list(itertools.islice(stream, SCANS))
         cost = (time.thread_time() - start) / SCANS
-        lost = reader.counts.scans.lost
+        lost = scans[-1].sequence - scans[0].sequence + 1 - SCANS
         stream.close()
         reader.close()
     if lost:
         raise RuntimeError(f"{lost} scans were lost on a line without faults")
-    return (SCANS - 1) / (times[-1] - times[0]), cost
+    return (SCANS - 1) / (scans[-1].time - scans[0].time), cost
 
 
 def _resident() -> int:

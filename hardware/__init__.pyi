@@ -2,11 +2,18 @@
 
 from .board.connect import Board, open_board
 from .board.self_test import SelfTest, self_test
-from .chips.ldc1614 import code_to_frequency, frequency_to_code, inductance_from_frequency
-from .chips.ldc1614_limits import Drive, Limit, check_channel, drive_for, settle_count
+from .chips.ldc1614 import (
+    Drive,
+    Limit,
+    check_channel,
+    code_to_frequency,
+    drive_for,
+    frequency_to_code,
+    inductance_from_frequency,
+    settle_count,
+)
 from .scan.design_settings import design_settings
-from .scan.reader import Reader
-from .scan.readings import read_scan
+from .scan.readings import Reader, read_scan
 from .scan.settings import ScanSettings, scan_settings
 from .scan.wiring import Wiring, load_wiring
 

@@ -40,7 +40,7 @@ LONGEST = (
     "elastomer/test_dented_layer", "studies/test_optimize_search", "localize/test_inverse",
     "paper/test_distortion", "studies/test_quantities", "electromagnetics/test_flat_layer",
     "elastomer/test_dielectric", "cli/test_compare", "response/test_beside_plates", "cli/test_measure_broken_off",
-    "hardware/test_fault_campaign", "cli/test_board", "cli/test_measure", "studies/test_tolerance_position",
+    "cli/test_board", "cli/test_measure", "studies/test_tolerance_position",
     "hardware/test_emulator_world", "cli/test_calibrate_board", "response/test_near_response",
     "studies/test_comparison", "circuit/test_volumes", "cli/test_response", "cli/test_export",
     "elastomer/test_contact", "cli/test_sweep", "studies/test_optimize_kill", "cli/test_cli", "hardware/test_guides",

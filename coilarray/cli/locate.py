@@ -210,7 +210,7 @@ def _with_all_coils(
     """
     from coilarray.compute.display_units import PER_MILLION
     from coilarray.design.scan_states import referenced_names
-    from coilarray.hardware.record.reference_coil import less_reference
+    from coilarray.hardware.record.recorded_response import less_reference
     from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
     from coilarray.localize.inverse import checked_reading, locate_all
     from coilarray.report.position import location_record

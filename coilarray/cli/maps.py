@@ -86,8 +86,7 @@ def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list
 
 def campaign_response(recording: Recording, calibration: Path | None, *, partial: bool) -> xr.Dataset:
     """Return the response of a campaign, calibrated if a file with the constants of the board is given."""
-    from coilarray.hardware.record.calibration_file import load_calibration
-    from coilarray.hardware.record.channel_calibration import calibrated_response
+    from coilarray.hardware.record.calibration import calibrated_response, load_calibration
     from coilarray.hardware.record.recorded_response import recorded_response
 
     if calibration is None:

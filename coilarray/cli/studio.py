@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board.live_source import LiveOptions
-from coilarray.cli.board.live_window import watch_board
-from coilarray.cli.board.options import EMULATOR, BoardOptions, WiringName
+from coilarray.cli.board.live_source import LiveOptions, watch_board
+from coilarray.cli.board.options import EMULATOR, BoardOptions, SettingsFile, WiringName
 from coilarray.cli.shared import DesignArgument, number_option
 from coilarray.errors import GeometryError, NetworkError, OutputError
 
@@ -39,9 +38,7 @@ def studio(
     ] = None,
     board: Annotated[str, typer.Option(help="Board for the tab Live, as --port of coilarray board live.")] = EMULATOR,
     wiring: WiringName = None,
-    temperature: Annotated[
-        Path | None, typer.Option(help="Thermometer for the tab Live, as --temperature of coilarray board live.")
-    ] = None,
+    settings: SettingsFile = None,
     linger: Annotated[
         float,
         number_option(
@@ -61,7 +58,7 @@ def studio(
     Example: coilarray studio better.toml --host 0.0.0.0 --no-browser
     """
     where = _folder(design, folder)
-    live = LiveOptions(BoardOptions(board, wiring, temperature=temperature))
+    live = LiveOptions(BoardOptions(board, wiring, settings=settings))
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio
 
     address = Address(LOOPBACK if host is None else host, port, alone=host is None)
@@ -80,7 +77,7 @@ def studio(
     with bind(address) as listening:
         from coilarray.viz.studio.server import serve
 
-        watch = partial(watch_board, live, None, True)
+        watch = partial(watch_board, live, True)
         services = Services(kept_response, write_report, watch, port=board, summarize=summarize)
         with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
             serve(work, Shelf(where), services, address, listening, linger=linger, ready=ready)

@@ -193,7 +193,7 @@ class ForwardModel(ResponseSpline):
         """Return the model of δ relative to reference coils.
 
         It is the δ of the other states minus the mean δ of the reference coils. It models readings of
-        `coilarray.hardware.record.reference_coil.less_reference`, also if the indenter reaches a reference. Common
+        `coilarray.hardware.record.recorded_response.less_reference`, also if the indenter reaches a reference. Common
         noise cancels as far as it is equal. The references' own noise becomes common to all others. Raises
         LocalizeError for an unknown reference, for a reference that is named twice, for no reference, or if no other
         state is left.

@@ -40,7 +40,15 @@ FILES = (
         "Which switch joins which end of which coil to what, for `coilarray board test`, `measure` and `live`.",
     ),
     (
-        "board_calibration", "coilarray.hardware.record.calibration_file", "_File", "Calibration of a board",
+        "board_settings", "coilarray.cli.board.files", "BoardSettings", "Settings of a board",
+        "What rarely changes of a board, for the option `--settings` of `coilarray board test`, `measure` and `live`.",
+    ),
+    (
+        "campaign_plan", "coilarray.cli.board.files", "CampaignPlan", "Plan of a campaign",
+        "Grid, sequence and stage, for the option `--plan` of `coilarray board campaign`.",
+    ),
+    (
+        "board_calibration", "coilarray.hardware.record.calibration", "_File", "Calibration of a board",
         "Constants of one board, which `coilarray board calibrate` finds in a recording.",
     ),
 )  # fmt: skip

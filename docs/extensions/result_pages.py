@@ -109,7 +109,7 @@ def page() -> str:
     for title, origin, dataset in results():
         lines += [f"## {title}", "", f"{origin}.".replace("{doc}`", "{doc}`../python/coilarray."), ""]
         lines += [*table(dataset), ""]
-    tables = inspect.cleandoc(recording_file._TABLES + recording_file._TEMPERATURES)
+    tables = inspect.cleandoc(recording_file._TABLES)
     lines += [
         "## Recording",
         "",

@@ -44,12 +44,13 @@ main(["board", "measure", "gast2020", "--scans", "20", "--out", str(folder / "ru
 # (``--no-locate``) because it needs a table, which takes some 15 s to compute. With ``--plot`` all of this is shown on
 # a page in the browser.
 
-main(["board", "live", "gast2020", "--scans", "25", "--no-locate", "--log", str(folder / "touches.csv")])
+main(["board", "live", "gast2020", "--scans", "25", "--no-locate", "--out", str(folder / "touches.sqlite")])
 
 # %%
-# ``--log`` keeps the readings in a table, a line for each scan. After the first ten, the baseline, the finger presses
-# over coil 2, and then near coil 1:
+# ``--out`` records every scan. ``coilarray board info`` makes a table of the recording, a line for each scan. After the
+# first ten, the baseline, the finger presses over coil 2, and then near coil 1:
 
+main(["board", "info", str(folder / "touches.sqlite"), "--out", str(folder / "touches.csv")])
 touches = pd.read_csv(folder / "touches.csv", index_col="time_s", comment="#").filter(regex=r"^coil\d$") * 1e6
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 touches.plot(ax=ax, xlabel="time (s)", ylabel="δ (10⁻⁶)")

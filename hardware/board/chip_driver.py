@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
-from coilarray.hardware.scan.reader import RawSample, SampleFault
+from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
@@ -41,10 +41,7 @@ LOOK_AGAIN = 1e-3
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and switch words.
-
-    The times have the same meaning as in `ScanSettings`.
-    """
+    """Settings of a scan as register values and switch words."""
 
     names: tuple[str, ...]
     channels: tuple[int, ...]  # of the states
@@ -62,10 +59,7 @@ class ChipSettings:
 
     @staticmethod
     def of(settings: ScanSettings) -> ChipSettings:
-        """Encode settings of a scan.
-
-        Missing registers, or a CONFIG that is asleep, raise a HardwareError.
-        """
+        """Encode settings of a scan."""
         given = dict(settings.registers)
         needed = [*_OF_ALL, *(f"{name}{channel}" for name in _OF_A_CHANNEL for channel in settings.channels)]
         if len(given) < len(settings.registers) or not {_ADDRESS[name] for name in needed} <= given.keys():
@@ -90,10 +84,7 @@ class ChipSettings:
 
 
 class ChipDriver:
-    """Driver of the converter on a bus and the switches.
-
-    The switches are behind their port. The clock is used for all waits.
-    """
+    """Driver of the converter on a bus and the switches."""
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
@@ -112,10 +103,7 @@ class ChipDriver:
         return self.bus.read(_ADDRESS["MANUFACTURER_ID"]), self.bus.read(_ADDRESS["DEVICE_ID"])
 
     def sleep(self, attempts: int = ATTEMPTS) -> None:
-        """Put the converter to sleep.
-
-        The bus is freed between two attempts. A converter that never answers raises a BusFault.
-        """
+        """Put the converter to sleep."""
         while True:
             attempts -= 1
             try:
@@ -130,10 +118,7 @@ class ChipDriver:
                 return
 
     def wake(self, settings: ChipSettings, drive: int | None = None) -> None:
-        """Start converting.
-
-        `drive` is the drive current of channel 0, if it is not always the same.
-        """
+        """Start converting."""
         if drive is not None:
             self.bus.write(_DRIVE_CURRENTS[0], drive)
         self.asleep = False  # first, because the write may be cut off after it was done
@@ -159,10 +144,7 @@ class ChipDriver:
         return tuple(self._sample(settings, channel, looks) for channel in channels)
 
     def _ready(self, wait: float, timeout: float) -> list[int] | None:
-        """Wait until results are ready.
-
-        Every STATUS that was read is returned, or None if no results were ready in time.
-        """
+        """Wait until results are ready."""
         start, looks = self.clock.now(), []
         self.clock.sleep(wait)
         while True:
@@ -201,21 +183,14 @@ class ChipDriver:
         return RawSample(msb, lsb, status, drive=drive)
 
     def switch(self, words: bytes) -> bool:
-        """Send the switches their words.
-
-        False is returned if the chain does not return the words that it was sent before.
-        """
+        """Send the switches their words."""
         expected, self._held = self._held, None  # unknown until all of them are through
         returned = self._switches.shift(words)
         self._held = words
         return returned is None or expected is None or returned == expected
 
     def configure(self, settings: ChipSettings) -> None:
-        """Write all registers of a sleeping converter and verify them.
-
-        The converter is reset between two attempts. After all attempts, a BusFault is raised for a converter that does
-        not answer, is another chip, or returns other values.
-        """
+        """Write all registers of a sleeping converter and verify them."""
         for attempts_left in reversed(range(ATTEMPTS)):
             try:
                 self._write(settings)

@@ -8,21 +8,21 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.autoscan import AutoscanReader
-from coilarray.hardware.board.direct import DirectReader
+from coilarray.hardware.board.direct import AutoscanReader, DirectReader
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
-from coilarray.hardware.scan.reader import Identity, Reader
+from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
 from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.converter_boards import ChannelBoard
-from coilarray.hardware.wire.ft232h import open_ft232h, open_ft232h_bus
-from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
+from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, open_ft232h, open_ft232h_bus
+from coilarray.hardware.wire.faults import held_signals, orderly_termination
 from coilarray.hardware.wire.ports import (
     EMULATOR,
+    ChannelBoard,
     EmulatorPort,
     FtdiPort,
     LinuxPort,
@@ -31,7 +31,6 @@ from coilarray.hardware.wire.ports import (
     board_of,
     parse_port,
 )
-from coilarray.hardware.wire.signals import held_signals, orderly_termination
 
 if TYPE_CHECKING:
     from coilarray.design.model import Design
@@ -96,16 +95,7 @@ class Board:
         return f"{self.port}: {identity.kind}; {converter}; wiring {self.wiring.name}; session {identity.boot:08X}"
 
     def check_chain(self) -> str | None:
-        """Ask a microcontroller to check its chain of switches.
-
-        The check compares the returned words with the sent words.
-
-        Returns
-        -------
-        str or None
-            "same", "differ", or "none" if the end of the chain is not wired back. None for chips that this computer
-            drives itself.
-        """
+        """Ask a microcontroller to check its chain of switches."""
         from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 
         return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
@@ -200,27 +190,7 @@ def open_board(
 def wiring_of_board(
     port: Port, design: Design | None = None, name: str | None = None, coils: Sequence[str] | None = None
 ) -> Wiring:
-    """Return the wiring of the board at a port.
-
-    Parameters
-    ----------
-    port : Port
-        Port, as `coilarray.hardware.wire.ports.parse_port` returns it.
-    design : Design, optional
-        Design of the coils.
-    name : str, optional
-        Name of a wiring, as `load_wiring` takes it. By default the coils of the design are at the channels of the port
-        in their order. With switches the default is six coils with one device each, and for the emulator one device for
-        each coil.
-    coils : sequence of str, optional
-        Coils at the channels of the port, in their order, if they are not the first coils of the design.
-
-    Raises
-    ------
-    HardwareError
-        A wiring that cannot be read or is of the other kind, with or without switches, more coils than there are
-        channels, or a coil that the design does not have.
-    """
+    """Return the wiring of the board at a port."""
     board = board_of(port)
     if coils is not None and (board is None or name is not None):
         raise HardwareError(
@@ -239,11 +209,7 @@ def wiring_of_board(
 
 
 def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:
-    """Refuse a wiring that does not fit the port.
-
-    Refused are a wiring of switches for a port without switches, and the reverse, and a channel that the converter
-    lacks.
-    """
+    """Refuse a wiring that does not fit the port."""
     if board is None and wiring.channels:
         raise HardwareError(
             f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, such as "
@@ -263,10 +229,11 @@ def _emulator(
 ) -> EmulatedBoard:
     """Make an emulated board for a port."""
     from coilarray.design.model import load_design
-    from coilarray.hardware.emulator import emulated_board
+    from coilarray.hardware.emulator import Conditions, emulated_board
 
     if board is not None:
-        emulation = {"converter": board.converter, "clkin": board.clock, **emulation}
+        conditions = replace(emulation.get("conditions") or Conditions(), clkin=board.clock)
+        emulation = {"converter": board.converter, **emulation, "conditions": conditions}
     return emulated_board(design or load_design(), wiring, **emulation)
 
 

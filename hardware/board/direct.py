@@ -1,6 +1,6 @@
-"""Reader of a board with chips on the computer's buses.
+"""Readers of a board with chips on the computer's buses.
 
-It scans like the firmware of a microcontroller. `hardware/firmware/PROTOCOL.md`, "What the board does", defines the
+They scan like the firmware of a microcontroller. `hardware/firmware/PROTOCOL.md`, "What the board does", defines the
 order of the steps. Between two states, and after any failure, the converter is asleep and every coil is grounded.
 """
 
@@ -15,13 +15,20 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.chip_driver import ATTEMPTS, BUS_FAULTS, ChipDriver, ChipSettings, fault_of, no_sample
+from coilarray.hardware.board.chip_driver import (
+    ATTEMPTS,
+    BUS_FAULTS,
+    LOOK_AGAIN,
+    ChipDriver,
+    ChipSettings,
+    fault_of,
+    no_sample,
+)
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
-from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, SwitchFault
-from coilarray.hardware.wire.signals import held_signals
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, SwitchFault, held_signals
 
 _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
 
@@ -30,8 +37,7 @@ class DirectReader:
     """A `Reader` that drives the chips itself, for one thread.
 
     First of all the switches get `safe_words`, which ground both ends of every coil. `kind` and `emulated` are passed
-    on to `Identity`, which also shows a converter that does not answer. A lost port raises DeviceLost, and switches
-    that cannot be reached raise a SwitchFault.
+    on to `Identity`, which also shows a converter that does not answer.
     """
 
     def __init__(
@@ -61,18 +67,11 @@ class DirectReader:
 
     @property
     def identity(self) -> Identity:
-        """Identity of the board.
-
-        The two registers are 0 if the converter does not answer.
-        """
+        """Identity of the board."""
         return self._identity
 
     def configure(self, settings: ScanSettings) -> None:
-        """Write settings and read every register back.
-
-        Settings that close a forbidden connection, or are for another chain of switches, raise a HardwareError. A
-        BusFault is raised as by `ChipDriver.configure`.
-        """
+        """Write settings and read every register back."""
         self._chip_settings, self._failure = None, None
         self._faulty.clear()
         self._differing.clear()
@@ -93,11 +92,7 @@ class DirectReader:
         self._chip_settings = chip_settings
 
     def scan(self) -> RawScan:
-        """Measure every state once.
-
-        BoardRestarted is raised if the converter has lost its settings. BusFault or SwitchFault is raised if the
-        previous scan failed, until `configure` clears it. A board that is not configured raises a HardwareError.
-        """
+        """Measure every state once."""
         scan = self._scan(0)
         if isinstance(self._failure, BoardRestarted):
             raise self._failure
@@ -106,25 +101,20 @@ class DirectReader:
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
         """Scan until the iterator is closed.
 
-        A scan runs once every `interval` in s, or as fast as possible for 0. A scan that ends the stream is still
-        returned, and the next call raises the reason. A board that is not configured, or an interval that is negative
-        or not finite, raises a HardwareError.
+        A scan runs once every `interval` in s, or as fast as possible for 0.
         """
         if not (math.isfinite(interval) and interval >= 0):
             raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
         return self._stream(interval)
 
     def peek(self, address: int) -> int:
-        """Read a register of the converter.
-
-        A converter that does not answer raises a BusFault.
-        """
+        """Read a register of the converter."""
         return self._chips.bus.read(address)
 
     def rest(self) -> None:
         """Put the converter to sleep and ground all coils.
 
-        The coils are grounded even if the converter does not answer. Failures are raised afterwards.
+        The coils are grounded even if the converter does not answer.
         """
         with held_signals():
             try:
@@ -133,10 +123,7 @@ class DirectReader:
                 self._chips.switch(self._safe_words)
 
     def close(self) -> None:
-        """Put the board to rest and close both buses.
-
-        The board is put to rest only if the chips answer. The method never raises and may be called again.
-        """
+        """Put the board to rest and close both buses."""
         if self._closed:
             return
         self._chip_settings = None
@@ -167,10 +154,7 @@ class DirectReader:
             raise
 
     def _scan(self, sequence: int, *, running: bool = False) -> RawScan:
-        """Measure all states.
-
-        `running` means that the next scan follows without a pause.
-        """
+        """Measure all states."""
         if self._failure is not None:
             raise self._failure
         chip_settings = self._chip_settings
@@ -182,11 +166,7 @@ class DirectReader:
         return RawScan(sequence + missed, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
 
     def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
-        """Measure all states of a scan.
-
-        The start of the scan in s, the samples and the number of scans missed before it are returned. The converter
-        sleeps between two scans, and no scan is missed.
-        """
+        """Measure all states of a scan."""
         start = self._clock.now()
         return start, [self._sample(chip_settings, k) for k in range(len(chip_settings.words))], 0
 
@@ -213,10 +193,7 @@ class DirectReader:
         return sample if same else no_sample(SampleFault.SWITCHES_DIFFER)
 
     def _verified(self, chip_settings: ChipSettings, samples: list[RawSample]) -> list[RawSample]:
-        """Return the samples of a scan after checking the converter.
-
-        The converter must still hold its settings.
-        """
+        """Return the samples of a scan after checking the converter."""
         faults = [sample.fault for sample in samples]
         try:
             kept = self._chips.hold(chip_settings, thoroughly=any(fault in BUS_FAULTS for fault in faults))
@@ -229,10 +206,7 @@ class DirectReader:
         return [no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
 
     def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
-        """Decide whether the faults of a scan end the stream.
-
-        If they do, the board is put to rest, and the next scan raises the reason.
-        """
+        """Decide whether the faults of a scan end the stream."""
         for k, fault in enumerate(faults):
             self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
@@ -247,10 +221,7 @@ class DirectReader:
             self.rest()
 
     def _reason(self, state: str, k: int, fault: SampleFault) -> HardwareError | None:
-        """Return why a fault of a state ends the stream.
-
-        The fault is from the last scan. None is returned if it does not end the stream.
-        """
+        """Return why a fault of a state ends the stream."""
         if fault == SampleFault.CONVERTER_RESET:
             return BoardRestarted("the converter lost its settings while it was measuring.")
         if self._differing[k] >= _FAULTY_SCANS:
@@ -264,13 +235,83 @@ class DirectReader:
 
     @contextlib.contextmanager
     def _resting_on_failure(self) -> Iterator[None]:
-        """Rest if any exception leaves the block.
-
-        KeyboardInterrupt is included.
-        """
+        """Rest if any exception leaves the block."""
         try:
             yield
         except BaseException:
             with contextlib.suppress(HardwareError):  # only the first failure is reported
                 self.rest()
             raise
+
+
+class AutoscanReader(DirectReader):
+    """A `Reader` of a converter's 1 to 4 channels.
+
+    If a slow computer does not fetch a result in time, the next result replaces it. The lost result is left out in the
+    sequence numbers of a stream.
+    """
+
+    def __init__(self, bus: RegisterBus, clock: Clock, *, kind: str, emulated: bool = False) -> None:
+        self._ready = -math.inf  # time at which the latest results were ready
+        self._turn = 0.0  # s, from result to result, measured with this converter's clock
+        self._reading = math.inf  # s, least time for reading the results
+        self._followed = 0  # consecutive results that became ready between two looks, so that their time is known
+        super().__init__(bus, _NoSwitches(), clock, b"", kind=kind, emulated=emulated)
+
+    def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
+        """Measure all channels, from sleep or in a running scan."""
+        chips, going_on = self._chips, running and not self._chips.asleep
+        start, missed = self._clock.now(), 0
+        try:
+            if going_on:
+                # The turn is known after two results that became ready between looks. The next look is a little before
+                # the next result.
+                look = self._ready + self._turn - 2 * LOOK_AGAIN if self._followed > 1 else start
+                samples = list(chips.results(chip_settings, max(look - start, 0.0)))
+                if chips.ready_at > self._ready:
+                    # These results began one turn ago, however late the computer is.
+                    start = chips.ready_at - chip_settings.turn
+                    missed = self._follow(chip_settings)
+            else:
+                if not chips.asleep:
+                    chips.sleep()
+                chips.wake(chip_settings)
+                samples = list(chips.results(chip_settings))
+                self._ready, self._turn, self._followed = chips.ready_at, chip_settings.turn, 0
+                self._reading = math.inf
+            self._reading = min(self._reading, self._clock.now() - chips.ready_at)
+        except BusFault as fault:
+            samples = [no_sample(fault_of(fault))] * len(chip_settings.names)
+        if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
+            with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
+                chips.sleep()
+        return start, samples, missed
+
+    def _follow(self, chip_settings: ChipSettings) -> int:
+        """Return the number of missed scans, and learn the turn.
+
+        The turn of the converter is learnt from results that became ready between two looks. Results that come faster
+        than they can be read are not missed. A scan takes one turn, or twice the time of a look and the reading, which
+        leaves room for a bus whose speed varies.
+        """
+        ready, passed = self._chips.ready_at, self._chips.ready_at - self._ready
+        step = max(self._turn, 2 * (self._reading + LOOK_AGAIN))
+        if self._chips.came:
+            scans = max(round(passed / step), 1)
+            self._ready, self._followed = ready, self._followed + 1
+            if self._followed > 1:
+                self._turn = min(passed, chip_settings.again)  # after a pause the computer saw the result late
+        else:
+            scans = max(math.floor(passed / step), 1)
+            self._ready, self._followed = min(self._ready + scans * step, ready), 0
+        return scans - 1
+
+
+class _NoSwitches:
+    """A `SwitchChain` without switches."""
+
+    def shift(self, words: bytes) -> bytes | None:
+        return None
+
+    def close(self) -> None:
+        pass

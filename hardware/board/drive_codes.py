@@ -11,8 +11,7 @@ from dataclasses import dataclass, fields, replace
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import FAMILIES
 from coilarray.hardware.chips.ldc1614_registers import register
-from coilarray.hardware.scan.reader import Reader
-from coilarray.hardware.scan.readings import Reason, judge
+from coilarray.hardware.scan.readings import Reader, Reason, judge
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 _CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")
@@ -34,8 +33,8 @@ class FoundDrive:
 def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
     """Find the drive current of every state.
 
-    A HardwareError is raised for a coil that does not oscillate with any drive current. No object may be near the
-    sensor that is absent during the measurement. Afterwards the board is not configured and its coils are grounded.
+    No object may be near the sensor that is absent during the measurement. Afterwards the board is not configured and
+    its coils are grounded.
 
     The procedure is taken from the data sheet: wake with the automatic amplitude and, before the converter sleeps
     again, read INIT_IDRIVE. Fixed currents are tried from there, one code up or down, until the converter warns of

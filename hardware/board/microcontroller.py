@@ -8,11 +8,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.session import Session, read_nothing
-from coilarray.hardware.scan.reader import Identity, RawScan, SampleFault
+from coilarray.hardware.scan.readings import Identity, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import (
@@ -24,23 +22,23 @@ from coilarray.hardware.wire.faults import (
     SwitchFault,
     VersionMismatch,
 )
-from coilarray.hardware.wire.link import LinkCounts, LinkTimes, Wait
-from coilarray.hardware.wire.protocol.lines import draft_commands
-from coilarray.hardware.wire.protocol.messages import (
+from coilarray.hardware.wire.link import LinkTimes, Session, Wait, read_nothing
+from coilarray.hardware.wire.protocol import (
     Answer,
     Greeting,
     Heartbeat,
     Message,
     MessageError,
     Mode,
+    ScanGate,
     ScanMessage,
     StreamEnd,
     StreamEndReason,
+    draft_commands,
     hexadecimal,
     read_pong,
     read_scan,
 )
-from coilarray.hardware.wire.protocol.scan_stream import GateCounts, ScanGate
 from coilarray.hardware.wire.serial_ports import BAUD, BytePort, PortInfo, choose_serial_port, open_serial_port
 
 LONGEST_INTERVAL = 2147.0
@@ -62,39 +60,10 @@ _SIGNS = {
 }
 
 
-@dataclass(frozen=True)
-class ReaderCounts:
-    """Counts of a session."""
-
-    link: LinkCounts  # of lines and messages
-    scans: GateCounts  # of single scans and all streams
-    dropped_by_board: int  # lines of this computer, from the board's last report
-
-
 def open_microcontroller(
     port: str | None = None, *, bauds: Sequence[int] = (BAUD,), times: LinkTimes | None = None
 ) -> MicrocontrollerReader:
-    """Open a new session with a microcontroller board.
-
-    The board is stopped, whatever it does, and is not configured.
-
-    Parameters
-    ----------
-    port : str, optional
-        Name of a port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER". The only port of a known board by default.
-    bauds : sequence of int
-        Baud rates to try in turn. They are `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is
-        unknown.
-    times : LinkTimes, optional
-        Time limits.
-
-    Raises
-    ------
-    NoAnswer, NotABoard, VersionMismatch
-        Nothing came, or bytes without an intact line came, or the board has another version of the protocol.
-    HardwareError
-        The port cannot be opened, or the choice of the port is ambiguous.
-    """
+    """Open a new session with a microcontroller board."""
     chosen = choose_serial_port(port)
     met: list[HardwareError] = []
     for baud in bauds:
@@ -112,10 +81,7 @@ def open_microcontroller(
 
 
 def _open_again(before: PortInfo, bauds: Sequence[int], times: LinkTimes | None) -> MicrocontrollerReader:
-    """Open the same device again.
-
-    Its port may have another name by now.
-    """
+    """Open the same device again."""
     name = f"usb:{before.serial_number}" if before.serial_number else before.name
     return open_microcontroller(name, bauds=bauds, times=times)
 
@@ -126,9 +92,7 @@ class MicrocontrollerReader:
     A board that restarts, or a port that comes back, is another session. `reconnect` opens it, and its scans are never
     mixed with the scans of this session. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
 
-    The reader closes its port, except if this constructor raises. It raises NoAnswer, NotABoard, VersionMismatch or
-    DeviceLost if no board of this protocol answers. The clock, the computer's by default, is used for all deadlines.
-    `reopen` opens a new session with the same device.
+    The clock, the computer's by default, is used for all deadlines. `reopen` opens a new session with the same device.
     """
 
     def __init__(
@@ -148,8 +112,6 @@ class MicrocontrollerReader:
         self._silent = False  # whether it did not answer STOP
         self._unsure = False  # whether the board may still be measuring: it must be stopped first
         self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
-        self._gates = GateCounts()  # of all scans before the stream
-        self._gate: ScanGate | None = None  # of the stream
 
     @property
     def identity(self) -> Identity:
@@ -168,25 +130,13 @@ class MicrocontrollerReader:
         """Reply of the board to HELLO."""
         return self._session.greeting
 
-    @property
-    def counts(self) -> ReaderCounts:
-        """Counts of this session."""
-        scans = self._gates if self._gate is None else self._gates + self._gate.counts
-        return ReaderCounts(self._session.counts, scans, self._session.dropped_by_board)
-
     def configure(self, settings: ScanSettings) -> None:
-        """Send the board its settings.
-
-        The board checks them, writes them to its chips and reads them back. A HardwareError is raised, before anything
-        is sent, for settings that close a forbidden connection, or have more states or devices than the board takes.
-        CommandRefused or BusFault is raised if the board refuses them or a chip does not take them. The board then has
-        no settings.
-        """
+        """Send the board its settings."""
         settings.check_switching()
         if settings.wired or settings.scanned > 1:
             raise HardwareError(
-                "the firmware converts channel 0 alone; settings of several channels, as with --undivided, are for a "
-                "converter at a bus of this computer."
+                "the firmware converts channel 0 alone; settings of several channels, or of an undivided clock, are "
+                "for a converter at a bus of this computer."
             )
         greeting = self._session.greeting
         for what, count, most in (
@@ -216,8 +166,6 @@ class MicrocontrollerReader:
         except (NoAnswer, NotABoard):
             self._unsure = True  # it may still start to measure
             raise
-        finally:
-            self._gates += gate.counts
         if scan is None:
             raise NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not requested.")
         self._faults = frozenset(sample.fault for sample in scan.samples)
@@ -226,10 +174,7 @@ class MicrocontrollerReader:
         return scan
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
-        """Scan until the iterator is closed.
-
-        A scan runs once every `interval` in s, or as fast as possible for 0.
-        """
+        """Scan until the iterator is closed."""
         if not 0 <= interval <= LONGEST_INTERVAL:
             raise HardwareError(f"interval must be 0 to {LONGEST_INTERVAL:g} s; got {interval:g}.")
         return self._run(self._configured(), round(interval * 1e6))
@@ -250,10 +195,7 @@ class MicrocontrollerReader:
         self._unsure = self._silent = False
 
     def check_chain(self) -> str:
-        """Compare sent and returned words of the chain of switches.
-
-        The safe words are sent twice (see `Board.check_chain`).
-        """
+        """Compare sent and returned words of the chain of switches."""
         self._prepare()
         return self._session.ask(_chain, "CHAIN")
 
@@ -267,8 +209,8 @@ class MicrocontrollerReader:
     def close(self) -> None:
         """Put the board to rest and close the port.
 
-        The board is put to rest only if it still answers. The method never raises and may be called again. A board that
-        did not answer STOP gets another STOP, whose reply is not awaited.
+        The board is put to rest only if it still answers. A board that did not answer STOP gets another STOP, whose
+        reply is not awaited.
         """
         try:
             with suppress(Exception):
@@ -316,10 +258,7 @@ class MicrocontrollerReader:
         return self._settings
 
     def _passed(self, gate: ScanGate, message: ScanMessage) -> RawScan | None:
-        """Return the scan of a message that passes the gate.
-
-        None is returned for a message that the gate drops.
-        """
+        """Return the scan of a message that passes the gate."""
         self._session.check_boot(message.boot)
         microseconds = self._session.unwrap(message.time)
         try:
@@ -346,7 +285,7 @@ class MicrocontrollerReader:
         gate = ScanGate(configuration=self._hash, states=len(settings.states), start=self._session.newest)
         self._streams += 1
         mine = self._stream = self._streams
-        self._unsure, self._faults, self._gate = True, frozenset(), gate
+        self._unsure, self._faults = True, frozenset()
         failed = True
         try:
             self._session.ask(read_nothing, "START", f"{interval:08X}", patience=longest)
@@ -359,19 +298,13 @@ class MicrocontrollerReader:
         except CommandRefused as refusal:
             raise self._refused(refusal) from None
         finally:
-            self._gates += gate.counts
-            if self._gate is gate:
-                self._gate = None
             if self._stream == mine:
                 with suppress(HardwareError) if failed else nullcontext():
                     self.rest()
                 self._stream = 0
 
     def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Generator[RawScan]:
-        """Yield the scans of the stream until `rest`.
-
-        A fault is raised if they stop coming for any reason.
-        """
+        """Yield the scans of the stream until `rest`."""
         now, times = self._session.clock.now, self._session.times
         gap, silence = max(times.gap * period, times.least_gap + longest), times.heartbeat + longest
         scan_due, line_due, ping_due = now() + gap, now() + silence, now() + times.ping
@@ -422,18 +355,12 @@ class MicrocontrollerReader:
         raise fault or NoAnswer(f"the board at {self._session.name} has ended the scans, and its reason was lost.")
 
     def _refused(self, refusal: CommandRefused) -> HardwareError:
-        """Return the fault of a board that has stopped measuring.
-
-        The last scan may show the reason.
-        """
+        """Return the fault of a board that has stopped measuring."""
         self._settings = None
         return self._end_unheard() or refusal
 
     def _end_unheard(self) -> HardwareError | None:
-        """Return the fault of a stream that stopped silently.
-
-        The fault is known only if the last scan shows it.
-        """
+        """Return the fault of a stream that stopped silently."""
         reason = next((_SIGNS[fault] for fault in sorted(self._faults) if fault in _SIGNS), None)
         return None if reason is None else self._ended(reason)
 

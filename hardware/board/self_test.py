@@ -1,23 +1,192 @@
 """Self-test of a board's switches and coils.
 
-It tests whether the switches follow the wiring, and whether every coil is connected. It needs scans only. Until it has
-passed, the assignment of bits to switches is an assumption.
+It tests whether the switches follow the wiring, and whether every coil is connected. It needs scans only: a board has
+no meter, and the state of its switches shows only in whether the converter oscillates, and by how much the frequency of
+one coil rises when another coil is shorted. Both are predicted from the wiring for every single fault. A fault whose
+prediction equals the measurement is a finding. Until the test has passed, the assignment of bits to switches is an
+assumption.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
 
 from coilarray.compute.threads import Progress
+from coilarray.design.scan_states import Passive, ScanState
+from coilarray.errors import HardwareError
 from coilarray.hardware.board.chip_driver import BUS_FAULTS
-from coilarray.hardware.board.fault_model import Fault, Prediction, Trial, single_faults, trials
-from coilarray.hardware.scan.reader import RawScan, Reader, SampleFault
-from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.readings import RawScan, Reader, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+from coilarray.hardware.scan.switching import SWITCHES, Closure, SwitchTable, closed_switches, switch_table
 from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
+
+Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
+"""Arrival of words at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
+ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
+"""Ends of a coil that a trial of its ground switches grounds, and the name of that state in a scan plan."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One state to measure."""
+
+    words: bytes  # of the switches
+    coil: str | None = None  # at the converter; None for no coil
+    turned: bool = False  # whether its ends are exchanged
+    other: str | None = None  # a second coil that is grounded
+    grounded: str | None = None  # ends of the second coil: "both", "a" or "b"
+    rest: Literal["ground", "open"] = "open"  # state of all coils that are not named
+
+
+def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
+    """Return all trials of a board in groups.
+
+    The trials follow from the assumed wiring. Each group is best measured without a pause. The first group has no coil
+    at the converter, and then every coil both ways round. One group for each coil follows. It measures the coil alone,
+    and with every other coil grounded at both ends, at a and at b.
+    """
+    empty = (Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words))
+    scan = [
+        Trial(words, coil, sense < 0, rest="ground")
+        for coil in wiring.coils
+        for sense in (1, -1)
+        if (words := _words(wiring, ScanState(coil, ((coil, sense),)))) is not None
+    ]
+    return ((*empty, *scan), *(_pairs(wiring, coil) for coil in wiring.coils))
+
+
+def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
+    """Return the trials of a coil with another coil grounded."""
+    alone = Trial(wiring.words(ScanState(coil, ((coil, 1),), others="open")), coil)
+    others = [other for other in wiring.coils if other != coil]
+    pairs = []
+    for other, (ends, passive) in itertools.product(others, ENDS.items()):
+        state = ScanState(coil, ((coil, 1),), others="open", exceptions={other: passive})
+        pairs.append(Trial(wiring.words(state), coil, other=other, grounded=ends))
+    return (alone, *pairs)
+
+
+def _words(wiring: Wiring, state: ScanState) -> bytes | None:
+    """Words of a state."""
+    try:
+        return wiring.words(state)
+    except HardwareError:
+        return None
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted result of a trial."""
+
+    oscillates: bool | None  # whether the converter has a sensor; None if that is uncertain
+    shorted: frozenset[str]  # coils with their ends joined, which lower the inductance of their neighbours
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A possible fault of a board."""
+
+    text: str  # description of the fault; empty for a good board
+    wiring: Wiring  # true wiring of the board
+    delivery: Delivery = "as sent"
+    # Broken switches by the numbers of their device and bit in the words. True is closed and False is open.
+    stuck: Mapping[tuple[int, int], bool] = field(default_factory=dict)
+    missing: str | None = None  # coil that is not connected
+    shorted: str | None = None  # coil whose ends are joined
+
+    def predict(self, words: bytes) -> Prediction:
+        """Predict the result of a trial with these words."""
+        names = self.wiring.coils
+        present = [coil for coil, name in enumerate(names) if name != self.missing]
+        shorted = [coil for coil, name in enumerate(names) if name == self.shorted]
+        closure = Closure(present, closed_switches(self._table, self._received(words), stuck=self.stuck), shorted)
+        pins = {closure.group("INA"), closure.group("INB")}
+        return Prediction(
+            _oscillates(closure, any(set(branch.ends) == pins for branch in closure.branches)),
+            frozenset(names[coil] for coil, ends in closure.branches if ends[0] == ends[1]),
+        )
+
+    @cached_property
+    def _table(self) -> SwitchTable:
+        return switch_table(self.wiring.encode())
+
+    def _received(self, words: bytes) -> bytes:
+        """Return the words that arrive at the switches."""
+        match self.delivery:
+            case "reversed":
+                return words[::-1]
+            case "not at all":
+                return bytes(len(words))
+            case "a bit late":
+                return (int.from_bytes(words, "big") >> 1).to_bytes(len(words), "big")
+        return words
+
+
+def _oscillates(closure: Closure, measured: bool) -> bool | None:
+    """Predict whether there is a sensor at the pins."""
+    if closure.joined("INA", "INB") or closure.joined("INA", "ground") or closure.joined("INB", "ground"):
+        return False
+    if closure.conducts("INA", "ground") or closure.conducts("INB", "ground"):
+        return None
+    return measured or (None if closure.conducts("INA", "INB") else False)
+
+
+def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
+    """Return a good board and every board with one fault."""
+    return (
+        Fault("", wiring),
+        *_stuck_switches(wiring),
+        *(Fault(f"{coil} or a lead of it is broken", wiring, missing=coil) for coil in wiring.coils),
+        *(Fault(f"{coil} is shorted", wiring, shorted=coil) for coil in wiring.coils),
+        Fault("no word reaches the switches, or the converter is not joined to them", wiring, "not at all"),
+        Fault("words arrive one clock late: another mode of SPI is needed", wiring, "a bit late"),
+        Fault("the chain of devices is wired the other way round", wiring, "reversed"),
+        *_other_maps(wiring),
+    )
+
+
+def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
+    """Yield the faults of switches that stay open or closed."""
+    for number, device in enumerate(wiring.devices, start=1):
+        for switch in device.switches:
+            name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"
+            place = len(wiring.devices) - number, device.bits.index(switch.name)
+            yield Fault(f"{name} stays open", wiring, stuck={place: False})
+            yield Fault(f"{name} stays closed", wiring, stuck={place: True})
+
+
+def _other_maps(wiring: Wiring) -> Iterator[Fault]:
+    """Boards whose switches have other bits."""
+    places = tuple(range(SWITCHES))
+    low, high = places[:4], places[4:]
+    interleaved = [
+        tuple(itertools.chain.from_iterable(zip(*halves, strict=True))) for halves in ((low, high), (high, low))
+    ]
+    orders = [places[::-1], high + low, low[::-1] + high[::-1], high[::-1] + low[::-1]]
+    orders += [order[::step] for order in interleaved for step in (1, -1)]
+    for order in orders:
+        other = _with_order(wiring, order)
+        bits = ", ".join(other.devices[0].bits)
+        yield Fault(f"the switches have other bits than the wiring says: from bit 0 on {bits}", other)
+        yield Fault(f"the chain is wired the other way round, and its bits are from bit 0 on {bits}", other, "reversed")
+    for first, second in itertools.combinations(places, 2):
+        exchanged = list(places)
+        exchanged[first], exchanged[second] = second, first
+        other = _with_order(wiring, exchanged)
+        if other.encode() != wiring.encode():
+            yield Fault(f"bits {first} and {second} of every device are exchanged", other)
+
+
+def _with_order(wiring: Wiring, order: Sequence[int]) -> Wiring:
+    devices = (replace(device, bits=tuple(device.bits[k] for k in order)) for device in wiring.devices)
+    return replace(wiring, devices=tuple(devices))
+
 
 RCOUNT = 0x4000
 """RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth."""
@@ -69,10 +238,7 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A trial with its frequency in Hz.
-
-    The change is relative to the coil with all others open.
-    """
+    """A trial with its frequency in Hz."""
 
     trial: Trial
     frequency: float | None
@@ -147,10 +313,7 @@ def _of_channels(reader: Reader, settings: ScanSettings) -> SelfTest:
 
 
 def _answered(reader: Reader) -> RawScan:
-    """Return a scan in which the converter has answered.
-
-    A converter that does not answer raises a BusFault.
-    """
+    """Return a scan in which the converter has answered."""
     for _ in range(_ATTEMPTS):
         scan = reader.scan()
         if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
@@ -159,10 +322,7 @@ def _answered(reader: Reader) -> RawScan:
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
-    """Divide a group into scans that a board accepts.
-
-    Each part of a group of pairs begins with the coil alone.
-    """
+    """Divide a group into scans that a board accepts."""
     head = group[:1] if group[-1].other is not None else ()
     rest, size = group[len(head) :], _MOST_STATES - len(head)
     return [(*head, *rest[k : k + size]) for k in range(0, len(rest), size)]
@@ -188,10 +348,7 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
 
 
 def _compared(seen: Sequence[_Seen]) -> list[_Seen]:
-    """Add the relative change against the first trial.
-
-    The first trial is the coil alone.
-    """
+    """Add the relative change against the first trial."""
     first = seen[0]
     return [
         replace(
@@ -234,10 +391,7 @@ def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequ
 
 
 def _harmless(fault: Fault, good: Fault, words: Set[bytes]) -> bool:
-    """Check whether a fault changes nothing.
-
-    The two ends of every coil may be exchanged.
-    """
+    """Check whether a fault changes nothing."""
     same_parts = not (fault.stuck or fault.missing or fault.shorted)
     return same_parts and all(fault.predict(one) == good.predict(one) for one in words)
 
@@ -256,10 +410,7 @@ def _symptom(one: _Seen, rise: int | None) -> str:
 
 
 def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> Iterator[tuple[_Seen, int | None]]:
-    """Yield the measurements that contradict the fault.
-
-    The rise is given if it differs.
-    """
+    """Yield the measurements that contradict the fault."""
     predict = functools.cache(fault.predict)
     for one, rise in judged:
         predicted = predict(one.trial.words)
@@ -272,19 +423,13 @@ def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> It
 
 
 def _expected(predicted: Prediction, reference: Prediction) -> int | None:
-    """Predict whether a frequency rises, stays or falls.
-
-    The result is 1, 0 or −1, and None if more than one coil changes.
-    """
+    """Predict whether a frequency rises, stays or falls."""
     added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
     return added - removed if added + removed <= 1 else None
 
 
 def _with_rises(seen: Sequence[_Seen], checks: Mapping[str, CoilCheck]) -> list[tuple[_Seen, int | None]]:
-    """Add the direction of the frequency change to each measurement.
-
-    The frequency rose, stayed or fell. The direction is None if it is unknown.
-    """
+    """Add the direction of the frequency change to each measurement."""
     alone = {one.trial.coil for one in seen if one.reference is one.trial and one.frequency is not None}
     return [(one, _rise(one, checks, alone)) for one in seen]
 

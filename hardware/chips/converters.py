@@ -29,27 +29,13 @@ class Converter:
 
 @dataclass(frozen=True)
 class FamilyLimits:
-    """Differences between the two families.
+    """Differences between the two families."""
 
-    Parameters
-    ----------
-    smallest_rcount : int
-        Least RCOUNT.
-    largest_input_divider : int
-        Largest FIN_DIVIDER; called FIN_SEL in the FDC.
-    has_offset : bool
-        Whether there are registers OFFSET.
-    finds_drive : bool
-        Whether the converter finds a drive current by itself and shows it in INIT_IDRIVE.
-    reported : tuple of str
-        Fields of ERROR_CONFIG that exist: the errors that can be reported.
-    """
-
-    smallest_rcount: int
-    largest_input_divider: int
-    has_offset: bool
-    finds_drive: bool
-    reported: tuple[str, ...]
+    smallest_rcount: int  # least RCOUNT
+    largest_input_divider: int  # largest FIN_DIVIDER; called FIN_SEL in the FDC
+    has_offset: bool  # whether there are registers OFFSET
+    finds_drive: bool  # whether the converter finds a drive current by itself and shows it in INIT_IDRIVE
+    reported: tuple[str, ...]  # fields of ERROR_CONFIG that exist: the errors that can be reported
 
 
 FAMILIES = MappingProxyType({
@@ -72,13 +58,7 @@ _TWELVE_BITS = ("LDC1314", "LDC1312", "FDC2114", "FDC2112")
 
 
 def converter(name: str) -> Converter:
-    """Return a converter by its name, in any case.
-
-    An unknown name raises a HardwareError that lists the known names.
-
-    >>> converter("ldc1612").channels
-    2
-    """
+    """Return a converter by its name, in any case."""
     known = CONVERTERS.get(name.upper())
     if known is not None:
         return known

@@ -1,8 +1,8 @@
-"""Codes, frequencies, inductances and times of the LDC1614.
+"""Codes, frequencies, inductances, times and limits of the LDC1614.
 
-The module implements equations 1, 3, 6 and 7 and the times of section 7 of the data sheet, Texas Instruments SNOSCY9A.
-The register tables of the data sheet print the conversion time without the four clocks of equation 7. They are counted
-here.
+The equations 1, 3, 6 and 7, the times of section 7 and the limits of table 43 are those of the data sheet, Texas
+Instruments SNOSCY9A. Its register tables print the conversion time without the four clocks of equation 7, which are
+counted here. `coilarray.circuit.converter_limits` computes which coils the converter can read and drive.
 """
 
 from __future__ import annotations
@@ -10,9 +10,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from coilarray.circuit.converter_limits import (
+    LARGEST_INPUT_DIVIDER,
+    REFERENCE,
+    SENSOR_FREQUENCY,
+    least_divider,
+    require_each_positive,
+    shown_unit,
+)
+from coilarray.circuit.converter_limits import (
+    Drive as Drive,
+)
+from coilarray.circuit.converter_limits import (
+    Limit as Limit,
+)
+from coilarray.circuit.converter_limits import (
+    check_channel as check_channel,
+)
+from coilarray.circuit.converter_limits import (
+    drive_for as drive_for,
+)
 from coilarray.design import readout
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK
 from coilarray.errors import HardwareError, require_positive
+from coilarray.hardware.chips.converters import FAMILIES, Family
 
 CODE_BITS = 28
 """Width of a conversion result."""
@@ -169,13 +190,7 @@ def _check(reference: float, divider: int, offset: int) -> None:
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Return the time of a conversion in s.
-
-    The function is `coilarray.design.readout.conversion_time` with checked arguments: RCOUNT from 5, and f_ref in Hz.
-
-    >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
-    48.321
-    """
+    """Return the time of a conversion in s."""
     _check_clock(reference)
     if not SMALLEST_RCOUNT <= rcount <= LARGEST_RCOUNT:
         raise HardwareError(f"RCOUNT must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {rcount}.")
@@ -183,14 +198,7 @@ def conversion_time(rcount: int, reference: float) -> float:
 
 
 def rcount_for(duration: float, reference: float) -> int:
-    """Return the largest RCOUNT for a duration in s.
-
-    Its conversion is not longer than `duration`. The function is the inverse of `conversion_time`. A duration that is
-    not positive and finite, or shorter than the shortest conversion, raises a HardwareError.
-
-    >>> rcount_for(conversion_time(1234, 21.7e6), 21.7e6)
-    1234
-    """
+    """Return the largest RCOUNT for a duration in s."""
     _check_clock(reference)
     require_positive("a duration", duration, " s", HardwareError)
     # A duration that is a multiple of a clock must not lose a count by rounding.
@@ -203,24 +211,12 @@ def rcount_for(duration: float, reference: float) -> int:
 
 
 def next_conversion_time(rcount: int, reference: float) -> float:
-    """Return the time between a single channel's results in s.
-
-    RCOUNT is at least 5, and f_ref is in Hz.
-
-    >>> round(next_conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
-    48.322
-    """
+    """Return the time between a single channel's results in s."""
     return conversion_time(rcount, reference) + SWITCH_TIME + SWITCH_CYCLES / reference
 
 
 def internal_clock_range(measured: float | None = None) -> tuple[float, float]:
-    """Return the slowest and fastest internal oscillator in Hz.
-
-    The range holds for any converter, or for the converter whose clock was `measured`.
-
-    >>> internal_clock_range(), tuple(map(round, internal_clock_range(43.2e6)))
-    ((35000000.0, 55000000.0), (42984000, 43416000))
-    """
+    """Return the slowest and fastest internal oscillator in Hz."""
     if measured is None:
         return INTERNAL_CLOCK_RANGE
     return measured * (1 - CLOCK_TOLERANCE), measured * (1 + CLOCK_TOLERANCE)
@@ -238,25 +234,13 @@ def settle_time(settle_count: int, reference: float) -> float:
 
 
 def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
-    """Return the time from leaving sleep to starting the sensor.
-
-    The time is in s, and `internal_clock` is in Hz.
-
-    >>> round(wake_time() * 1e3, 4)
-    0.3775
-    """
+    """Return the time from leaving sleep to starting the sensor."""
     _check_clock(internal_clock)
     return WAKE_CYCLES / internal_clock
 
 
 def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:
-    """Return the time to transfer registers over I²C in s.
-
-    `reads` and `writes` are the numbers of registers. `rate` is the bus clock in Hz.
-
-    >>> round(bus_time(reads=2) * 1e6)
-    240
-    """
+    """Return the time to transfer registers over I²C in s."""
     _check_clock(rate)
     return (reads * READ_BITS + writes * WRITE_BITS) / rate
 
@@ -322,3 +306,112 @@ def state_time(
 
 def _check_clock(frequency: float) -> None:
     require_positive("a clock", frequency, " Hz", HardwareError)
+
+
+_LARGEST_REFERENCE = 35e6  # Hz, with one channel
+_LARGEST_SCANNING, _LARGEST_SCANNING_EXTERNAL = 55e6, 40e6  # Hz, with several channels
+_LEAST_SCANNING_RCOUNT, LEAST_SCANNING_SETTLE_COUNT = 9, 4
+DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
+"""Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for the last."""
+
+
+def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
+    """Return the least SETTLECOUNT of a sensor.
+
+    It is ⌈Q f_ref/(16 f)⌉ and at least 4. `frequency` f of the sensor and `reference` f_ref of the converter are in Hz.
+    `quality_factor` Q belongs to the sensor.
+
+    Returns
+    -------
+    int
+        Value of the register SETTLECOUNT, in units of 16 periods of the reference.
+
+    Raises
+    ------
+    ValueError
+        A value that is not positive.
+
+    Examples
+    --------
+    >>> settle_count(2e6, 20, 21.7e6)
+    14
+    """
+    require_each_positive(frequency=frequency, quality_factor=quality_factor, reference=reference)
+    return max(LEAST_SCANNING_SETTLE_COUNT, math.ceil(quality_factor * reference / (16 * frequency)))
+
+
+def largest_reference(*, external: bool = False, channels: int = 1) -> float:
+    """Return the largest reference frequency of a converter in Hz."""
+    if channels == 1:
+        return _LARGEST_REFERENCE
+    return _LARGEST_SCANNING_EXTERNAL if external else _LARGEST_SCANNING
+
+
+def smallest_rcount(channels: int = 1, family: Family = "LDC") -> int:
+    """Return the least RCOUNT for a number of scanned channels."""
+    return max(FAMILIES[family].smallest_rcount, SMALLEST_RCOUNT if channels == 1 else _LEAST_SCANNING_RCOUNT)
+
+
+def check_clock(
+    clock: float,
+    divider: int,
+    *,
+    external: bool = False,
+    rcount: int = 0xFFFF,
+    settle_count: int = 0xFFFF,
+    channels: int = 1,
+    family: Family = "LDC",
+) -> tuple[Limit, ...]:
+    """Check the limits of a converter's clock and counts.
+
+    `clock` is in Hz, and `channels` is the number of channels that the converter scans. All limits are returned, kept
+    or not. With one channel and the internal oscillator (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2
+    at any frequency.
+
+    >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
+    ['reference frequency (Hz)']
+    """
+    require_each_positive(clock=clock, divider=divider)
+    return (
+        Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
+        Limit("FREF_DIVIDER", divider, _least_reference_divider(external, channels), 0x3FF),
+        Limit("reference frequency (Hz)", clock / divider, 0, largest_reference(external=external, channels=channels)),
+        Limit("RCOUNT", rcount, smallest_rcount(channels, family), LARGEST_RCOUNT),
+        Limit("SETTLECOUNT", settle_count, 0 if channels == 1 else LEAST_SCANNING_SETTLE_COUNT, 0xFFFF),
+    )
+
+
+def reference_divider(clock: float, *, external: bool = False, channels: int = 1) -> int:
+    """Return the least FREF_DIVIDER of a clock in Hz."""
+    require_each_positive(clock=clock)
+    most = largest_reference(external=external, channels=channels)
+    return max(_least_reference_divider(external, channels), math.ceil(clock / most))
+
+
+def _least_reference_divider(external: bool, channels: int) -> int:
+    return 1 if external or channels > 1 else 2  # an oscillator of 55 MHz must stay below the limit of one channel
+
+
+def input_divider(frequency: float, reference: float) -> int:
+    """Return the least FIN_DIVIDER for a sensor's frequency in Hz.
+
+    `reference` is the reference frequency in Hz. The divided frequency must be below a quarter of it, and the divider
+    must be at least 2 from 8.75 MHz.
+
+    >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
+    (1, 2)
+    """
+    require_each_positive(frequency=frequency, reference=reference)
+    divider = least_divider(frequency, reference)
+    if divider > LARGEST_INPUT_DIVIDER:
+        shown, of_reference = (shown_unit("Hz", one).text(one, ".4") for one in (frequency, reference))
+        raise ValueError(f"frequency {shown} must be below {LARGEST_INPUT_DIVIDER}/4 of {of_reference}.")
+    return divider
+
+
+def deglitch_for(frequency: float) -> int:
+    """Return the code of DEGLITCH for a sensor's frequency."""
+    limit = Limit("frequency (Hz)", frequency, *SENSOR_FREQUENCY)
+    if not limit.kept:
+        raise ValueError(limit.refusal)
+    return next(code for code, edge in DEGLITCH.items() if frequency < edge)

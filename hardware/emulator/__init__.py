@@ -5,18 +5,15 @@ The chips are emulated at the level of their registers, and the coils by this pa
 
 from __future__ import annotations
 
-from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
+from coilarray.hardware.emulator.board import EmulatedBoard, emulated_board
 from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, PacedClock, VirtualClock
-from coilarray.hardware.emulator.ldc1614_chip import Ldc1614, OpenPoints, UndocumentedUse
-from coilarray.hardware.emulator.make import emulated_board
+from coilarray.hardware.emulator.ldc1614_chip import Ldc1614, UndocumentedUse
 
 __all__ = [
     "Conditions",
     "Drift",
     "EmulatedBoard",
     "Ldc1614",
-    "Netlist",
-    "OpenPoints",
     "Oscillator",
     "PacedClock",
     "UndocumentedUse",

@@ -1,12 +1,16 @@
-"""Time, temperature, clock and noise around an emulated converter."""
+"""Surroundings of an emulated board: time, temperature, clock, noise and indenter."""
 
 from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
 
-from coilarray.design.readout import INTERNAL_CLOCK, INTERNAL_CLOCK_PER_KELVIN, Readout
+from coilarray.design.readout import INTERNAL_CLOCK, INTERNAL_CLOCK_PER_KELVIN
 from coilarray.errors import HardwareError
 
 ROOM_TEMPERATURE = 25.0
@@ -16,22 +20,7 @@ _AHEAD, _BEHIND = 1e-3, 0.05  # s
 
 
 class VirtualClock:
-    """Clock whose time passes only in `sleep`.
-
-    It is a `coilarray.hardware.wire.buses.Clock`. Hours of measuring take seconds.
-
-    Parameters
-    ----------
-    start : float
-        Initial time in s.
-
-    Examples
-    --------
-    >>> clock = VirtualClock()
-    >>> clock.sleep(0.25)
-    >>> clock.now()
-    0.25
-    """
+    """Clock whose time passes only in `sleep`."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
@@ -41,10 +30,7 @@ class VirtualClock:
         return self._now
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass.
-
-        A time that is not finite raises a HardwareError.
-        """
+        """Let time pass."""
         if not math.isfinite(seconds):
             raise HardwareError(f"a wait must be finite; got {seconds} s.")
         self._now += max(seconds, 0.0)
@@ -64,10 +50,7 @@ class PacedClock:
         self._time = time.monotonic()
 
     def now(self) -> float:
-        """Return the time in s.
-
-        It differs from the computer's time by at most `_BEHIND`.
-        """
+        """Return the time in s."""
         self._time = max(self._time, time.monotonic() - _BEHIND)
         return self._time
 
@@ -92,22 +75,14 @@ class Oscillator:
         Relative change of the frequency with temperature in 1/K.
     ageing : float
         Relative change of the frequency with time in 1/s.
-
-    Examples
-    --------
-    >>> round(Oscillator().at(0.0, 35.0) - 43.4e6)
-    -5642
     """
 
-    frequency: float = INTERNAL_CLOCK
+    frequency: float = INTERNAL_CLOCK  # frequency at room temperature in Hz
     temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN
-    ageing: float = 0.0
+    ageing: float = 0.0  # relative change of the frequency with time in 1/s
 
     def at(self, time: float, temperature: float) -> float:
-        """Return the frequency in Hz.
-
-        `time` is in s, and `temperature` is in °C.
-        """
+        """Return the frequency in Hz."""
         return self.frequency * (
             1 + self.temperature_coefficient * (temperature - ROOM_TEMPERATURE) + self.ageing * time
         )
@@ -115,22 +90,12 @@ class Oscillator:
 
 @dataclass(frozen=True)
 class Drift:
-    """Temperature of the board over time.
+    """Temperature of the board over time."""
 
-    Parameters
-    ----------
-    rate : float
-        Rate of warming in K/s.
-    sway, period : float
-        Amplitude in K and period in s of a sinusoidal oscillation of the temperature.
-    start : float
-        Temperature in °C at the time 0.
-    """
-
-    rate: float = 0.0
-    sway: float = 0.0
-    period: float = 600.0
-    start: float = ROOM_TEMPERATURE
+    rate: float = 0.0  # rate of warming in K/s
+    sway: float = 0.0  # amplitude of a sinusoidal oscillation of the temperature in K
+    period: float = 600.0  # of that oscillation in s
+    start: float = ROOM_TEMPERATURE  # temperature in °C at the time 0
 
     def at(self, time: float) -> float:
         """Return the temperature in °C at a time in s."""
@@ -139,25 +104,78 @@ class Drift:
 
 @dataclass
 class Conditions:
-    """Surroundings of the converter, which may change at any time.
+    """Surroundings of the converter, which may change at any time."""
 
-    Parameters
-    ----------
-    oscillator : Oscillator
-        Internal oscillator of the converter.
-    drift : Drift
-        Temperature of the board.
-    noise : float
-        Relative standard deviation of a frequency at full resolution. By default it is taken from `Readout`.
-    clkin : float or None
-        Frequency at the pin CLKIN in Hz. None if the pin is grounded.
-    first_offset : float
-        Error of the first conversion after sleep in codes. Each further conversion has a quarter of it. Users of the
-        FDC2214, which has the same core, report tens of thousands. Neither size nor fading is verified.
+    oscillator: Oscillator = field(default_factory=Oscillator)  # internal oscillator of the converter
+    drift: Drift = field(default_factory=Drift)  # temperature of the board
+    noise: float | None = None  # relative standard deviation of a frequency at full resolution
+    clkin: float | None = None  # frequency at the pin CLKIN in Hz. None if the pin is grounded
+
+
+class Place(NamedTuple):
+    """Position from the map's origin and depth, in m."""
+
+    x: float
+    y: float
+    depth: float
+
+
+LIFTED = Place(0.0, 0.0, 0.0)
+"""Place of an indenter without contact."""
+
+
+class Indenter:
+    """Indenter on the emulated sensor.
+
+    `before_change` is called before it moves. `check` is called with every place on its path and refuses places that it
+    cannot reach.
+
+    >>> indenter = Indenter()
+    >>> indenter.follow([(0.0, 0.0, 0.0, 0.0), (1.0, 2e-3, 0.0, 1e-3)])
+    >>> indenter.at(0.5)
+    Place(x=0.001, y=0.0, depth=0.0005)
     """
 
-    oscillator: Oscillator = field(default_factory=Oscillator)
-    drift: Drift = field(default_factory=Drift)
-    noise: float = Readout().frequency_noise
-    clkin: float | None = None
-    first_offset: float = 0.0
+    def __init__(
+        self, before_change: Callable[[], None] = lambda: None, check: Callable[[Place], None] = lambda place: None
+    ) -> None:
+        self._before_change, self._check = before_change, check
+        self._times: list[float] = [0.0]
+        self._places: list[Place] = [LIFTED]
+
+    def press(self, x: float, y: float, depth: float) -> None:
+        """Press at once at a position to a depth."""
+        self.follow([(0.0, x, y, depth)])
+
+    def lift(self) -> None:
+        """Lift at once."""
+        last = self._places[-1]
+        self.press(last.x, last.y, 0.0)
+
+    def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
+        """Move along straight lines through points in time.
+
+        Each point has a rising time in s by the board's clock, and x, y and depth in m. The indenter stands still
+        before the first and after the last time.
+        """
+        times = [point[0] for point in path]
+        if not path or not all(math.isfinite(value) for point in path for value in point):
+            raise HardwareError("a path of the indenter must have at least one point, all finite.")
+        if any(later <= earlier for earlier, later in pairwise(times)):
+            raise HardwareError("times of a path of the indenter must rise.")
+        if min(point[3] for point in path) < 0:
+            raise HardwareError("depths of a path of the indenter must not be negative.")
+        places = [Place(*point[1:]) for point in path]
+        for place in places:
+            self._check(place)
+        self._before_change()
+        self._times, self._places = times, places
+
+    def at(self, time: float) -> Place:
+        """Return the place of the indenter."""
+        after = bisect_right(self._times, time)
+        if after == 0 or after == len(self._times):
+            return self._places[max(after - 1, 0)]
+        start, stop = self._times[after - 1 : after + 1]
+        share = (time - start) / (stop - start)
+        return Place(*(a + share * (b - a) for a, b in zip(*self._places[after - 1 : after + 1], strict=True)))

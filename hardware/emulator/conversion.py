@@ -22,6 +22,7 @@ from coilarray.circuit.converter_limits import (
 )
 from coilarray.design.readout import conversion_time
 from coilarray.hardware.chips.ldc1614 import (
+    DEGLITCH,
     EXTERNAL_CLOCK_RANGE,
     FULL_SCALE,
     LARGEST_RCOUNT,
@@ -29,8 +30,8 @@ from coilarray.hardware.chips.ldc1614 import (
     SWITCH_CYCLES,
     SWITCH_TIME,
     WAKE_CYCLES,
+    largest_reference,
 )
-from coilarray.hardware.chips.ldc1614_limits import DEGLITCH, largest_reference
 
 AMPLITUDE_STOPS = 0.6
 """Peak voltage in V below which the oscillation stops."""
@@ -41,7 +42,6 @@ WATCHDOG = 5.2e-3
 # noisier.
 _CLAMP_PULL = -1e-3
 _HIGH_CURRENT = 4.0  # 1.56 mA become about 6 mA
-_FADING = 0.25  # assumed: part of a first conversion's offset that is left in the next conversion
 _UNTOUCHED = 4  # conversions that are counted individually before unread ones are skipped
 
 
@@ -61,10 +61,7 @@ class Resonator:
         return 4 * self.parallel_resistance * current / math.pi
 
     def automatic_drive(self) -> int:
-        """Return the IDRIVE code that the chip chooses itself.
-
-        It is the largest current that stays below the clamps.
-        """
+        """Return the IDRIVE code that the chip chooses itself."""
         kept = [code for code, current in enumerate(DRIVE_CURRENTS) if self.amplitude(current) <= AMPLITUDE_HIGH]
         return max(kept, default=0)
 
@@ -73,33 +70,17 @@ class Surroundings(Protocol):
     """Everything connected to a converter."""
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
-        """Return the tank at a channel.
-
-        None is returned if nothing can oscillate.
-        """
+        """Return the tank at a channel."""
 
     def internal_clock(self, time: float) -> float:
         """Return the frequency of the chip's oscillator in Hz."""
 
     def external_clock(self, time: float) -> float | None:
-        """Return the frequency at the pin CLKIN in Hz.
-
-        None is returned if the pin is grounded.
-        """
+        """Return the frequency at the pin CLKIN in Hz."""
 
     @property
     def noise(self) -> float:
-        """Relative standard deviation of a frequency.
-
-        It holds at full resolution and good amplitude.
-        """
-
-    @property
-    def first_offset(self) -> float:
-        """Error of the first conversion after sleep in codes.
-
-        It decreases in the next conversions.
-        """
+        """Relative standard deviation of a frequency."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +109,7 @@ class Setting:
 
     @staticmethod
     def of(registers: Mapping[int, int], channels: int) -> Setting:
-        """Decode the registers of a chip.
-
-        `channels` is its number of channels.
-        """
+        """Decode the registers of a chip."""
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
         sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
@@ -161,10 +139,7 @@ class Setting:
         return len(self.sequence) > 1
 
     def problems(self, clock: float | None) -> Iterator[str]:
-        """Yield the violations of the data sheet.
-
-        `clock` is in Hz. It is None if the chosen clock is missing.
-        """
+        """Yield the violations of the data sheet."""
         if clock is None:
             yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
         elif self.external and not EXTERNAL_CLOCK_RANGE[0] <= clock <= EXTERNAL_CLOCK_RANGE[1]:
@@ -260,10 +235,7 @@ class Run:
         return self._setting.sequence[self._turn]
 
     def _reference(self) -> float:
-        """Return the reference frequency of the channel in Hz.
-
-        It is 0 if nothing can be counted.
-        """
+        """Return the reference frequency of the channel in Hz."""
         source = self._surroundings.external_clock if self._setting.external else self._surroundings.internal_clock
         clock = source(self._time)
         if clock is None or self._channel >= len(self._setting.channels):
@@ -285,10 +257,7 @@ class Run:
             )
 
     def _watched(self, until: float) -> bool:
-        """Check whether the watchdog may fire by a time.
-
-        `until` is in s.
-        """
+        """Check whether the watchdog may fire by a time."""
         return not self._setting.scan and self._quiet_since is not None and self._quiet_since + WATCHDOG <= until
 
     def _begin_count(self) -> None:
@@ -302,10 +271,7 @@ class Run:
         self._counting = True  # last: Ctrl-C may come at any line, and the chip is then put to sleep
 
     def _count(self, until: float) -> None:
-        """Count to the end of the conversion.
-
-        The count stops at the given time if that is earlier.
-        """
+        """Count to the end of the conversion."""
         stop = min(self._end, until)
         sensor = self._surroundings.sensor(self._channel, (self._time + stop) / 2)
         frequency, amplitude = self._oscillation(sensor)
@@ -340,7 +306,6 @@ class Run:
             weaker = max(1.0, AMPLITUDE_LOW / max(self._least_amplitude, AMPLITUDE_STOPS))
             spread = self._surroundings.noise * math.sqrt(LARGEST_RCOUNT / one.rcount) * weaker
             ratio *= 1 + spread * self._random.standard_normal()
-        ratio += self._surroundings.first_offset * _FADING**self._done / FULL_SCALE
         code = round((ratio - one.offset / 0x10000) * FULL_SCALE)
         self._take(
             Result(
@@ -377,10 +342,7 @@ class Run:
     # ------------------------------------------------------------------- the sensor
 
     def _judge_start(self, sensor: Resonator) -> None:
-        """Check the settling time and frequency of the sensor.
-
-        The sensor must have had time to settle, and its frequency must suit the input.
-        """
+        """Check the settling time and frequency of the sensor."""
         one = self._setting.channels[self._channel]
         needed = math.ceil(sensor.quality_factor * self._reference_now / (16 * sensor.frequency))
         if max(one.settle, LEAST_SETTLE_COUNT) < needed:
@@ -401,10 +363,7 @@ class Run:
             self._note(f"FIN_DIVIDER{self._channel} must be at least 2 for a sensor of {sensor.frequency:.4g} Hz.")
 
     def _oscillation(self, sensor: Resonator | None) -> tuple[float, float]:
-        """Return the frequency in Hz and the amplitude in V.
-
-        The frequency is the value at the counter. Both are 0 if nothing oscillates.
-        """
+        """Return the frequency in Hz and the amplitude in V."""
         if sensor is None:
             return 0.0, 0.0
         amplitude = sensor.amplitude(self._current(sensor))
@@ -423,10 +382,7 @@ class Run:
         return current * _HIGH_CURRENT if self._setting.high_current else current
 
     def _automatic(self, sensor: Resonator | None) -> int | None:
-        """Return the drive that the chip chose.
-
-        With amplitude correction it searches after every conversion.
-        """
+        """Return the drive that the chip chose."""
         if self._setting.fixed_drive and self._setting.fixed_amplitude:
             return None
         if self._channel not in self._found or not self._setting.fixed_amplitude:

@@ -7,8 +7,6 @@ converting.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from coilarray.hardware.chips.converters import CONVERTERS, Converter
@@ -27,26 +25,14 @@ _CAPACITIVE_ERRORS, _CAPACITIVE_RCOUNT = 0x3821, 0x100
 _SLEEP, _INTB_DIS, _DRDY = 1 << 13, 1 << 7, 1 << 6
 _INIT_DRIVE = 0x1F << 6
 _RESET_BIT = 1 << 15
-_START_UP = 2e-3  # s from the end of a shutdown until I²C answers
 
 
 class UndocumentedUse(Exception):  # noqa: N818 - not an error of a board: a fault of the driver that no driver may catch
-    """Use of a chip that its data sheet forbids.
-
-    The chip itself lets it happen. The exception is raised in strict mode.
-    """
+    """Use of a chip that its data sheet forbids."""
 
 
 class Misuse:
-    """Collection of undocumented uses.
-
-    In strict mode it raises UndocumentedUse.
-
-    >>> misuse = Misuse(strict=False)
-    >>> misuse.note("register 0x1D is not documented")
-    >>> misuse.notes
-    ['register 0x1D is not documented']
-    """
+    """Collection of undocumented uses."""
 
     _MOST = 1000  # notes to keep, so that a runaway driver does not fill the memory
 
@@ -55,63 +41,19 @@ class Misuse:
         self.notes: list[str] = []
 
     def remark(self, what: str) -> None:
-        """Note an event that may not be the driver's fault.
-
-        The method never raises.
-        """
+        """Note an event that may not be the driver's fault."""
         if len(self.notes) < self._MOST:
             self.notes.append(what)
 
     def note(self, what: str) -> None:
-        """Note one undocumented use.
-
-        In strict mode it raises UndocumentedUse.
-        """
+        """Note one undocumented use."""
         self.remark(what)
         if self.strict:
             raise UndocumentedUse(what)
 
 
-@dataclass(frozen=True)
-class OpenPoints:
-    """Behaviour that the sources leave open.
-
-    The sources are silent or contradict each other. A driver must work either way.
-
-    Parameters
-    ----------
-    status_clears_unread : bool
-        Reading STATUS clears UNREADCONV too (an answer of the maker's forum). In the data sheet only DATAx_MSB does so.
-    status_gated : bool
-        An error reaches STATUS only if its ERR2INT bit is set (data sheet), or always (application note SNOA959).
-    flags_clear_on_read : bool
-        Reading DATAx_MSB clears its four flags (data sheet). Otherwise only the next good conversion does (SNOA959).
-    proposal_kept : bool
-        INIT_IDRIVE keeps its value while the chip sleeps. The data sheet reads it awake and does not mention sleep.
-    """
-
-    status_clears_unread: bool = False
-    status_gated: bool = True
-    flags_clear_on_read: bool = True
-    proposal_kept: bool = False
-
-
 class Ldc1614:
-    """One converter.
-
-    Parameters
-    ----------
-    clock : Clock
-        Clock of the board.
-    surroundings : Surroundings
-        Coils, clocks and temperature.
-    converter : Converter
-        Type of the converter, which determines the number of channels. All types have the same identity.
-    open_points, misuse
-        Behaviour if the sources disagree, and the collection of undocumented uses.
-    seed : int
-        Seed of the noise.
-    """
+    """One converter."""
 
     def __init__(
         self,
@@ -119,13 +61,11 @@ class Ldc1614:
         surroundings: Surroundings,
         *,
         converter: Converter = CONVERTERS["LDC1614"],
-        open_points: OpenPoints | None = None,
         misuse: Misuse | None = None,
         seed: int = 0,
     ) -> None:
         self.clock, self.channels, self.surroundings = clock, converter.channels, surroundings
         self._capacitive = converter.family == "FDC"
-        self.open_points = open_points or OpenPoints()
         self.misuse = misuse or Misuse(strict=True)
         self.table = {
             register.address: register
@@ -137,16 +77,9 @@ class Ldc1614:
         self._excused = False
         self._random = np.random.default_rng(seed)
         self._run: Run | None = None
-        self._shut_down = False
-        self._answers_from = clock.now()
         self._reset()
 
     # ------------------------------------------------------------------ the bus
-
-    @property
-    def answers(self) -> bool:
-        """Whether the chip acknowledges its address."""
-        return not self._shut_down and self.clock.now() >= self._answers_from
 
     @property
     def interrupt(self) -> bool:
@@ -197,48 +130,25 @@ class Ldc1614:
     # ------------------------------------------------------- what happens to the chip
 
     def advance(self) -> None:
-        """Simulate the chip up to now.
-
-        The method must be called before anything around the chip changes.
-        """
+        """Simulate the chip up to now."""
         if self._run is not None:
             self._run.advance(self.clock.now(), changing=True)
 
     def brown_out(self) -> None:
-        """Drop the supply for a moment.
-
-        All registers are then as after power-up, and the chip sleeps.
-        """
+        """Drop the supply for a moment."""
         self.excuse()
         self._reset()
 
     def excuse(self) -> None:
-        """Ignore undocumented use until CLOCK_DIVIDERS0 is written again.
-
-        The registers hold values by accident.
-        """
+        """Ignore undocumented use until CLOCK_DIVIDERS0 is written again."""
         self._excused = True
-
-    def shut_down(self, pin: bool) -> None:
-        """Drive the pin SD.
-
-        High resets the chip and switches it off. Low starts it again within 2 ms.
-        """
-        if pin:
-            self.brown_out()
-        elif self._shut_down:
-            self._answers_from = self.clock.now() + _START_UP
-        self._shut_down = pin
 
     def peek(self, address: int) -> int:
         """Return a configuration register without side effects."""
         return self._registers[address]
 
     def poke(self, address: int, value: int) -> None:
-        """Change a configuration register like a flipped bit.
-
-        The driver does not notice the change.
-        """
+        """Change a configuration register like a flipped bit."""
         self.excuse()
         self._registers[address] = value
 
@@ -275,7 +185,7 @@ class Ldc1614:
         if value & _SLEEP:
             self._run = None
             self._forget_results()
-            for channel in range(0 if self.open_points.proposal_kept else self.channels):
+            for channel in range(self.channels):
                 self._registers[_DRIVE + channel] &= ~_INIT_DRIVE
         elif self._run is None:
             now, setting = self.clock.now(), Setting.of(self._registers, self.channels)
@@ -306,10 +216,7 @@ class Ldc1614:
             self._note(f"{register.name} was written while the chip was active.")
 
     def _check_capacitive(self, register: Register, value: int) -> None:
-        """Note features that an FDC2212 or FDC2214 lacks.
-
-        The source is SNOSCZ5B, sections 7.6.10 to 7.6.31.
-        """
+        """Note features that an FDC2212 or FDC2214 lacks."""
         name = register.name
         if register.address == _ERROR_CONFIG and value & ~_CAPACITIVE_ERRORS:
             self._note(
@@ -336,14 +243,12 @@ class Ldc1614:
         interrupting = [one and bool(config & 1 << 7 - k) for k, one in enumerate(happened)]
         self._interrupting = self._interrupting or any(interrupting)
         self._announced = self._announced or result.last or any(interrupting)
-        shown_errors = interrupting if self.open_points.status_gated else happened
-        if any(shown_errors) and self._frozen is None:
-            errors = sum(1 << 13 - k for k, one in enumerate(shown_errors) if one)
+        if any(interrupting) and self._frozen is None:
+            errors = sum(1 << 13 - k for k, one in enumerate(interrupting) if one)
             self._frozen = channel << 14 | errors | self._ready_bits()
 
     def _ready_bits(self) -> int:
-        shown = self._registers[_ERROR_CONFIG] & 1 or not self.open_points.status_gated
-        ready = _DRDY if self._drdy and shown else 0
+        ready = _DRDY if self._drdy and self._registers[_ERROR_CONFIG] & 1 else 0
         return ready | sum(1 << 3 - channel for channel in range(CHANNELS) if self._unread[channel])
 
     def _read_status(self) -> int:
@@ -354,8 +259,6 @@ class Ldc1614:
         self._frozen, self._interrupting = None, False
         if value & _DRDY:  # a DRDY that a frozen register hides is still to be seen
             self._drdy = False
-        if self.open_points.status_clears_unread:
-            self._unread = [False] * CHANNELS
         return value
 
     def _read_msb(self, channel: int) -> int:
@@ -366,8 +269,7 @@ class Ldc1614:
         self._latched[channel] = self._codes[channel] & 0xFFFF
         self._fresh[channel] = True
         self._unread[channel] = False
-        if self.open_points.flags_clear_on_read:
-            self._flags[channel] = 0
+        self._flags[channel] = 0
         if self._frozen is not None and self._frozen >> 14 == channel:
             self._frozen, self._interrupting = None, False
         return value
@@ -383,11 +285,7 @@ class Ldc1614:
 
 
 class EmulatedBus:
-    """I²C bus to one converter.
-
-    It is a `coilarray.hardware.wire.buses.RegisterBus`. Every transaction takes its time on the clock of the board, at
-    `speed` in Hz.
-    """
+    """I²C bus to one converter."""
 
     def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = BUS_RATE) -> None:
         self.chip = chip
@@ -401,20 +299,14 @@ class EmulatedBus:
         self._held = False
 
     def read(self, register: int) -> int:
-        """Return a register.
-
-        A chip that does not answer causes a BusFault.
-        """
+        """Return a register."""
         self._pass(READ_BITS, register)
         value = self._damaged(self.chip.read(register))
         self._note("read", register, value)
         return value
 
     def write(self, register: int, value: int) -> None:
-        """Write a register.
-
-        A chip that does not answer causes a BusFault.
-        """
+        """Write a register."""
         self._pass(WRITE_BITS, register)
         arriving = self._damaged(value)
         if arriving != value:
@@ -435,17 +327,11 @@ class EmulatedBus:
         self._refused = transactions
 
     def hold(self) -> None:
-        """Hold the data line low until the bus is cleared.
-
-        A chip does this after an interrupted transfer.
-        """
+        """Hold the data line low until the bus is cleared."""
         self._held = True
 
     def flip(self, *bits: int) -> None:
-        """Flip the given bits of the next values.
-
-        Each transaction has one flipped bit. I²C has no checksum to detect it.
-        """
+        """Flip the given bits of the next values."""
         self._flips += bits
 
     def _pass(self, bits: int, register: int) -> None:
@@ -456,8 +342,8 @@ class EmulatedBus:
         if self._held:
             self.clock.sleep(_BUS_TIMEOUT)
             raise BusTimeout(f"the bus is held down; register {register:#04x} was not reached.")
-        if self._refused or not self.chip.answers:
-            self._refused = max(self._refused - 1, 0)
+        if self._refused:
+            self._refused -= 1
             self.clock.sleep(10 / self.speed)
             raise BusFault(f"the converter did not acknowledge register {register:#04x}.")
         self.clock.sleep(bits / self.speed)

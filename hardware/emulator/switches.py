@@ -5,17 +5,15 @@ The port shifts words into the packages.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Literal
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.closure import (
+from coilarray.hardware.scan.switching import (
     SWITCHES,
-    Drains,
     Net,
     SwitchTable,
     WiredSwitch,
-    check_drains,
     closed_switches,
 )
 from coilarray.hardware.wire.buses import Clock, reversed_bits
@@ -26,10 +24,8 @@ _FALLING_EDGE_MODES = (1, 2)  # SPI modes in which data are stable at the fallin
 class EmulatedChain:
     """A daisy chain of packages behind one shift register.
 
-    `devices` are as returned by `coilarray.hardware.scan.closure.switch_table`. The first device is at the far end of
-    the chain and gets the first byte. `drains` has for each device the bits that share a common pin, by default none.
-    Switches that cannot share it raise a HardwareError. `before_change` and `after_change` are called when switches
-    move. `readback` means that the end of the chain is wired back to the computer.
+    The first device is at the far end of the chain and gets the first byte. `before_change` and `after_change` are
+    called when switches move. `readback` means that the end of the chain is wired back to the computer.
 
     A bit is shifted in at every falling edge of the clock. When SYNC rises, each package latches its last eight bits.
     After power-up all switches are open. Only power-up resets a package.
@@ -41,12 +37,8 @@ class EmulatedChain:
         *,
         before_change: Callable[[], None] = lambda: None,
         after_change: Callable[[], None] = lambda: None,
-        drains: Sequence[Drains] | None = None,
         readback: bool = True,
     ) -> None:
-        for k, (switches, of_device) in enumerate(zip(devices, drains or [()] * len(devices), strict=True)):
-            names = [f"bit {bit}" for bit in range(SWITCHES)]
-            check_drains(switches, of_device, names, f"device {len(devices) - k} of the chain")
         self.devices = devices
         self.readback = readback
         self.latches = 0
@@ -58,10 +50,7 @@ class EmulatedChain:
         self._words = bytes(len(self.devices))
 
     def power_up(self) -> None:
-        """Restore the supply.
-
-        The register is then empty, and all switches are open.
-        """
+        """Restore the supply."""
         self._before_change()
         self._register, self._words = 0, bytes(len(self.devices))
         self._after_change()
@@ -99,10 +88,7 @@ class EmulatedChain:
         return reversed_bits(came) if lsb_first else came
 
     def stick(self, device: int, bit: int, state: Literal["open", "closed"]) -> None:
-        """Break a switch, which then stays in this state.
-
-        The switch is given by its device in the order of the words and its bit.
-        """
+        """Break a switch, which then stays in this state."""
         self._before_change()
         self._stuck[device, bit] = state == "closed"
         self._after_change()
@@ -114,10 +100,7 @@ class EmulatedChain:
         self._after_change()
 
     def find(self, coil: int, end: int, net: Net) -> tuple[int, int]:
-        """Return device and bit of a switch.
-
-        It connects an end of a coil to a net. A missing switch raises a HardwareError.
-        """
+        """Return device and bit of a switch."""
         for device, switches in enumerate(self.devices):
             for bit, switch in enumerate(switches):
                 if switch == WiredSwitch((coil, end), net):
@@ -135,11 +118,7 @@ class EmulatedChain:
 
 
 class EmulatedSwitches:
-    """Serial port between a driver and the emulated chain.
-
-    It is a `coilarray.hardware.wire.buses.SwitchChain`. Shifting takes its time on the clock of the board, at `speed`
-    in Hz.
-    """
+    """Serial port between a driver and the emulated chain."""
 
     def __init__(self, chain: EmulatedChain, clock: Clock, *, speed: float = 8e6) -> None:
         self.chain, self.clock, self.speed = chain, clock, speed
@@ -151,10 +130,7 @@ class EmulatedSwitches:
         """Whether the data line is broken, so that the chain receives zeros."""
 
     def shift(self, words: bytes) -> bytes | None:
-        """Send one byte per device and latch all of them.
-
-        The first byte goes to the far end of the chain. All bytes are latched at once.
-        """
+        """Send one byte per device and latch all of them."""
         self.clock.sleep(8 * len(words) / self.speed)
         sent = bytes(len(words)) if self.broken else words
         return self.chain.transfer(sent, mode=self.mode, lsb_first=self.lsb_first)

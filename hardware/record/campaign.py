@@ -22,8 +22,7 @@ from coilarray.errors import HardwareError, shown
 from coilarray.hardware.record.recorder import Recorder
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.record.stages import Stage
-from coilarray.hardware.scan.reader import Reader
-from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.readings import Reader, read_scan
 from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, NoAnswer
 
@@ -41,16 +40,7 @@ _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 10
 
 @dataclass(frozen=True)
 class Campaign:
-    """Positions, depths and sequence of a campaign.
-
-    An invalid value raises a HardwareError.
-
-    Examples
-    --------
-    >>> campaign = Campaign(x=(-0.002, 0.0, 0.002), y=(0.0,), depths=(0.001,), repeats=2)
-    >>> len(campaign.places), campaign.places[4]
-    (6, GridPlace(number=4, repeat=1, depth=0.001, y=0.0, x=0.0))
-    """
+    """Positions, depths and sequence of a campaign."""
 
     x: tuple[float, ...]  # m from the map's origin, as y; rising
     y: tuple[float, ...]
@@ -84,19 +74,13 @@ class Campaign:
 
     @cached_property
     def places(self) -> tuple[GridPlace, ...]:
-        """Every position in the order of measurement.
-
-        The order is row after row, with all depths at one place.
-        """
+        """Every position in the order of measurement."""
         grid = product(range(self.repeats), self.y, self.x, self.depths)
         return tuple(GridPlace(number, repeat, depth, y, x) for number, (repeat, y, x, depth) in enumerate(grid))
 
     @property
     def seconds(self) -> float:
-        """Time in s for pressing, dwelling and lifting.
-
-        Scans and ways between positions are left out.
-        """
+        """Time in s for pressing, dwelling and lifting."""
         pressing = sum(2 * depth / self.speed + self.dwell for depth in self.depths)
         return self.size / len(self.depths) * pressing
 
@@ -114,18 +98,12 @@ class Campaign:
         }
 
     def to_json(self) -> str:
-        """Return the campaign as JSON in one line.
-
-        `from_json` reads it.
-        """
+        """Return the campaign as JSON in one line."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> Campaign:
-        """Read a campaign from the JSON of `to_json`.
-
-        Any other text raises a HardwareError.
-        """
+        """Read a campaign from the JSON of `to_json`."""
         try:
             values = json.loads(text)
             values |= {name: tuple(float(value) for value in values[name]) for name in ("x", "y", "depths")}
@@ -140,36 +118,18 @@ def design_campaign(
     x: Sequence[float] | None = None,
     y: Sequence[float] | None = None,
     depths: Sequence[float] | None = None,
-    repeats: int = 1,
-    scans: int = 1,
-    dwell: float = DWELL,
-    speed: float = SPEED,
+    **sequence: Any,
 ) -> Campaign:
     """Make the campaign of a design's [indentation].
 
-    It lies in the design's window for ellipses. For gast2020 it is the grid of the paper. Positions and depths in m and
-    the sequence may be given instead, with the meaning of `Campaign`. A design without an indentation, or invalid
-    values, raise a HardwareError.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> design_campaign(load_design("gast2020")).size
-    189
+    It lies in the design's window for ellipses; for gast2020 it is the grid of the paper. Positions and depths in m and
+    the sequence of `Campaign` may be given instead.
     """
     setup = design.indentation
     if setup is None:
         raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; a campaign needs them.")
     setup = setup.in_ellipse_window()
-    return Campaign(
-        x=setup.x if x is None else tuple(x),
-        y=setup.y if y is None else tuple(y),
-        depths=setup.depths if depths is None else tuple(depths),
-        repeats=repeats,
-        scans=scans,
-        dwell=dwell,
-        speed=speed,
-    )
+    return Campaign(tuple(x or setup.x), tuple(y or setup.y), tuple(depths or setup.depths), **sequence)
 
 
 def run_campaign(
@@ -182,30 +142,7 @@ def run_campaign(
     progress: Progress | None = None,
     reconnect: Callable[[], Reader] | None = None,
 ) -> None:
-    """Measure every position that is not measured yet.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Campaign that the recorder was started with.
-    reader : Reader
-        Board, configured with the settings of the recorder's session.
-    clock : Clock
-        Clock of the dwell.
-    progress : callable, optional
-        Called with (positions done, their total number).
-    reconnect : callable, optional
-        Opens another session with a board that has restarted, and returns its reader, not configured. The position is
-        then measured again, in a new session of the recording. Without it, such a board ends the campaign.
-
-    Raises
-    ------
-    BoardRestarted
-        The board restarted, and no `reconnect` is given.
-    HardwareError
-        A fault of the board or the stage, or a position at which a scan failed `TRIES` times. The indenter is then
-        lifted if the stage can do that by itself.
-    """
+    """Measure every position that is not measured yet."""
     stage.check(campaign.places)
     done = recorder.finished()
     count = len(done)
@@ -229,10 +166,7 @@ class _BadScanError(HardwareError):
 
 @dataclass
 class _Run:
-    """A campaign in progress.
-
-    Its reader changes when the board restarts.
-    """
+    """A campaign in progress."""
 
     campaign: Campaign
     reader: Reader
@@ -242,10 +176,7 @@ class _Run:
     reconnect: Callable[[], Reader] | None
 
     def measure(self, place: GridPlace) -> None:
-        """Measure a position.
-
-        A failed scan restarts the position.
-        """
+        """Measure a position."""
         for attempt in range(1, TRIES + 1):
             position = self.recorder.begin(place)
             try:
@@ -281,10 +212,7 @@ class _Run:
                     raise _BadScanError(f"{state.name} gave no value: {', '.join(state.reasons)}.")
 
     def _configure_again(self) -> None:
-        """Configure the board again after a fault.
-
-        A board that restarted begins another session.
-        """
+        """Configure the board again after a fault."""
         session = self.recorder.session
         try:
             self.reader.configure(session.settings)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.errors import HardwareError, require_positive
-from coilarray.hardware.record.reference_coil import less_reference
+from coilarray.hardware.record.recorded_response import less_reference
 from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
 from coilarray.localize.presses import Press, PressDetector
 
@@ -73,8 +73,8 @@ class LiveTracker:
     baseline_scans : int
         Number of scans without an indentation whose mean is L_0.
     budget : NoiseBudget, optional
-        Budget of the board's states, as returned by `coilarray.hardware.scan.board_network.board_budget`. It gives the
-        changes since L_0, both separate for each state and common. The noise of a scan is measured in the baseline.
+        Budget of the board's states, as returned by `coilarray.hardware.scan.design_settings.board_budget`. It gives
+        the changes since L_0, both separate for each state and common. The noise of a scan is measured in the baseline.
         Without a budget the noise of the model is used, and the measured noise is added to it.
     noise : float, optional
         Standard deviation of δ to assume beside the measured noise, independent from state to state. It replaces the
@@ -82,13 +82,6 @@ class LiveTracker:
     reference : sequence of str
         Coils that nothing touches. Their mean δ is subtracted from all other states. Their own δ stays as it is, and
         takes no part in locations and presses.
-
-    Raises
-    ------
-    HardwareError
-        Fewer than 2 scans of a baseline, or noise that is not positive and finite.
-    LocalizeError, NetworkError
-        A reference that the model, or the budget, does not have.
     """
 
     def __init__(
@@ -127,10 +120,7 @@ class LiveTracker:
         self._common: float | None = None
 
     def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
-        """Evaluate the next scan.
-
-        It may enter the baseline only if the indenter is not known to press.
-        """
+        """Evaluate the next scan."""
         self._count(scan)
         self._states = len(scan.states)
         elapsed = scan.time - self._start
@@ -164,10 +154,7 @@ class LiveTracker:
         )
 
     def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:
-        """Collect baseline values of every state.
-
-        Collecting ends when every state has enough values, or a state without values has had enough time.
-        """
+        """Collect baseline values of every state."""
         self._rest.append((elapsed, values))
         enough = {name for name, count in self._counts().items() if count >= self._scans}
         everything = len(enough) == self._states
@@ -188,10 +175,7 @@ class LiveTracker:
         self._presses = PressDetector(deltas, 0 if self._presses is None else self._presses.number)
 
     def _assume(self, measured: float, names: Sequence[str]) -> None:
-        """Set the noise of δ of the named states.
-
-        It has the scatter of the baseline and the later changes.
-        """
+        """Set the noise of δ of the named states."""
         self._models = {}  # they have the noise
         if self._given is not None:
             self._noise = math.hypot(self._given, measured)
@@ -212,10 +196,7 @@ class LiveTracker:
             self._model = model.referenced(self._reference) if references else model
 
     def _common_of(self, budget: NoiseBudget, names: Sequence[str]) -> float:
-        """Return the largest common standard deviation of δ.
-
-        All of the named states share it.
-        """
+        """Return the largest common standard deviation of δ."""
         references = len(self._reference)
         less = budget.referenced(self._reference) if references else budget
         kept = [k for k, name in enumerate(less.states) if name in names]
@@ -224,10 +205,7 @@ class LiveTracker:
         return math.sqrt(float(squares.max(initial=0.0)) + of_references)
 
     def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
-        """Return δ of the other states less the references.
-
-        The result is empty if a reference has no value.
-        """
+        """Return δ of the other states less the references."""
         if not self._reference:
             return dict(delta)
         if not set(self._reference) <= set(delta):
@@ -264,10 +242,7 @@ class LiveTracker:
         return LiveState(state.name, state.inductance / base[state.name] - 1, state.verdict, reasons)
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
-        """Locate the indentation.
-
-        All states of the model with a value are used.
-        """
+        """Locate the indentation."""
         from coilarray.localize.inverse import locate  # takes a second to load and is not needed without a model
 
         delta = {name: value for name, value in self._touchable(states).items() if name in model.states}
@@ -288,10 +263,7 @@ class LiveTracker:
         }
 
     def _count(self, scan: ScanReading) -> None:
-        """Update time and number of missing scans.
-
-        A new session or a new stream starts again.
-        """
+        """Update time and number of missing scans."""
         if self._last is not None and self._last[0] == scan.boot and scan.sequence > self._last[1]:
             self._lost += scan.sequence - self._last[1] - 1
         if self._last is None or self._last[0] != scan.boot:

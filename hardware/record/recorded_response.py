@@ -1,6 +1,6 @@
-"""Recordings as datasets.
+"""Recordings as datasets, and their correction by reference coils.
 
-They are the response of a campaign, in the form of simulations, and the time series of all scans.
+The datasets are the response of a campaign, in the form of simulations, and the time series of all scans.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.checksum import with_checksums
+from coilarray.design.scan_states import referenced_names
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
@@ -67,13 +68,6 @@ def recorded_response(
         from the differences of successive baselines (NaN for a single position). ``doubtful`` (depth, y, x, state)
         marks readings outside the specification of the data sheet. The attributes name the equipment, and ``emulated``
         is 0 for a real board.
-
-    Raises
-    ------
-    HardwareError
-        A recording without a campaign, missing positions, a damaged file.
-    DesignError
-        A recorded design that this version cannot read.
 
     Notes
     -----
@@ -145,11 +139,6 @@ def recorded_series(
         epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a position that was measured to
         its end; ``depth``, ``y``, ``x`` in m, NaN if unknown; ``temperature`` in °C if the recording has temperatures,
         likewise.
-
-    Raises
-    ------
-    HardwareError
-        A recording without a scan, a baseline below 1, a damaged file.
     """
     if baseline < 1:
         raise HardwareError(f"baseline must be at least 1 scan; got {baseline}.")
@@ -221,10 +210,7 @@ def _campaign(recording: Recording) -> Campaign:
 def _measured(
     recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
-    """Return L_0 and L_peak over (repeat, depth, y, x, state).
-
-    The marks of doubtful values and every L_0 in time order are returned with them.
-    """
+    """Return L_0 and L_peak over (repeat, depth, y, x, state)."""
     shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x), len(recording.states))
     sums = {"baseline": np.zeros(shape), "peak": np.zeros(shape)}
     counts = {"baseline": np.zeros(shape[:-1]), "peak": np.zeros(shape[:-1])}
@@ -268,10 +254,7 @@ def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
 
 
 def _mean(values: FloatArray) -> FloatArray:
-    """Mean of the rows without NaN.
-
-    It is NaN if all values are NaN.
-    """
+    """Mean of the rows without NaN."""
     count = np.isfinite(values).sum(axis=0)
     return np.asarray(np.where(count > 0, np.nansum(values, axis=0), np.nan) / np.maximum(count, 1))
 
@@ -284,10 +267,7 @@ def _reading(recording: Recording, scan: RecordedScan, capacitances: Capacitance
 
 
 class _Row(NamedTuple):
-    """A scan of a time series.
-
-    The first four fields have a value or a row of words for every state.
-    """
+    """A scan of a time series."""
 
     frequency: FloatArray
     inductance: FloatArray
@@ -370,3 +350,43 @@ def _provenance(recording: Recording) -> dict[str, str | int]:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str]) -> dict[str, FloatArray]:
+    """Return δ less the mean δ of the reference coils.
+
+    `delta` has δ of every state by name, a number of one scan or an array over scans, NaN if unknown. δ of the other
+    states is returned. It is NaN if a state or any reference has no value: a mean over fewer references would jump by
+    their noise.
+
+    Notes
+    -----
+    A drift d multiplies every L by 1 + d, so that δ becomes δ + d + δ d. The last term, 10⁻⁸ for d = 10⁻⁵ and δ = 10⁻³,
+    remains.
+
+    Examples
+    --------
+    >>> left = less_reference({"coil1": [5e-6, 7e-4 + 9e-6], "far": [5e-6, 9e-6]}, ["far"])
+    >>> np.round(left["coil1"], 9)
+    array([0.    , 0.0007])
+    """
+    others = referenced_names(tuple(delta), reference, HardwareError)
+    mean = np.mean([np.asarray(delta[name], dtype=np.float64) for name in reference], axis=0)
+    return {name: np.asarray(np.asarray(delta[name], dtype=np.float64) - mean) for name in others}
+
+
+def response_less_reference(response: xr.Dataset, reference: Sequence[str]) -> xr.Dataset:
+    """Return a response less the reference coils.
+
+    The response is measured or simulated. The mean δ of the reference coils is subtracted from δ of the other states.
+    If the response has ``delta_std``, the noise of the mean is added to it.
+    """
+    others = list(referenced_names(tuple(response.state.values.tolist()), reference, HardwareError))
+    mean = response.delta.sel(state=list(reference)).mean("state", skipna=False)
+    left = response.sel(state=others)
+    left["delta"] = (left.delta - mean).assign_attrs(response.delta.attrs)
+    if "delta_std" in left:
+        taken = response.delta_std.sel(state=list(reference))
+        added = (taken**2).sum("state", skipna=False) / len(reference) ** 2
+        left["delta_std"] = np.sqrt(left.delta_std**2 + added).assign_attrs(response.delta_std.attrs)
+    return left.assign_attrs(reference_coils=", ".join(reference))

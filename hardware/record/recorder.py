@@ -1,4 +1,4 @@
-"""Writing of recordings.
+"""Writing of recordings, with the temperature beside the scans.
 
 A scan is in the file as soon as it is added, and a kill at any moment leaves the file intact. A scan is one transaction
 in SQLite's write-ahead log, so a kill loses only a scan that was not added yet. Once a second, and at the end of every
@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -27,10 +29,7 @@ from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import (
-    add_checksums,
-    add_temperatures,
     create_tables,
-    has_checksums,
     insert_row,
     insert_scan,
     is_blank,
@@ -38,10 +37,70 @@ from coilarray.hardware.record.recording_file import (
     require_recording,
     sign_row,
 )
-from coilarray.hardware.scan.reader import RawScan, Reader
+from coilarray.hardware.scan.readings import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.wire.faults import BoardRestarted
-from coilarray.hardware.wire.signals import held_signals
+from coilarray.hardware.wire.faults import BoardRestarted, held_signals
+
+PERIOD = 1.0
+"""Time in s from reading to reading."""
+
+COLDEST, WARMEST = -100.0, 300.0
+"""Range of accepted temperatures in °C. A sensor of the 1-wire bus without power shows 85 °C."""
+
+_OUTDATED = 5.0  # s after which the last reading is outdated
+_SLAVE = re.compile(r"(?s).*crc=\w+ YES\s.*t=(-?\d+)\s*")
+_LONGEST = 4096  # bytes
+
+
+def file_temperature(path: Path) -> float:
+    """Read a temperature in °C from a file."""
+    try:
+        with path.open("rb") as file:
+            text = file.read(_LONGEST).decode("ascii", errors="replace").strip()
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"cannot read the temperature {path}: {getattr(error, 'strerror', error)}.") from None
+    slave = _SLAVE.fullmatch(text)
+    try:
+        value = int(slave[1]) / 1000 if slave else float(text) if "." in text else int(text) / 1000
+    except ValueError:
+        value = math.nan
+    if not COLDEST <= value <= WARMEST:
+        raise HardwareError(
+            f"{path} must hold a temperature from {COLDEST:g} to {WARMEST:g} °C, as a whole number in 0.001 °C or "
+            f"with a decimal point in °C; got {text[:40]!r}."
+        )
+    return value
+
+
+@contextmanager
+def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
+    """Read a file once a second in the background.
+
+    The returned function gives the temperature in °C, or None if it is outdated. Later the temperature is None while
+    the file cannot be read.
+    """
+    latest = (file_temperature(path), time.monotonic())
+    ended = threading.Event()
+
+    def follow() -> None:
+        """Read the file until the block is left."""
+        nonlocal latest
+        while not ended.wait(PERIOD):
+            try:
+                latest = file_temperature(path), time.monotonic()
+            except HardwareError:
+                continue
+
+    def temperature() -> float | None:
+        value, when = latest
+        return value if time.monotonic() - when <= _OUTDATED else None
+
+    threading.Thread(target=follow, daemon=True, name="thermometer").start()
+    try:
+        yield temperature
+    finally:
+        ended.set()  # a sensor of the 1-wire bus may take a second to answer, and it is not awaited
+
 
 _DURABLE = 1.0  # s
 _WRITES_IN_LOG = 256  # before the log is copied into the file: about a megabyte
@@ -55,8 +114,7 @@ Thermometer = Callable[[], float | None]
 class Recorder:
     """A recording that is open for writing.
 
-    `open_recorder` opens it. Call `start` before any other method. Every method writes completely or not at all. A
-    failure, for example a full disk, raises an OutputError.
+    Call `start` before any other method. Every method writes completely or not at all.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -70,10 +128,7 @@ class Recorder:
 
     @property
     def started(self) -> bool:
-        """Whether a session has begun.
-
-        The recording is then no longer empty.
-        """
+        """Whether a session has begun."""
         return self._session is not None
 
     @property
@@ -89,9 +144,7 @@ class Recorder:
         """Begin a session.
 
         The first session creates the recording, and later sessions continue it. `campaign` is its plan as JSON.
-        `thermometer` returns the temperature in °C of every scan, if known. A HardwareError is raised for a recording
-        of another design, wiring or campaign, with other settings, or of an emulator if the board is real or vice
-        versa. A file that cannot be written raises an OutputError.
+        `thermometer` returns the temperature in °C of every scan, if known.
         """
 
         def write(connection: sqlite3.Connection) -> int:
@@ -100,10 +153,6 @@ class Recorder:
                 create_tables(connection)
                 if campaign is not None:
                     insert_row(connection, "campaign", {"plan": campaign})
-            elif not has_checksums(connection):
-                add_checksums(connection, Recording(self.path, connection).scan_checksums())
-            if thermometer is not None:
-                add_temperatures(connection)
             return insert_row(connection, "session", _session_row(session))
 
         with reading(self.path):
@@ -115,24 +164,7 @@ class Recorder:
         self._session, self.thermometer = session, thermometer
 
     def add(self, scan: RawScan, stage: str, *, position: int | None = None, depth: float | None = None) -> None:
-        """Write a scan of this session.
-
-        Parameters
-        ----------
-        stage : str
-            Part of the measurement: "stream", "single", "baseline" or "peak".
-        position : int, optional
-            Number of the position, from `begin`.
-        depth : float, optional
-            Depth of the indenter in m. 0 if it does not touch.
-
-        Raises
-        ------
-        BoardRestarted
-            A scan of another session of the board.
-        HardwareError
-            A scan with other settings or another number of states, or without a time.
-        """
+        """Write a scan of this session."""
         self._require_ours(scan)
         temperature = None if self.thermometer is None else self.thermometer()
 
@@ -142,10 +174,7 @@ class Recorder:
         self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 
     def count(self) -> int:
-        """Return the number of scans in the recording.
-
-        Scans of earlier sessions are included.
-        """
+        """Return the number of scans in the recording."""
         with reading(self.path):
             return int(self._connection.execute("SELECT count(*) FROM scan").fetchone()[0])
 
@@ -156,10 +185,7 @@ class Recorder:
             return frozenset(place for (place,) in rows)
 
     def begin(self, place: GridPlace) -> int:
-        """Begin a place of the campaign.
-
-        The number of this position is returned.
-        """
+        """Begin a place of the campaign."""
 
         def write(connection: sqlite3.Connection) -> int:
             values = {"place": place.number, "repeat": place.repeat, "depth": place.depth, "y": place.y, "x": place.x}
@@ -168,10 +194,7 @@ class Recorder:
         return self._write(write, durable=False)
 
     def finish(self, position: int) -> None:
-        """Mark a position as measured to its end.
-
-        From then on it counts.
-        """
+        """Mark a position as measured to its end."""
 
         def write(connection: sqlite3.Connection) -> None:
             connection.execute("UPDATE position SET finished = ? WHERE id = ?", (time.time(), position))
@@ -180,10 +203,7 @@ class Recorder:
         self._write(write, durable=True)
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
-        """Write the symptoms and findings of a self-test.
-
-        See `coilarray.hardware.board.self_test.SelfTest`.
-        """
+        """Write the symptoms and findings of a self-test."""
         values: dict[str, object] = {"session": self._number, "time": time.time()}
         values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
         self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
@@ -239,12 +259,7 @@ def begin_session(board: Board, settings: ScanSettings, design: Design) -> Recor
 
 @contextmanager
 def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
-    """Open a file for a new or resumed recording.
-
-    The folder of the file must exist. With `resume` an existing recording is continued. An OutputError is raised for a
-    file that already exists, cannot be written, or is being written by another process. A HardwareError is raised for a
-    file to continue that is not a recording, has another schema, or is damaged.
-    """
+    """Open a file for a new or resumed recording."""
     with _alone(path):
         with writing(path, ValueError):
             there = path.exists()
@@ -274,29 +289,7 @@ def record_stream(
     interval: float = 0.0,
     progress: Progress | None = None,
 ) -> int:
-    """Record a number of scans, or for a time.
-
-    The number of recorded scans is returned.
-
-    Parameters
-    ----------
-    reader : Reader
-        Board, configured with the settings of the recorder's session.
-    scans : int, optional
-        Number of scans.
-    seconds : float, optional
-        Duration in s from the first scan on, by the board's clock. It is given instead of a number of scans.
-    interval : float
-        Time from scan to scan in s. As fast as possible by default.
-    progress : callable, optional
-        Called with (done, total): scans, or tenths of a second.
-
-    Raises
-    ------
-    HardwareError
-        Neither or both of `scans` and `seconds`, values that are not positive, or a fault of the board. Every earlier
-        scan is in the recording.
-    """
+    """Record a number of scans, or for a time."""
     if (scans is None) == (seconds is None):
         raise HardwareError("a stream must have either a number of scans or a time in s.")
     if scans is not None and scans < 1:
@@ -403,10 +396,7 @@ def _session_row(session: RecordedSession) -> dict[str, object]:
 
 
 def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connection], _T]) -> _T:
-    """Run a write in a transaction.
-
-    A failure rolls it back.
-    """
+    """Run a write in a transaction."""
     try:
         connection.execute("BEGIN IMMEDIATE")
         result = write(connection)

@@ -1,4 +1,4 @@
-"""Reading of recordings.
+"""Reading of recordings, and their summaries.
 
 Every scan has its raw words, the place of the indenter, and the settings of the board.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
+from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from datetime import UTC, datetime
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
@@ -23,16 +24,26 @@ from coilarray.hardware.record.recording_file import (
     check_pages,
     check_references,
     connect_to_read,
-    has_checksums,
-    has_temperatures,
     is_whole,
     reading,
     require_recording,
     scan_checksum,
     table_rows,
 )
-from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.readings import (
+    Identity,
+    RawSample,
+    RawScan,
+    Reason,
+    SampleFault,
+    StateReading,
+    Verdict,
+    read_scan,
+)
 from coilarray.hardware.scan.settings import ScanSettings
+
+if TYPE_CHECKING:
+    from coilarray.hardware.record.campaign import Campaign
 
 _PLACE = ("place", "repeat", "depth", "y", "x")
 """Columns of a position that are the fields of its `GridPlace`."""
@@ -51,10 +62,7 @@ class GridPlace:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSession:
-    """Properties of all scans while a board is open.
-
-    They hold from opening the board to closing it.
-    """
+    """Properties of all scans while a board is open."""
 
     started: float  # s since the epoch
     identity: Identity
@@ -98,28 +106,13 @@ class RecordedSelfTest:
 
 
 class Recording:
-    """A recording that is open for reading.
-
-    `open_recording` opens it.
-
-    Attributes
-    ----------
-    sessions : tuple of RecordedSession
-        Sessions in the order in which they began.
-    campaign : str or None
-        Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), if there is a campaign.
-    has_temperatures : bool
-        Whether a thermometer was given in any session.
-    has_checksums : bool
-        Whether its version writes checksums. All data are then checked against them on reading.
-    """
+    """A recording that is open for reading."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
         self._connection = connection
         with reading(path):
             require_recording(connection, path)
-            self.has_checksums, self.has_temperatures = has_checksums(connection), has_temperatures(connection)
         rows = self.rows("session")
         self._sessions = {int(row["id"]): k for k, row in enumerate(rows)}
         self.sessions = tuple(self._session(row) for row in rows)
@@ -139,17 +132,11 @@ class Recording:
 
     @cached_property
     def design(self) -> Design:
-        """Design of the first session.
-
-        A design that this version cannot read raises a DesignError.
-        """
+        """Design of the first session."""
         return build_design(self.sessions[0].design_document, str(self.path))
 
     def self_tests(self) -> tuple[RecordedSelfTest, ...]:
-        """Return the self-tests in time order.
-
-        A damaged file raises a HardwareError.
-        """
+        """Return the self-tests in time order."""
         return tuple(self._self_test(row) for row in self.rows("self_test"))
 
     def count(self) -> int:
@@ -158,63 +145,37 @@ class Recording:
             return int(self._connection.execute("SELECT count(*) FROM scan").fetchone()[0])
 
     def positions(self) -> dict[int, GridPlace]:
-        """Return the finished places by position number.
-
-        They are in the order of the campaign.
-        """
+        """Return the finished places by position number."""
         rows = [row for row in self.rows("position") if row["finished"] is not None]
         rows.sort(key=lambda row: row["place"])
         return {row["id"]: GridPlace(*(row[name] for name in _PLACE)) for row in rows}
 
     def scans(self, *, after: int = 0, finished: bool = False) -> Generator[RecordedScan]:
-        """Read the scans in the order of measurement.
-
-        A damaged file raises a HardwareError.
-
-        Parameters
-        ----------
-        after : int
-            Number of a scan. Only later scans are read, for following a recording that grows.
-        finished : bool
-            Whether to read only scans of positions that were measured to their end.
-        """
+        """Read the scans in the order of measurement."""
         with closing(self._scans(after)) as found:
-            for scan, _, ended in found:
+            for scan, ended in found:
                 if ended or not finished:
                     yield scan
 
-    def scan_checksums(self) -> list[tuple[str, int]]:
-        """Return the expected checksum and number of every scan."""
-        return [(expected, scan.number) for scan, expected, _ in self._scans(0)]
-
-    def _scans(self, after: int) -> Generator[tuple[RecordedScan, str, bool]]:
-        """Read the scans after a number.
-
-        Each scan comes with its checksum, and whether its position was finished.
-        """
-        celsius, beside = "NULL", ""
-        if self.has_temperatures:
-            celsius, beside = "temperature.celsius", "LEFT JOIN temperature ON temperature.scan = scan.id"
-        kept = "scan.checksum" if self.has_checksums else "NULL"
-        query = f"""
+    def _scans(self, after: int) -> Generator[tuple[RecordedScan, bool]]:
+        """Read the scans after a number."""
+        query = """
             SELECT scan.id, scan.session, scan.position, scan.stage, scan.depth, scan.sequence, scan.time,
-                   scan.received, {celsius}, {kept}, sample.state, sample.msb, sample.lsb, sample.status, sample.fault
-            FROM scan JOIN sample ON sample.scan = scan.id {beside}
+                   scan.received, scan.temperature, scan.checksum,
+                   sample.state, sample.msb, sample.lsb, sample.status, sample.fault
+            FROM scan JOIN sample ON sample.scan = scan.id
             WHERE scan.id > ? ORDER BY scan.id, sample.state
         """
         before, positions = after, _Positions(self)
         with reading(self.path), closing(self._connection.execute(query, (after,))) as rows:
             for number, group in groupby(rows, key=lambda row: row[0]):
-                if self.has_checksums and number != before + 1:
+                if number != before + 1:
                     raise HardwareError(f"{self.path} is damaged: scan {before + 1} is missing.")
                 before = number
                 yield self._scan(list(group), positions)
 
     def check(self) -> None:
-        """Read the whole file to check it for damage.
-
-        The HardwareError names the first damage.
-        """
+        """Read the whole file to check it for damage."""
         check_references(self._connection, self.path)
         self.self_tests()
         self.positions()
@@ -222,10 +183,7 @@ class Recording:
             pass
 
     def rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
-        """Read rows of a table other than the scans.
-
-        A row that does not match its checksum raises a HardwareError.
-        """
+        """Read rows of a table other than the scans."""
         with reading(self.path):
             rows = table_rows(self._connection, table, which, *values)
         for row in rows:
@@ -234,7 +192,7 @@ class Recording:
                 raise HardwareError(f"{self.path} is damaged: {name} {row['id']}: its checksum is wrong.")
         return rows
 
-    def _scan(self, rows: list[tuple[Any, ...]], positions: _Positions) -> tuple[RecordedScan, str, bool]:
+    def _scan(self, rows: list[tuple[Any, ...]], positions: _Positions) -> tuple[RecordedScan, bool]:
         """Build a scan from its rows and check it."""
         number, session, position, stage, depth, sequence, time, received, celsius, kept = rows[0][:10]
         try:
@@ -243,23 +201,21 @@ class Recording:
             if [row[10] for row in rows] != list(range(len(settings.states))):
                 raise ValueError(f"a scan has {len(rows)} samples of {len(settings.states)} states")
             samples = tuple(
-                RawSample(_word(msb), _word(lsb), _word(status), SampleFault(fault))
+                RawSample(msb, lsb, status, SampleFault(fault))
                 for msb, lsb, status, fault in (row[11:] for row in rows)
             )
-            scan = RawScan(int(sequence), _finite(time), _finite(received), settings.hash, identity.boot, samples)
-            at, warmth = (None if value is None else _finite(value) for value in (depth, celsius))
-            expected = scan_checksum(number, session, position, str(stage), at, warmth, scan)
-            if self.has_checksums and kept != expected:
+            scan = RawScan(sequence, time, received, settings.hash, identity.boot, samples)
+            if kept != scan_checksum(number, session, position, stage, depth, celsius, scan):
                 raise ValueError("its checksum is wrong")
             place, ended = (None, False) if position is None else positions[position]
-            return RecordedScan(number, scan, index, str(stage), position, place, at, warmth), expected, ended
+            return RecordedScan(number, scan, index, stage, position, place, depth, celsius), ended
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise HardwareError(f"{self.path} is damaged: scan {number}: {error}.") from None
 
     def _self_test(self, row: Mapping[str, Any]) -> RecordedSelfTest:
         try:
-            session, time = self._sessions[row["session"]], _date(row["time"])
-            return RecordedSelfTest(session, time, _texts(row["symptoms"]), _texts(row["findings"]))
+            symptoms, findings = (tuple(json.loads(row[name])) for name in ("symptoms", "findings"))
+            return RecordedSelfTest(self._sessions[row["session"]], row["time"], symptoms, findings)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             raise HardwareError(f"{self.path} is damaged: self-test {row['id']}: {error}.") from None
 
@@ -269,18 +225,17 @@ class Recording:
             settings = ScanSettings.from_json(row["settings"])
             if settings.hash != row["settings_hash"]:
                 raise ValueError("the settings are not those of their hash")
-            identity = _identity(json.loads(row["identity"]))
             return RecordedSession(
-                started=_date(row["started"]),
-                identity=identity,
-                port=str(row["port"]),
+                started=row["started"],
+                identity=Identity(**json.loads(row["identity"])),
+                port=row["port"],
                 settings=settings,
-                wiring=str(row["wiring"]),
-                capacitances={str(name): _finite(value) for name, value in json.loads(row["capacitances"]).items()},
-                design=str(row["design"]),
-                design_hash=str(row["design_hash"]),
-                design_document=dict(json.loads(row["design_document"])),
-                version=str(row["version"]),
+                wiring=row["wiring"],
+                capacitances=json.loads(row["capacitances"]),
+                design=row["design"],
+                design_hash=row["design_hash"],
+                design_document=json.loads(row["design_document"]),
+                version=row["version"],
             )
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError, HardwareError) as error:
             raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
@@ -299,7 +254,7 @@ class _Positions(dict[int, tuple[GridPlace, bool]]):
     def __missing__(self, number: int) -> tuple[GridPlace, bool]:
         for row in self._recording.rows("position", "WHERE id = ?", number):
             place, repeat, *where = (row[name] for name in _PLACE)
-            self[number] = GridPlace(int(place), int(repeat), *map(_finite, where)), row["finished"] is not None
+            self[number] = GridPlace(place, repeat, *where), row["finished"] is not None
             return self[number]
         raise ValueError(f"its position {number} is missing")
 
@@ -308,9 +263,8 @@ class _Positions(dict[int, tuple[GridPlace, bool]]):
 def open_recording(path: Path) -> Iterator[Recording]:
     """Open a recording for reading.
 
-    A program that writes it at the same time is not disturbed. A HardwareError is raised for a file that is missing,
-    not a recording, of another schema, or damaged. The structure of the file is checked at once, and its contents on
-    reading.
+    A program that writes it at the same time is not disturbed. The structure of the file is checked at once, and its
+    contents on reading.
     """
     with closing(connect_to_read(path)) as connection:
         check_pages(connection, path)
@@ -318,51 +272,167 @@ def open_recording(path: Path) -> Iterator[Recording]:
 
 
 def iso_time(seconds: float) -> str:
-    """Return a time as ISO 8601, to a second.
-
-    `seconds` is in s since the epoch.
-    """
+    """Return a time as ISO 8601, to a second."""
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
 
 
-def _identity(values: Mapping[str, Any]) -> Identity:
-    """Build the identity of a board and check its values."""
-    identity = Identity(**values)
-    words = (identity.manufacturer, identity.device, identity.boot)
-    if not (isinstance(identity.kind, str) and isinstance(identity.emulated, bool)):
-        raise TypeError("the identity of the board has values of another type")
-    if not all(isinstance(word, int) and 0 <= word < 1 << 32 for word in words):
-        raise ValueError(f"numbers of the board must have at most 32 bits; got {words}")
-    return identity
+class StateSummary:
+    """Statistics of the readings of a state."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.verdicts: Counter[Verdict] = Counter()
+        self.reasons: Counter[Reason] = Counter()
+        """Numbers of readings that are not good, by reason."""
+        self._count = self._steps = 0
+        self._frequency = self._inductance = self._squares = 0.0  # sums
+        self._last: float | None = None
+
+    def add(self, reading: StateReading, *, pressed: bool) -> None:
+        """Add a reading.
+
+        `pressed` means that the indenter presses, so that the reading does not count for the noise.
+        """
+        self.verdicts[reading.verdict] += 1
+        self.reasons.update(reading.reasons)
+        if reading.frequency is None or reading.inductance is None:
+            return
+        self._count += 1
+        self._frequency += reading.frequency
+        self._inductance += reading.inductance
+        if not pressed:
+            if self._last is not None:
+                self._steps += 1
+                self._squares += (reading.inductance - self._last) ** 2
+            self._last = reading.inductance
+
+    @property
+    def frequency(self) -> float | None:
+        """Mean frequency in Hz."""
+        return self._frequency / self._count if self._count else None
+
+    @property
+    def inductance(self) -> float | None:
+        """Mean inductance in H."""
+        return self._inductance / self._count if self._count else None
+
+    @property
+    def noise(self) -> float | None:
+        """Relative standard deviation of the inductance at rest.
+
+        It comes from differences of scans, in which a drift cancels. The difference of two readings has twice the
+        variance of a single reading. The value is None if no two such scans exist.
+        """
+        mean = self.inductance
+        return math.sqrt(self._squares / self._steps / 2) / mean if mean is not None and self._steps else None
 
 
-def _word(value: Any) -> int:
-    if not (isinstance(value, int) and 0 <= value <= 0xFFFF):
-        raise ValueError(f"a register must hold 16 bits; got {value!r}")
-    return value
+@dataclass(frozen=True, eq=False)
+class RecordingSummary:
+    """Summary of a whole recording."""
+
+    file: str
+    emulated: bool
+    design: str
+    design_hash: str
+    wiring: str
+    version: str
+    sessions: tuple[dict[str, Any], ...]  # time, board and number of scans of each, for JSON
+    scans: int
+    lost: int  # scans of streams that the board numbered but that never arrived
+    seconds: float  # from the first to the last scan of every session, by the board's clock
+    rate: float | None  # scans/s without the pauses between sessions; None for a campaign, or too few scans
+    states: tuple[StateSummary, ...]
+    campaign: Campaign | None
+    positions: int  # of the campaign, measured to their end
+    self_tests: tuple[RecordedSelfTest, ...]  # before and after a campaign
+
+    def to_record(self) -> dict[str, Any]:
+        """Return all values as plain values in SI, for JSON."""
+        plan = self.campaign
+        return {
+            "file": self.file,
+            "emulated": self.emulated,
+            "design": self.design,
+            "design_hash": self.design_hash,
+            "wiring": self.wiring,
+            "coilarray_version": self.version,
+            "sessions": list(self.sessions),
+            "scans": self.scans,
+            "lost_scans": self.lost,
+            "seconds": self.seconds,
+            "rate_per_s": self.rate,
+            "states": [
+                {
+                    "state": state.name,
+                    "frequency_Hz": state.frequency,
+                    "inductance_H": state.inductance,
+                    "relative_noise": state.noise,
+                    **{verdict: state.verdicts[verdict] for verdict in ("good", "doubtful", "bad")},
+                    "reasons": {str(reason): count for reason, count in state.reasons.items()},
+                }
+                for state in self.states
+            ],
+            "campaign": None if plan is None else {**plan.to_record(), "measured": self.positions},
+            "self_tests": [
+                {
+                    "session": test.session,
+                    "time": iso_time(test.time),
+                    "passed": test.passed,
+                    "symptoms": list(test.symptoms),
+                    "findings": list(test.findings),
+                }
+                for test in self.self_tests
+            ],
+        }
 
 
-def _texts(text: Any) -> tuple[str, ...]:
-    """Read a list of texts in JSON."""
-    texts = json.loads(text)
-    if not (isinstance(texts, list) and all(isinstance(one, str) for one in texts)):
-        raise TypeError("a list of texts has values of another type")
-    return tuple(texts)
+def summarize_recording(recording: Recording) -> RecordingSummary:
+    """Read a whole recording of any kind and summarize it."""
+    from coilarray.hardware.record.campaign import Campaign
 
-
-def _date(value: Any) -> float:
-    """Return a time in s since the epoch.
-
-    The calendar must have it.
-    """
-    try:
-        datetime.fromtimestamp(_finite(value), UTC)
-    except (OverflowError, OSError, ValueError):
-        raise ValueError(f"a time must be on a day of the calendar; got {value!r} s") from None
-    return float(value)
-
-
-def _finite(value: Any) -> float:
-    if not math.isfinite(value):
-        raise ValueError(f"a number must be finite; got {value!r}")
-    return float(value)
+    states = tuple(StateSummary(name) for name in recording.states)
+    times: list[list[float]] = [[] for _ in recording.sessions]
+    count, lost = 0, 0
+    before: tuple[int, int] | None = None  # session and number of the last scan of a stream
+    for scan in recording.scans():
+        session = recording.sessions[scan.session]
+        if scan.stage == "stream":
+            if before is not None and before[0] == scan.session:
+                lost += max(scan.scan.sequence - before[1] - 1, 0)
+            before = (scan.session, scan.scan.sequence)
+        readings = read_scan(scan.scan, session.settings, session.capacitances).states
+        for state, one in zip(states, readings, strict=True):
+            state.add(one, pressed=(scan.depth or 0.0) > 0)
+        times[scan.session].append(scan.scan.time)
+        count += 1
+    first = recording.sessions[0]
+    seconds = sum(of_session[-1] - of_session[0] for of_session in times if of_session)
+    steps = sum(len(of_session) - 1 for of_session in times if of_session)
+    return RecordingSummary(
+        file=str(recording.path),
+        emulated=recording.emulated,
+        design=first.design,
+        design_hash=first.design_hash,
+        wiring=first.wiring,
+        version=first.version,
+        sessions=tuple(
+            {
+                "started": iso_time(session.started),
+                "board": session.identity.kind,
+                "port": session.port,
+                "boot": f"{session.identity.boot:08X}",
+                "settings_hash": f"{session.settings.hash:04X}",
+                "scans": len(of_session),
+            }
+            for session, of_session in zip(recording.sessions, times, strict=True)
+        ),
+        scans=count,
+        lost=lost,
+        seconds=seconds,
+        rate=steps / seconds if recording.campaign is None and seconds > 0 else None,
+        states=states,
+        campaign=None if recording.campaign is None else Campaign.from_json(recording.campaign),
+        positions=len(recording.positions()),
+        self_tests=recording.self_tests(),
+    )

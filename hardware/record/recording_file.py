@@ -16,12 +16,12 @@ from typing import Any
 
 from coilarray.compute.checksum import checksum
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.reader import RawScan
+from coilarray.hardware.scan.readings import RawScan
 
 APPLICATION = 0x636F696C
 """SQLite's application_id of a database of this program: "coil"."""
-SCHEMA = 2
-"""Version of the tables: SQLite's user_version. Version 1 had no checksums."""
+SCHEMA = 3
+"""Version of the tables: SQLite's user_version."""
 
 _LONGEST_TEXT = 160  # characters of SQLite's message to show
 _TABLES = """
@@ -69,11 +69,12 @@ CREATE TABLE position (             -- of the indenter, one row for every time i
 CREATE UNIQUE INDEX finished_places ON position (place) WHERE finished IS NOT NULL;
 CREATE TABLE scan (
     id INTEGER PRIMARY KEY,
-    checksum TEXT NOT NULL,         -- with that of its samples and its temperature
+    checksum TEXT NOT NULL,         -- with that of its samples
     session INTEGER NOT NULL REFERENCES session (id),
     position INTEGER REFERENCES position (id),
     stage TEXT NOT NULL,            -- what was going on: stream, single, baseline, peak
     depth REAL,                     -- of the indenter in m where it is known, 0 where it does not touch
+    temperature REAL,               -- of the board or beside it in °C, where a thermometer was given
     sequence INTEGER NOT NULL,      -- as the board counts
     time REAL NOT NULL,             -- s by the board's clock
     received REAL NOT NULL          -- s since the epoch by the computer's clock
@@ -89,22 +90,11 @@ CREATE TABLE sample (
     PRIMARY KEY (scan, state)
 ) WITHOUT ROWID;
 """
-# Earlier versions neither make nor need this table, so it is no reason for another schema.
-_TEMPERATURES = """
-CREATE TABLE IF NOT EXISTS temperature (
-    scan INTEGER PRIMARY KEY REFERENCES scan (id),
-    celsius REAL NOT NULL           -- of the board or beside it, where a thermometer was given
-)
-"""
 _NAMES = {"session", "self_test", "campaign", "position", "scan", "sample"}
-_WITH_CHECKSUM = ("session", "self_test", "campaign", "position", "scan")
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
-    """Make an empty database a recording.
-
-    It runs within the open transaction.
-    """
+    """Make an empty database a recording."""
     connection.execute(f"PRAGMA application_id = {APPLICATION}")
     connection.execute(f"PRAGMA user_version = {SCHEMA}")
     for statement in _TABLES.split(";\n"):
@@ -113,10 +103,7 @@ def create_tables(connection: sqlite3.Connection) -> None:
 
 
 def insert_row(connection: sqlite3.Connection, table: str, values: dict[str, Any]) -> int:
-    """Add a row with its checksum to a table.
-
-    The table is not the table of the scans. The number of the row is returned.
-    """
+    """Add a row with its checksum to a table."""
     names, marks = ", ".join([*values, "checksum"]), "?, " * len(values)
     row = connection.execute(f"INSERT INTO {table} ({names}) VALUES ({marks}'')", list(values.values()))
     sign_row(connection, table, int(row.lastrowid or 0))
@@ -132,17 +119,14 @@ def insert_scan(
     temperature: float | None,
     scan: RawScan,
 ) -> None:
-    """Add a scan with samples, temperature and checksum.
-
-    The arguments have the same meaning as in `scan_checksum`.
-    """
+    """Add a scan with samples, temperature and checksum."""
     (number,) = connection.execute("SELECT coalesce(max(id), 0) + 1 FROM scan").fetchone()
     when = (scan.sequence, scan.time, scan.received)
     known = scan_checksum(number, session, position, stage, depth, temperature, scan)
     connection.execute(
-        "INSERT INTO scan (id, session, position, stage, depth, sequence, time, received, checksum) "
-        "VALUES (?,?,?,?,?,?,?,?,?)",
-        (number, session, position, stage, depth, *when, known),
+        "INSERT INTO scan (id, session, position, stage, depth, temperature, sequence, time, received, checksum) "
+        "VALUES (?,?,?,?,?,?,?,?,?,?)",
+        (number, session, position, stage, depth, temperature, *when, known),
     )
     connection.executemany(
         "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
@@ -151,8 +135,6 @@ def insert_scan(
             for k, sample in enumerate(scan.samples)
         ],
     )
-    if temperature is not None:
-        connection.execute("INSERT INTO temperature (scan, celsius) VALUES (?,?)", (number, temperature))
 
 
 def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
@@ -162,21 +144,15 @@ def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
 
 
 def table_rows(connection: sqlite3.Connection, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
-    """Return rows of a table by column names.
-
-    They are in the order of their numbers.
-    """
+    """Return rows of a table by column names."""
     found = connection.execute(f"SELECT * FROM {table} NOT INDEXED {which} ORDER BY id", values)
     names = [column[0] for column in found.description]
     return [dict(zip(names, row, strict=True)) for row in found]
 
 
 def is_whole(table: str, row: dict[str, Any]) -> bool:
-    """Check the values of a row against its checksum.
-
-    A row from a version without checksums passes.
-    """
-    return "checksum" not in row or row["checksum"] == _row_checksum(table, row)
+    """Check the values of a row against its checksum."""
+    return bool(row["checksum"] == _row_checksum(table, row))
 
 
 def scan_checksum(
@@ -188,74 +164,29 @@ def scan_checksum(
     temperature: float | None,
     scan: RawScan,
 ) -> str:
-    """Return the checksum of a scan.
-
-    `session` and `position` are numbers of rows. The other arguments have the same meaning as in `RecordedScan`.
-    """
+    """Return the checksum of a scan."""
     known = [None if value is None else float(value) for value in (depth, temperature, scan.time, scan.received)]
     words = [(sample.msb, sample.lsb, sample.status, int(sample.fault)) for sample in scan.samples]
     return checksum("scan", number, session, position, stage, known, scan.sequence, words)
 
 
-def add_checksums(connection: sqlite3.Connection, of_scans: list[tuple[str, int]]) -> None:
-    """Add checksums to a recording of schema 1.
-
-    It runs within the open transaction. `of_scans` are the checksums of its scans, with their numbers.
-    """
-    for table in _WITH_CHECKSUM:
-        connection.execute(f"ALTER TABLE {table} ADD COLUMN checksum TEXT NOT NULL DEFAULT ''")
-        if table != "scan":
-            for (number,) in connection.execute(f"SELECT id FROM {table}").fetchall():
-                sign_row(connection, table, number)
-    connection.executemany("UPDATE scan SET checksum = ? WHERE id = ?", of_scans)
-    connection.execute(f"PRAGMA user_version = {SCHEMA}")
-
-
-def has_checksums(connection: sqlite3.Connection) -> bool:
-    """Check whether a recording has checksums.
-
-    It depends on the version that wrote the recording.
-    """
-    return _pragma(connection, "user_version") > 1
-
-
-def add_temperatures(connection: sqlite3.Connection) -> None:
-    """Add the table of temperatures if it is missing.
-
-    It runs within the open transaction.
-    """
-    connection.execute(_TEMPERATURES)
-
-
-def has_temperatures(connection: sqlite3.Connection) -> bool:
-    """Check whether a recording has a table of temperatures."""
-    query = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'temperature'"
-    return bool(connection.execute(query).fetchone()[0])
-
-
 def is_blank(connection: sqlite3.Connection) -> bool:
-    """Check whether a database is empty.
-
-    It is empty after a kill before its first transaction.
-    """
+    """Check whether a database is empty."""
     tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     return not tables and not _pragma(connection, "application_id") and not _pragma(connection, "user_version")
 
 
 def require_recording(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a file that is not a recording.
-
-    Another program's database and a recording of a newer version raise a HardwareError.
-    """
+    """Refuse a file that is not a recording."""
     if is_blank(connection):
         raise HardwareError(f"{path} is not a recording: it is empty.")
     if _pragma(connection, "application_id") != APPLICATION:
         raise HardwareError(f"{path} is not a recording: it is a database of another program.")
     schema = _pragma(connection, "user_version")
-    if not 1 <= schema <= SCHEMA:
+    if schema != SCHEMA:
         raise HardwareError(
             f"{path} is a recording of schema {schema}, which another version of coilarray wrote; "
-            f"this one reads schema 1 to {SCHEMA}."
+            f"this one reads schema {SCHEMA}."
         )
     names = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not names >= _NAMES:
@@ -265,8 +196,7 @@ def require_recording(connection: sqlite3.Connection, path: Path) -> None:
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """Open a file read-only.
 
-    This works while a recorder writes the file, and in a folder that is not writable. A file that is missing, cannot be
-    read or is not a database raises a HardwareError.
+    This works while a recorder writes the file, and in a folder that is not writable.
     """
     try:
         if path.is_dir():
@@ -304,18 +234,12 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
-    """Check the structure of the whole file.
-
-    The HardwareError names the first damage.
-    """
+    """Check the structure of the whole file."""
     _check(connection, path, "integrity_check(1)")
 
 
 def check_references(connection: sqlite3.Connection, path: Path) -> None:
-    """Check that every referenced row exists.
-
-    The HardwareError names the first missing row.
-    """
+    """Check that every referenced row exists."""
     _check(connection, path, "foreign_key_check")
 
 
@@ -342,10 +266,7 @@ def _row_checksum(table: str, row: dict[str, Any]) -> str:
 
 
 def _one_line(text: str) -> str:
-    """Shorten a text of SQLite to one line.
-
-    It may have several lines and names from a damaged file.
-    """
+    """Shorten a text of SQLite to one line."""
     line = "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
     return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}…"
 

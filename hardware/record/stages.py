@@ -45,37 +45,22 @@ _ROUNDING = 1e-12  # m, of a position and its origin
 
 
 class Stage(Protocol):
-    """Mover of the indenter.
-
-    A method returns when the movement is over, or raises a HardwareError.
-    """
+    """Mover of the indenter."""
 
     def check(self, places: Sequence[GridPlace]) -> None:
-        """Refuse places outside the range of the stage.
-
-        The check comes before any movement.
-        """
+        """Refuse places outside the range of the stage."""
 
     def move(self, x: float, y: float) -> None:
         """Go to a position in m, lifted off."""
 
     def indent(self, depth: float, speed: float) -> None:
-        """Indent to a depth in m below contact.
-
-        The speed is in m/s.
-        """
+        """Indent to a depth in m below contact."""
 
     def relax(self, speed: float) -> None:
-        """Lift off at a speed in m/s.
-
-        Nothing happens if the indenter does not touch.
-        """
+        """Lift off at a speed in m/s."""
 
     def retreat(self) -> None:
-        """Lift off after a failure if this needs no person.
-
-        The method never raises.
-        """
+        """Lift off after a failure if this needs no person."""
 
     def close(self) -> None:
         """Release the machine. Never raises."""
@@ -84,8 +69,8 @@ class Stage(Protocol):
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    `ask` shows an instruction and returns when it was carried out. It raises HardwareError if nobody answers. The
-    instruction gives places on the board, where the map has its `origin` in m.
+    `ask` shows an instruction and returns when it was carried out. The instruction gives places on the board, where the
+    map has its `origin` in m.
     """
 
     def __init__(self, ask: Callable[[str], None], origin: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -117,10 +102,7 @@ class PersonStage:
 
 
 class EmulatedStage:
-    """Stage that moves the indenter of an emulated board.
-
-    The movement takes its time on the board's clock.
-    """
+    """Stage that moves the indenter of an emulated board."""
 
     def __init__(self, board: EmulatedBoard) -> None:
         self._board, self._indenter, self._clock = board, board.indenter, board.clock
@@ -128,7 +110,7 @@ class EmulatedStage:
 
     def check(self, places: Sequence[GridPlace]) -> None:
         """Refuse places that the emulated sample does not have."""
-        from coilarray.hardware.emulator.indenter import Place
+        from coilarray.hardware.emulator.conditions import Place
 
         for place in places:
             self._board.world.check(Place(place.x, place.y, place.depth))
@@ -163,7 +145,7 @@ class EmulatedStage:
 class StageLimits:
     """Range of a machine.
 
-    No position outside is ever sent. A range that is empty or too large raises a HardwareError.
+    No position outside is ever sent.
     """
 
     x: tuple[float, float]  # least and greatest position on the board in m
@@ -188,33 +170,6 @@ class GcodeStage:
     where the indenter just touches, z upwards. Only ``G21``, ``G90``, ``G0``, ``G1``, the command that waits for the
     end of a movement and, with `home`, the homing command are ever sent. Except for homing, nothing moves before the
     first call of `move`.
-
-    Parameters
-    ----------
-    confirm : callable or None
-        Shows a text to a person and returns once the person has agreed. Otherwise it raises a HardwareError. It is
-        called before the machine homes, before its first move, which is slow, and after it. None asks nobody, and is
-        allowed for a machine that a person has confirmed before at this computer.
-    home : bool
-        Whether the machine homes itself first: ``$H`` of GRBL, ``G28`` of Marlin.
-    identity : str
-        Identity that distinguishes the machine from others at this computer. The name of the port by default.
-    origin : tuple of float
-        x and y in m of the map's origin on the board, from which the positions of a campaign count.
-    greeting : float
-        Longest time in s from opening the port until the machine has started.
-    patience : float
-        Longest time in s until an answer, beside the time of the movement itself.
-    longest : float
-        Longest time in s of a movement between positions.
-    now : callable
-        Clock of the deadlines, in s.
-
-    Raises
-    ------
-    HardwareError
-        Another dialect, a machine that does not answer, or refuses, or has restarted without `home`, or `confirm` that
-        is None at the first use of a machine. The port is then closed.
     """
 
     def __init__(
@@ -292,10 +247,7 @@ class GcodeStage:
             _remember_machine(self._identity)
 
     def indent(self, depth: float, speed: float) -> None:
-        """Indent to a depth in m.
-
-        The speed is in m/s.
-        """
+        """Indent to a depth in m."""
         if not 0 < depth <= self._limits.depth:
             raise HardwareError(
                 f"depth of the stage must be positive and at most {self._limits.depth * 1e3:g} mm; "
@@ -310,10 +262,7 @@ class GcodeStage:
         self._go(f"G1 Z{_word(self._limits.clearance)} F{_feed(speed)}", way / speed)
 
     def retreat(self) -> None:
-        """Lift off, if a person has confirmed the position.
-
-        The method never raises.
-        """
+        """Lift off, if a person has confirmed the position."""
         if self._ready and self._moved:
             with suppress(HardwareError):
                 self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
@@ -327,10 +276,7 @@ class GcodeStage:
         return self._origin[0] + x, self._origin[1] + y
 
     def _go(self, line: str, seconds: float) -> None:
-        """Move and wait until the movement is over.
-
-        ``ok`` alone only means that the line was understood.
-        """
+        """Move and wait until the movement is over."""
         self._send(line, seconds)
         self._send(_WAIT[self._dialect], seconds)
 
@@ -358,7 +304,7 @@ class GcodeStage:
 
     def _restarted(self, when: str) -> HardwareError:
         return self._failed(
-            f"restarted {when}, so it does not know where it is; --home lets it home itself with "
+            f"restarted {when}, so it does not know where it is; home = true in the plan lets it home itself with "
             f"{_HOME[self._dialect]} first, for which it needs limit switches"
         )
 
@@ -367,10 +313,7 @@ class GcodeStage:
         return HardwareError(f"the stage at {self._port.name} {what}.")
 
     def _answers(self, until: float) -> Iterator[str]:
-        """Yield lines that come before a deadline.
-
-        Lines that have already come are yielded even after the deadline.
-        """
+        """Yield lines that come before a deadline."""
         taken = 0
         while True:
             while b"\n" in self._rest:
@@ -411,10 +354,7 @@ def _confirmed_machines() -> set[str]:
 
 
 def _remember_machine(identity: str) -> None:
-    """Store that a machine's first move was confirmed.
-
-    If this cannot be stored, the person is asked again.
-    """
+    """Store that a machine's first move was confirmed."""
     path, known = _machines_file(), _confirmed_machines()
     if identity not in known:
         with suppress(OutputError):
@@ -423,10 +363,7 @@ def _remember_machine(identity: str) -> None:
 
 
 def _within(low: float, value: float, high: float) -> bool:
-    """Check whether a length in m is within limits.
-
-    The limits are kept to rounding.
-    """
+    """Check whether a length in m is within limits."""
     return low - _ROUNDING <= value <= high + _ROUNDING
 
 

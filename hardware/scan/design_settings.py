@@ -1,36 +1,69 @@
-"""Settings of a scan for the coils of a design.
-
-Drive currents, settling and dividers follow from its circuit.
-"""
+"""Circuit, noise budget and settings of a design's board, as it is wired and read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from coilarray.circuit.converter_limits import drive_for
-from coilarray.circuit.network import loaded_quality, resonate
+from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.design.model import Design
-from coilarray.design.scan_states import ScanState
+from coilarray.design.scan_states import ScanState, Switches
+from coilarray.design.switch_parts import CONVERTER_PIN
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import Family
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
-from coilarray.hardware.scan.board_network import board_network
-from coilarray.hardware.scan.settings import ScanSettings, scan_settings
+from coilarray.hardware.scan.settings import ConverterClock, ScanSettings, Sensor, scan_settings
 from coilarray.hardware.scan.wiring import Wiring
+
+if TYPE_CHECKING:
+    from coilarray.circuit.noise_budget import NoiseBudget
+
+
+def board_network(design: Design, *, wired: bool = False) -> Network:
+    """Return the circuit of a design, without switches if its coils are wired to the channels of a converter."""
+    from coilarray.circuit.coupling import design_circuit
+
+    network = design_circuit(design)
+    return replace(network, switches=_without_switches(design)) if wired else network
+
+
+def board_budget(design: Design, settings: ScanSettings, *, baseline_scans: int | None = None) -> NoiseBudget:
+    """Return the noise budget of all states of a design.
+
+    The board is read with the given settings, which determine the clock and the length of a conversion. Coefficients
+    and changes are taken from the design's `Readout`. With `baseline_scans` for L_0 a reading is a single scan.
+    Otherwise both numbers are taken from the design too.
+    """
+    from coilarray.circuit.noise_budget import noise_budget  # not needed by the emulator
+
+    readout = replace(
+        design.readout,
+        rcount=settings.rcount,
+        clock=settings.clock,
+        external_clock=settings.external_clock,
+        reference_divider=settings.fref_divider,
+    )
+    if baseline_scans is not None:
+        readout = replace(readout, averaged_scans=1, baseline_scans=baseline_scans)
+    return noise_budget(design, readout=readout, network=board_network(design, wired=settings.wired))
+
+
+def _without_switches(design: Design) -> Switches:
+    """Return leads and tank of a design."""
+    switches = replace(design.circuit.switches, on_resistance=0.0)
+    if design.circuit.part is None:
+        return switches
+    bus = min(switches.bus_capacitance, CONVERTER_PIN)
+    return replace(switches, off_capacitance=0.0, terminal_capacitance=0.0, bus_capacitance=bus)
+
 
 _MARGIN = 1.25  # of the quality factor, for the settling time
 
 
 def design_plan(design: Design, states: Sequence[str] | None = None) -> tuple[ScanState, ...]:
-    """Return states of a design's scan plan.
-
-    All states are returned without names. A wrong or repeated name raises a HardwareError.
-
-    >>> from coilarray import load_design
-    >>> [state.name for state in design_plan(load_design("gast2020"), ["coil1", "coil3"])]
-    ['coil1', 'coil3']
-    """
+    """Return states of a design's scan plan."""
     plan = design.plan
     known = [state.name for state in plan]
     for name in states or ():
@@ -48,10 +81,8 @@ def design_settings(
     states: Sequence[str] | None = None,
     rate: float | None = None,
     bus_rate: float = BUS_RATE,
-    undivided: bool = False,
+    clock: ConverterClock | None = None,
     family: Family = "LDC",
-    clock: float | None = None,
-    external_clock: bool = False,
     drives: Mapping[str, int] | int | None = None,
     discard: int = 0,
 ) -> ScanSettings:
@@ -70,12 +101,10 @@ def design_settings(
         Scans per second. Full resolution by default.
     bus_rate : float
         Clock of the I²C bus in Hz.
-    undivided, family
-        See `scan_settings`.
-    clock : float, optional
-        Measured or external clock of the converter in Hz. Its own typical oscillator by default.
-    external_clock : bool
-        Whether the clock comes from the pin CLKIN.
+    clock : ConverterClock, optional
+        Clock of the converter. Its own oscillator by default.
+    family : {"LDC", "FDC"}
+        Family of the converter.
     drives : mapping of str to int, or int, optional
         IDRIVE by coil, or of all coils. By default it follows from the parallel resistance of every state.
     discard : int
@@ -89,8 +118,8 @@ def design_settings(
     Raises
     ------
     HardwareError
-        A design whose coils the wiring does not have, a coil that the converter cannot drive, an external clock without
-        its frequency, and all values that `scan_settings` refuses.
+        A design whose coils the wiring does not have, a coil that the converter cannot drive, and all values that
+        `scan_settings` refuses.
     NetworkError
         A state without a resonance.
     """
@@ -112,39 +141,28 @@ def design_settings(
         plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
     network = board_network(design, wired=bool(wiring.channels))
     results = [resonate(network, state) for state in plan]
-    if not isinstance(drives, int):
-        known = dict(drives or {})
-        for coil in known:
-            if coil not in wiring.coils:
-                raise HardwareError(f"a drive names the coil {coil!r}; there are {', '.join(wiring.coils)}.")
-        for state, result in zip(plan, results, strict=True):
-            coil = state.measured[0][0]
-            if coil not in known:
-                known[coil] = _drive(coil, result.parallel_resistance)
-        drives = known
+    if isinstance(drives, Mapping) and (unknown := [coil for coil in drives if coil not in wiring.coils]):
+        raise HardwareError(f"a drive names the coil {unknown[0]!r}; there are {', '.join(wiring.coils)}.")
+    sensors = {}
+    for state, result in zip(plan, results, strict=True):
+        coil = state.measured[0][0]
+        drive = drives.get(coil) if isinstance(drives, Mapping) else drives
+        sensors[state.name] = Sensor(
+            result.frequency,
+            _MARGIN * loaded_quality(network, result),
+            _drive(coil, result.parallel_resistance) if drive is None else drive,
+        )
+    states_of_wiring = [_among(state, wiring.coils) for state in plan]
     return scan_settings(
-        wiring,
-        [_among(state, wiring.coils) for state in plan],
-        rate=rate,
-        bus_rate=bus_rate,
-        clock=clock,
-        external_clock=external_clock,
-        undivided=undivided,
-        family=family,
-        frequency={result.state.name: result.frequency for result in results},
-        quality={result.state.name: _MARGIN * loaded_quality(network, result) for result in results},
-        drives=drives,
+        wiring, states_of_wiring, sensors=sensors, clock=clock, rate=rate, bus_rate=bus_rate, family=family,
         discard=discard,
-    )
+    )  # fmt: skip
 
 
 def _of_wired(
     plan: Sequence[ScanState], wiring: Wiring, others: Sequence[str], *, chosen: bool
 ) -> tuple[ScanState, ...]:
-    """Return the states of wired coils.
-
-    The `others` are open in them. All states are returned if the user has `chosen` them.
-    """
+    """Return the states of wired coils."""
     kept = [state for state in plan if chosen or {coil for coil, _ in state.measured} <= set(wiring.coils)]
     for state in kept:
         for coil, _ in state.measured:

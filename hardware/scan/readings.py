@@ -1,24 +1,114 @@
-"""Readings of a scan in physical units.
+"""Raw scans of a board and their readings in physical units.
 
-Every state has a frequency and an inductance, or the reason why they are missing. The four flags of a result come only
-if ERROR_CONFIG enables them. The codes 0 and 0xFFFFFFF mark a range error even if it does not. STATUS is read once for
-each result, before the data, because reading may clear it.
+A raw scan has the words of the converter; its reading has frequencies and inductances, or the reasons why they are
+missing. The four flags of a result come only if ERROR_CONFIG enables them. The codes 0 and 0xFFFFFFF mark a range error
+even if it does not. STATUS is read once for each result, before the data, because reading may clear it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Literal
+from enum import IntEnum, StrEnum
+from typing import Literal, Protocol
 
 from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
 from coilarray.hardware.chips.ldc1614_registers import decode
-from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
+
+
+class SampleFault(IntEnum):
+    """Reasons why a state of a scan has no result."""
+
+    NONE = 0
+    NOT_ACKNOWLEDGED = 1
+    BUS_TIMEOUT = 2
+    NO_RESULT = 3
+    CONVERTER_RESET = 4
+    SWITCHES_DIFFER = 5
+
+
+@dataclass(frozen=True)
+class RawSample:
+    """Registers of one state of a scan.
+
+    They are DATA0_MSB with its four error flags, DATA0_LSB, and STATUS, which is read before them. With a fault the
+    words are 0 and no measurement. `drive` is register DRIVE_CURRENT0, read while the converter was awake, if it chose
+    its own drive current. Otherwise it is None.
+    """
+
+    msb: int
+    lsb: int
+    status: int
+    fault: SampleFault = SampleFault.NONE
+    drive: int | None = None
+
+
+@dataclass(frozen=True)
+class RawScan:
+    """One pass over all states.
+
+    `sequence` is the number of the scan since the stream began, counted by the board; a gap means lost scans. `time` is
+    its start in s by the board's clock, unwrapped, and `received` its arrival in s since the epoch by the computer's
+    clock. `configuration` is the hash of the settings (`ScanSettings.hash`), `boot` the number of the board's session,
+    which changes when the board restarts. `samples` are in the order of the states.
+    """
+
+    sequence: int
+    time: float
+    received: float
+    configuration: int
+    boot: int
+    samples: tuple[RawSample, ...]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Identity of the board at a port.
+
+    `kind` describes it: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator". If it is `emulated`, every output for people
+    states it. `manufacturer` and `device` are the registers MANUFACTURER_ID and DEVICE_ID of the converter. `boot` is
+    the number of the board's session.
+    """
+
+    kind: str
+    emulated: bool
+    manufacturer: int
+    device: int
+    boot: int
+
+
+class Reader(Protocol):
+    """A board that can be configured and scanned."""
+
+    @property
+    def identity(self) -> Identity:
+        """Identity of the board."""
+
+    def configure(self, settings: ScanSettings) -> None:
+        """Write settings and read them back."""
+
+    def scan(self) -> RawScan:
+        """Measure every state once."""
+
+    def scans(self, interval: float = 0.0) -> Generator[RawScan]:
+        """Scan until the generator is closed.
+
+        A scan runs once every `interval` in s, or as fast as possible for 0.
+        """
+
+    def peek(self, address: int) -> int:
+        """Read the register at an `address` of the converter."""
+
+    def rest(self) -> None:
+        """Ground all coils and put the converter to sleep."""
+
+    def close(self) -> None:
+        """Put the board to rest and close the port."""
+
 
 Verdict = Literal["good", "doubtful", "bad"]
 """Quality of a result: good, doubtful (outside the data sheet's specification), or bad (no measurement)."""
@@ -36,10 +126,7 @@ _OFFSET_STEP = 1 << (CODE_BITS - 16)
 
 
 class Reason(StrEnum):
-    """Reasons why a result is doubtful or bad.
-
-    The most important reason is the first.
-    """
+    """Reasons why a result is doubtful or bad."""
 
     NOT_ACKNOWLEDGED = "the converter did not answer"
     BUS_TIMEOUT = "the bus hung"
@@ -83,7 +170,7 @@ def judge(
 
     The reasons are empty if it is good. It is doubtful for an amplitude outside its range or an input above a quarter
     of the reference, and bad for all else. `offset` and `error_config` are the registers OFFSET and ERROR_CONFIG. The
-    converter cannot have set a flag that ERROR_CONFIG does not enable. A word beyond 16 bits raises a HardwareError.
+    converter cannot have set a flag that ERROR_CONFIG does not enable.
 
     >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
     ('good', ())
@@ -123,13 +210,7 @@ def _of_result(sample: RawSample, offset: int) -> set[Reason]:
 
 
 def ready_status(channel: int) -> int:
-    """Return STATUS of a good result of a channel.
-
-    It has DRDY, and UNREADCONV of the channel.
-
-    >>> hex(ready_status(1))
-    '0x44'
-    """
+    """Return STATUS of a good result of a channel."""
     return _DATA_READY | 1 << CHANNELS - 1 - channel
 
 
@@ -151,10 +232,7 @@ def _of_status(status: int, channel: int) -> set[Reason]:
 
 
 def _shown(error_config: int) -> int:
-    """Return the flags of the upper word that ERROR_CONFIG enables.
-
-    AH_ERR2OUT and AL_ERR2OUT enable the same flag.
-    """
+    """Return the flags of the upper word that ERROR_CONFIG enables."""
     return error_config & 0xE000 | (_FLAGS[Reason.AMPLITUDE] if error_config & 0x1800 else 0)
 
 
@@ -196,10 +274,7 @@ class ScanReading:
 
     @property
     def inductances(self) -> dict[str, float]:
-        """Inductances in H by the states' names.
-
-        Bad states are left out.
-        """
+        """Inductances in H by the states' names."""
         return {state.name: state.inductance for state in self.states if state.inductance is not None}
 
 

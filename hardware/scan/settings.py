@@ -1,6 +1,6 @@
-"""Settings of a board for a scan, and their hash.
+"""Settings of a board for a scan, as values, registers and JSON.
 
-The hash ties a reading to the settings.
+The hash of the settings ties a reading to them.
 """
 
 from __future__ import annotations
@@ -9,49 +9,71 @@ import binascii
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cache, cached_property
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.design.toml_file import first_error
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     CHANNELS,
+    EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
     MOST_DISCARDED,
     StateTime,
     bus_time,
+    check_clock,
     conversion_time,
+    deglitch_for,
+    input_divider,
     internal_clock_range,
     next_conversion_time,
     rcount_for,
+    reference_divider,
+    settle_count,
     settle_time,
+    smallest_rcount,
     state_time,
 )
-from coilarray.hardware.chips.ldc1614_limits import (
-    check_clock,
-    deglitch_for,
-    input_divider,
-    reference_divider,
-    smallest_rcount,
-)
-from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
 from coilarray.hardware.chips.ldc1614_registers import check_value, encode
-from coilarray.hardware.scan.closure import check_switching
-from coilarray.hardware.scan.settings_file import MOST_STATES, SCHEMA, settings_values
+from coilarray.hardware.scan.switching import check_switching
 from coilarray.hardware.scan.wiring import Wiring, first_repeated
+
+SCHEMA = 2
+"""Version of the settings in JSON."""
+MOST_STATES = 255
+"""Largest number of states of a scan."""
+
 
 FULL_RESOLUTION = LARGEST_RCOUNT
 """RCOUNT of the longest conversion."""
 REFERENCE_DRIVE = 6
 """IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
 _LARGEST_DRIVE = 31
+_LONGEST_WORDS = 4096
 _PREFIX, _SCANNING_PREFIX = b"coilarray1", b"coilarray-channels1"
 _MARGIN = 1.1  # of the time-out on the slowest clock
 _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
+
+
+def _from_hex(text: object) -> bytes:
+    if not isinstance(text, str) or len(text) > _LONGEST_WORDS:
+        raise ValueError("must be hexadecimal digits")
+    return bytes.fromhex(text)
+
+
+# as in JSON
+_Code = Annotated[int, Field(ge=0, le=0xFFFF)]
+_Words = Annotated[bytes, BeforeValidator(_from_hex)]
+_Clock = Annotated[float, Field(ge=EXTERNAL_CLOCK_RANGE[0], le=INTERNAL_CLOCK_RANGE[1])]
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -65,11 +87,12 @@ class StateSettings:
     """
 
     name: str
-    words: bytes
-    drive: int
-    channel: int = 0
-    settle_count: int | None = None
-    fin_divider: int | None = None
+    words: _Words
+    drive: Annotated[int, Field(ge=0, le=_LARGEST_DRIVE)]
+    channel: Annotated[int, Field(ge=0, lt=CHANNELS)] = 0
+    settle_count: _Code | None = None
+    fin_divider: _Code | None = None
+    __pydantic_config__ = _STRICT
 
 
 @dataclass(frozen=True)
@@ -85,7 +108,7 @@ class ScanSettings:
     safe_words : bytes
         Words that ground every end of every coil. Empty for a board without switches.
     wiring : bytes
-        Encoded wiring of the switches, as `coilarray.hardware.scan.closure.switch_table` reads it.
+        Encoded wiring of the switches, as `coilarray.hardware.scan.switching.switch_table` reads it.
     clock : float
         Clock of the converter in Hz, nominal or calibrated.
     external_clock : bool
@@ -103,21 +126,22 @@ class ScanSettings:
         Family of the converter.
     """
 
-    states: tuple[StateSettings, ...]
-    safe_words: bytes
-    wiring: bytes
-    clock: float
+    states: Annotated[tuple[StateSettings, ...], Field(min_length=1, max_length=MOST_STATES)]
+    safe_words: _Words
+    wiring: _Words
+    clock: _Clock
     external_clock: bool
-    rcount: int
-    settle_count: int
-    fin_divider: int
-    fref_divider: int
-    offset: int
-    deglitch: int
-    slowest_clock: float = INTERNAL_CLOCK_RANGE[0]
-    discard: int = 0
-    scanned: int = 1
+    rcount: _Code
+    settle_count: _Code
+    fin_divider: _Code
+    fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
+    offset: _Code
+    deglitch: _Code
+    slowest_clock: _Clock = INTERNAL_CLOCK_RANGE[0]
+    discard: Annotated[int, Field(ge=0, le=MOST_DISCARDED)] = 0
+    scanned: Annotated[int, Field(ge=1, le=CHANNELS)] = 1
     family: Family = "LDC"
+    __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
         """Raise HardwareError for inconsistent settings."""
@@ -141,10 +165,7 @@ class ScanSettings:
 
     @property
     def wired(self) -> bool:
-        """Whether coils are wired straight to the converter's channels.
-
-        The board then has no switches.
-        """
+        """Whether coils are wired straight to the converter's channels."""
         return not self.safe_words
 
     @property
@@ -164,11 +185,7 @@ class ScanSettings:
 
     @property
     def registers(self) -> tuple[tuple[int, int], ...]:
-        """Addresses and values to write while the converter sleeps.
-
-        The addresses are ascending. CONFIG has the active value. A field that its register does not take raises a
-        HardwareError.
-        """
+        """Addresses and values to write while the converter sleeps."""
         active = _ACTIVE | {"REF_CLK_SRC": int(self.external_clock)}
         mux = {"DEGLITCH": self.deglitch}
         if self.scanned > 1:
@@ -185,52 +202,25 @@ class ScanSettings:
         return tuple(sorted(values))
 
     def drive_register(self, state: StateSettings) -> int:
-        """Return register DRIVE_CURRENT of the channel of a state.
-
-        Returns
-        -------
-        int
-            The word of 16 bits.
-        """
+        """Return register DRIVE_CURRENT of the channel of a state."""
         return encode(f"DRIVE_CURRENT{state.channel}", {f"IDRIVE{state.channel}": state.drive})
 
     def input_divider(self, state: StateSettings) -> int:
-        """Return FIN_DIVIDER of the channel of a state.
-
-        Returns
-        -------
-        int
-            The divider, 1 or more.
-        """
+        """Return FIN_DIVIDER of the channel of a state."""
         return self.fin_divider if state.fin_divider is None else state.fin_divider
 
     @property
     def state_time(self) -> StateTime:
-        """Times of the steps of one state.
-
-        They hold for the slowest possible clock and an I²C bus of 400 kHz. Without switches they are the times of all
-        states together.
-        """
+        """Times of the steps of one state."""
         return self._state_time(BUS_RATE)
 
     @property
     def period(self) -> float:
-        """Shortest time from scan to scan in s.
-
-        It includes all work of the buses, on an I²C bus of 400 kHz.
-        """
+        """Shortest time from scan to scan in s."""
         return self.period_on(BUS_RATE)
 
     def period_on(self, bus_rate: float) -> float:
-        """Shortest time between scans on an I²C bus in s.
-
-        It runs from scan to scan. The clock of the bus is `bus_rate` in Hz, positive and finite.
-
-        Returns
-        -------
-        float
-            Time in s.
-        """
+        """Shortest time between scans in s on an I²C bus with the clock `bus_rate` in Hz."""
         time = self._state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
@@ -239,18 +229,12 @@ class ScanSettings:
 
     @property
     def wait_us(self) -> int:
-        """Time from waking to looking at STATUS in µs.
-
-        This first look must come after the pin INTB was asserted.
-        """
+        """Time from waking to looking at STATUS in µs."""
         return math.ceil(self.state_time.until_ready * 1e6)
 
     @property
     def again_us(self) -> int:
-        """Time from a discarded result to STATUS in µs.
-
-        It runs from reading the result to the next look at STATUS.
-        """
+        """Time from a discarded result to STATUS in µs."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         again = sum(next_conversion_time(rcount, reference) for rcount, _ in counts)
         if self.scanned > 1:  # every channel starts its sensor again
@@ -259,11 +243,7 @@ class ScanSettings:
 
     @property
     def timeout_us(self) -> int:
-        """Time from waking to giving up in µs.
-
-        The time after a discarded result is the same. It allows for the slowest clock of all converters and one restart
-        of the sensor.
-        """
+        """Time from waking to giving up in µs."""
         slowest = self.state_time.until_ready
         if not self.external_clock:
             slowest *= self.slowest_clock / min(self.slowest_clock, INTERNAL_CLOCK_RANGE[0])
@@ -277,10 +257,7 @@ class ScanSettings:
 
     @cached_property  # it is compared with the hash of every scan
     def hash(self) -> int:
-        """CRC-16/CCITT-FALSE of all data sent to the board.
-
-        `hardware/firmware/PROTOCOL.md` defines it.
-        """
+        """CRC-16/CCITT-FALSE of all data sent to the board."""
         return binascii.crc_hqx(self.canonical, 0xFFFF)
 
     @property
@@ -298,10 +275,7 @@ class ScanSettings:
         return b"".join(parts)
 
     def _state_time(self, bus_rate: float) -> StateTime:
-        """Compute the times of a state's steps.
-
-        Without switches the times of all states together are returned.
-        """
+        """Compute the times of a state's steps."""
         time = state_time(
             self.rcount, self.settle_count, self.slowest_reference,
             internal_clock=self.slowest_clock, bus_rate=bus_rate, discard=self.discard,
@@ -325,10 +299,7 @@ class ScanSettings:
         )
 
     def _measured(self, channel: int) -> StateSettings | None:
-        """Return the state that a channel measures.
-
-        It is the first of the states that switches connect to the channel, or None for no state.
-        """
+        """Return the state that a channel measures."""
         return next((state for state in self.states if state.channel == channel), None)
 
     def _counts(self, channel: int) -> tuple[int, int]:
@@ -339,10 +310,7 @@ class ScanSettings:
         return self.rcount, self.settle_count if state.settle_count is None else state.settle_count
 
     def _channel_registers(self, channel: int) -> list[tuple[int, int]]:
-        """Return addresses and values of a channel.
-
-        Its drive current is included only if it is always the same.
-        """
+        """Return addresses and values of a channel."""
         rcount, settle_count = self._counts(channel)
         state = self._measured(channel)
         dividers = {
@@ -363,31 +331,13 @@ class ScanSettings:
         return values
 
     def to_json(self) -> str:
-        """Return the settings with their hash as one JSON line.
-
-        `from_json` reads it.
-
-        Returns
-        -------
-        str
-            One line of JSON.
-        """
+        """Return the settings with their hash as one JSON line."""
         document = {"schema": SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
         return json.dumps(document, ensure_ascii=False, default=bytes.hex)
 
     @classmethod
     def from_json(cls, text: str) -> ScanSettings:
-        """Read settings from the JSON of `to_json`.
-
-        Returns
-        -------
-        ScanSettings
-            The same settings.
-
-        Raises
-        ------
-        HardwareError
-            Invalid text, a value outside its range, or settings that do not match the given hash.
+        """Read settings from the JSON `text` of `to_json`.
 
         Examples
         --------
@@ -396,23 +346,34 @@ class ScanSettings:
         >>> ScanSettings.from_json(settings.to_json()) == settings
         True
         """
-        given, digest = settings_values(text)
-        states = tuple(StateSettings(**state) for state in given.pop("states"))
-        settings = ScanSettings(states=states, **given)
+        document: Any = None
+        try:
+            document = json.loads(text)
+            digest = document.pop("hash")
+            if document.pop("schema") != SCHEMA:
+                raise HardwareError(f"scan settings: schema must be {SCHEMA}.")
+            if unknown := document.keys() - {one.name for one in fields(cls)}:
+                raise HardwareError(f"scan settings: has no key {min(unknown)!r}.")
+            settings = _adapter().validate_json(json.dumps(document))
+        except ValidationError as error:  # it is a ValueError too
+            raise HardwareError(f"scan settings: {first_error(error, document)}") from None
+        except KeyError as error:
+            raise HardwareError(f"scan settings: {error.args[0]} is missing.") from None
+        except (AttributeError, TypeError, ValueError, RecursionError) as error:
+            raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
         if f"{settings.hash:04X}" != digest:
             raise HardwareError(f"scan settings: hash must be {settings.hash:04X}, that of the others; got {digest}.")
         return settings
 
 
+@cache
+def _adapter() -> TypeAdapter[ScanSettings]:
+    return TypeAdapter(ScanSettings)
+
+
 @cache  # every result is judged with it
 def error_config(family: Family) -> int:
-    """Return register ERROR_CONFIG of a family of converters.
-
-    Every error is reported.
-
-    >>> hex(error_config("LDC")), hex(error_config("FDC"))
-    ('0xf8fd', '0x3821')
-    """
+    """Return register ERROR_CONFIG of a family of converters."""
     return encode("ERROR_CONFIG", dict.fromkeys(FAMILIES[family].reported, 1))
 
 
@@ -420,30 +381,79 @@ def error_config(family: Family) -> int:
 _ACTIVE = {"SLEEP_MODE_EN": 0, "RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
 
 
+@dataclass(frozen=True)
+class ConverterClock:
+    """Clock of a converter.
+
+    Parameters
+    ----------
+    frequency : float, optional
+        Frequency in Hz, measured (calibrated) or at the pin CLKIN. By default the typical internal 43.4 MHz. Any
+        converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter longer.
+    external : bool
+        Whether the clock comes from the pin CLKIN.
+    undivided : bool
+        Whether the reference is the clock itself in cases in which a single channel would need a divider. The converter
+        then scans a second channel too, briefly, with which the data sheet allows a reference of 55 MHz, or 40 MHz from
+        CLKIN, instead of 35 MHz. A conversion of the same resolution takes half as long. Not verified on a device.
+    """
+
+    frequency: float | None = None
+    external: bool = False
+    undivided: bool = False
+
+    def __post_init__(self) -> None:
+        if self.external and self.frequency is None:
+            raise HardwareError("an external clock needs its frequency.")
+        require_positive("clock", self.hertz, "", HardwareError)
+
+    @property
+    def hertz(self) -> float:
+        """Frequency in Hz, known or typical."""
+        return INTERNAL_CLOCK if self.frequency is None else float(self.frequency)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Tank of a state, with the values of the reference board by default.
+
+    Parameters
+    ----------
+    frequency : float
+        Frequency in Hz.
+    quality : float
+        Largest quality factor, for the settling rule.
+    drive : int
+        Code IDRIVE of its drive current, 0 to 31.
+    """
+
+    frequency: float = 2e6
+    quality: float = 60.0  # a quarter above that of the reference board
+    drive: int = REFERENCE_DRIVE
+
+    def __post_init__(self) -> None:
+        require_positive("frequency", self.frequency, "", HardwareError)
+        require_positive("quality", self.quality, "", HardwareError)
+        if isinstance(self.drive, bool) or not isinstance(self.drive, int) or not 0 <= self.drive <= _LARGEST_DRIVE:
+            raise HardwareError(f"a drive must be an integer from 0 to {_LARGEST_DRIVE}; got {self.drive!r}.")
+
+
 def scan_settings(
     wiring: Wiring,
     plan: Sequence[ScanState] | None = None,
     *,
+    sensors: Mapping[str, Sensor] | Sensor | None = None,
+    clock: ConverterClock | None = None,
     rate: float | None = None,
     rcount: int | None = None,
     bus_rate: float = BUS_RATE,
-    clock: float | None = None,
-    external_clock: bool = False,
-    undivided: bool = False,
     family: Family = "LDC",
-    frequency: Mapping[str, float] | float = 2e6,
-    quality: Mapping[str, float] | float = 60.0,
-    drives: Mapping[str, int] | int = REFERENCE_DRIVE,
-    settle_count: int | None = None,
-    fin_divider: int | None = None,
-    fref_divider: int | None = None,
-    offset: int = 0,
-    deglitch: int | None = None,
     discard: int = 0,
 ) -> ScanSettings:
     """Make the settings of a scan.
 
-    They are checked against the rules of the data sheet.
+    They are checked against the rules of the data sheet. Settling times, dividers and the input filter have the least
+    values that these rules allow.
 
     Parameters
     ----------
@@ -451,6 +461,10 @@ def scan_settings(
         Wiring of the board's switches, or of its coils to the channels of the converter.
     plan : sequence of ScanState, optional
         States in which one coil is measured. Each coil in turn with all others grounded by default.
+    sensors : mapping of str to Sensor, or Sensor, optional
+        Frequency, quality factor and drive current by state, or of all states. Those of the reference board by default.
+    clock : ConverterClock, optional
+        Clock of the converter. Its own oscillator by default.
     rate : float, optional
         Scans per second to reach, all transfers on the buses included, with the largest RCOUNT that allows it. The work
         of the computer or the microcontroller between two transfers is not included.
@@ -459,32 +473,11 @@ def scan_settings(
     bus_rate : float
         Clock of the I²C bus in Hz, on which `rate` depends. The fastest clock that the converter allows by default.
         `coilarray.hardware.wire.ports.bus_rate` returns the clock of a port.
-    clock : float, optional
-        Clock of the converter in Hz, measured (calibrated) or at the pin CLKIN. By default the typical internal 43.4
-        MHz. Any converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter longer.
-    external_clock : bool
-        Whether the clock comes from the pin CLKIN.
-    undivided : bool
-        Whether the reference is the clock itself in cases in which a single channel would need a divider. The converter
-        then scans a second channel too, briefly, with which the data sheet allows a reference of 55 MHz, or 40 MHz from
-        CLKIN, instead of 35 MHz. A conversion of the same resolution takes half as long. Not verified on a device.
     family : {"LDC", "FDC"}
         Family of the converter.
-    frequency : mapping of str to float, or float
-        Frequency of the sensors in Hz, by state or of all.
-    quality : mapping of str to float, or float
-        Largest quality factor of the sensors likewise, for the settling rule. By default a quarter above the reference
-        board's quality factor.
-    drives : mapping of str to int, or int
-        IDRIVE of each measured coil, or of all.
-    settle_count, fin_divider, fref_divider, deglitch : int, optional
-        Register fields. By default the least values that the rules allow.
-    offset : int
-        Register OFFSET0.
     discard : int
         Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the same core, report
-        first conversions that are far off. This is not verified. The self-test of a board measures the number that it
-        needs.
+        first conversions that are far off. This is not verified.
 
     Returns
     -------
@@ -512,63 +505,50 @@ def scan_settings(
         raise HardwareError(f"the states of a scan must have different names; got {twice!r} twice.")
     if rate is not None and rcount is not None:
         raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
-    names = [state.name for state in states]
-    frequencies, qualities = _of_each("frequency", frequency, names), _of_each("quality", quality, names)
-    if external_clock and clock is None:
-        raise HardwareError("an external clock needs its frequency.")
-    for name, value in (("bus_rate", bus_rate), ("clock", INTERNAL_CLOCK if clock is None else clock)):
-        require_positive(name, value, "", HardwareError)
+    require_positive("bus_rate", bus_rate, "", HardwareError)
     if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= MOST_DISCARDED:
         raise HardwareError(f"discard must be an integer from 0 to {MOST_DISCARDED}; got {discard!r}.")
+    tanks = [_of_state(sensors, state.name) for state in states]
+    clock = clock or ConverterClock()
     channels = [wiring.channel(state.measured[0][0]) for state in states]
-    slowest_clock, fastest_clock = internal_clock_range(None if external_clock else clock)
-    clock = INTERNAL_CLOCK if clock is None else clock
+    slowest_clock, fastest_clock = internal_clock_range(None if clock.external else clock.frequency)
     try:
-        scanned = _scanned(channels, undivided=undivided and reference_divider(clock, external=external_clock) > 1)
-        if fref_divider is None:
-            fref_divider = reference_divider(clock, external=external_clock, channels=scanned)
-        if fref_divider < 1:
-            raise HardwareError(f"fref_divider must be 1 to 1023; got {fref_divider}.")
+        undivided = clock.undivided and reference_divider(clock.hertz, external=clock.external) > 1
+        scanned = max(*channels, 1) + 1 if undivided or len(set(channels)) > 1 else 1
+        fref_divider = reference_divider(clock.hertz, external=clock.external, channels=scanned)
         slowest, fastest = (
-            (clock if external_clock else oscillator) / fref_divider for oscillator in (slowest_clock, fastest_clock)
+            (clock.hertz if clock.external else oscillator) / fref_divider
+            for oscillator in (slowest_clock, fastest_clock)
         )
-        dividers = [_at_least("fin_divider", fin_divider, input_divider(one, slowest)) for one in frequencies]
-        deglitch = _at_least("deglitch", deglitch, max(deglitch_for(one) for one in frequencies))
-        settle_counts = [
-            _at_least("settle_count", settle_count, settle_count_of(one, factor, fastest))
-            for one, factor in zip(frequencies, qualities, strict=True)
-        ]
+        dividers = [input_divider(tank.frequency, slowest) for tank in tanks]
+        deglitch = max(deglitch_for(tank.frequency) for tank in tanks)
+        settle_counts = [settle_count(tank.frequency, tank.quality, fastest) for tank in tanks]
     except ValueError as error:
         raise HardwareError(str(error)) from None
-    if offset and not FAMILIES[family].has_offset:
-        raise HardwareError(f"offset must be 0, as an FDC has no register for it; got {offset}.")
-    least = min(one / divider for one, divider in zip(frequencies, dividers, strict=True)) / fastest
-    if not 0 <= offset / (1 << 16) < least:
-        raise HardwareError(
-            f"offset must be 0 to less than {least * (1 << 16):.0f}, the code of the sensor itself; got {offset}."
-        )
     settings = ScanSettings(
         states=tuple(
             StateSettings(
                 state.name,
                 wiring.words(state),
-                _drive(drives, state.measured[0][0]),
+                tank.drive,
                 channel,
                 # Only for a channel of its own: with switches all states share the registers of channel 0.
                 settle if wiring.channels and settle != max(settle_counts) else None,
                 divider if wiring.channels and divider != max(dividers) else None,
             )
-            for state, channel, settle, divider in zip(states, channels, settle_counts, dividers, strict=True)
+            for state, tank, channel, settle, divider in zip(
+                states, tanks, channels, settle_counts, dividers, strict=True
+            )
         ),
         safe_words=wiring.safe_words,
         wiring=wiring.encode(),
-        clock=float(clock),
-        external_clock=external_clock,
+        clock=clock.hertz,
+        external_clock=clock.external,
         rcount=FULL_RESOLUTION if rcount is None else rcount,
         settle_count=max(settle_counts),
         fin_divider=max(dividers),
         fref_divider=fref_divider,
-        offset=offset,
+        offset=0,
         deglitch=deglitch,
         slowest_clock=slowest_clock,
         discard=discard,
@@ -581,40 +561,12 @@ def scan_settings(
     return settings
 
 
-def _of_each(name: str, values: Mapping[str, float] | float, states: Sequence[str]) -> list[float]:
-    """Return a value for each state, all positive and finite."""
-    if isinstance(values, Mapping) and (missing := [state for state in states if state not in values]):
-        raise HardwareError(f"the {name} of {missing[0]} must be given; there is none.")
-    each = [values[state] if isinstance(values, Mapping) else values for state in states]
-    for value in each:
-        require_positive(name, value, "", HardwareError)
-    return each
-
-
-def _scanned(channels: Sequence[int], *, undivided: bool) -> int:
-    """Count the channels that the converter scans.
-
-    The states are at the given channels.
-    """
-    return max(*channels, 1) + 1 if undivided or len(set(channels)) > 1 else 1
-
-
-def _at_least(name: str, value: int | None, least: int) -> int:
-    if value is None:
-        return least
-    if value < least:
-        raise HardwareError(f"{name} must be at least {least} for this frequency and quality; got {value}.")
-    return value
-
-
-def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
-    """Return the checked IDRIVE of a coil."""
-    drive = drives if isinstance(drives, int) else drives.get(coil)
-    if drive is None:
-        raise HardwareError(f"drives must name every measured coil; got none for {coil}.")
-    if isinstance(drive, bool) or not isinstance(drive, int) or not 0 <= drive <= _LARGEST_DRIVE:
-        raise HardwareError(f"the drive of {coil} must be an integer from 0 to {_LARGEST_DRIVE}; got {drive!r}.")
-    return drive
+def _of_state(sensors: Mapping[str, Sensor] | Sensor | None, state: str) -> Sensor:
+    if not isinstance(sensors, Mapping):
+        return sensors or Sensor()
+    if state not in sensors:
+        raise HardwareError(f"the sensor of {state} must be given; there is none.")
+    return sensors[state]
 
 
 def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:

@@ -1,12 +1,9 @@
-"""Wiring of a board.
-
-It describes which net each switch connects to which end of which coil, and the words that make a state.
-"""
+"""Wiring of a board: what each switch connects, and the words that make a state."""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
@@ -17,17 +14,61 @@ from pydantic import Field
 from coilarray.design.keys import Name, Table
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
+from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import HardwareError, listed, shown
 from coilarray.hardware.chips.ldc1614 import CHANNELS
-from coilarray.hardware.chips.switch_words import chain_bytes, check_bits, switch_word
-from coilarray.hardware.scan import wirings
-from coilarray.hardware.scan.closure import UNUSED, Drains, Net, WiredSwitch, check_drains, switch_table
+from coilarray.hardware.scan.switching import UNUSED, Drains, Net, WiredSwitch, check_drains, switch_table
+
+ALL_OPEN = 0x00
+"""Word that opens every switch. It is also the state after power-on."""
+
+
+def switch_word(closed: Iterable[str], bits: Sequence[str]) -> int:
+    """Return the word that closes the given switches.
+
+    All other switches are opened. `bits` names the switches from bit 0 to bit 7.
+    """
+    word = ALL_OPEN
+    for name in closed:
+        if name not in bits:
+            raise HardwareError(f"a switch must be one of {', '.join(bits)}; got {name!r}.")
+        word |= 1 << bits.index(name)
+    return word
+
+
+def chain_bytes(words: Sequence[int]) -> bytes:
+    """Return the bytes to shift into a chain of switches.
+
+    The words are from 0 to 255, with the device next to the computer first. The first byte moves to the far end, so the
+    order is reversed.
+
+    >>> chain_bytes([0x22, 0x11, 0x11]).hex()
+    '111122'
+    """
+    if not words:
+        raise HardwareError("a chain must have at least one device; got none.")
+    wrong = [word for word in words if not 0 <= word <= 0xFF]
+    if wrong:
+        raise HardwareError(f"the word of a switch must be 0 to 255; got {wrong[0]}.")
+    return bytes(reversed(words))
+
+
+def check_bits(bits: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the switches by bit."""
+    if sorted(bits) != sorted(known):
+        got = listed(map(shown, bits)) or "none"
+        raise HardwareError(f"bits must name each of {', '.join(known)} once; got {got}.")
+    return tuple(bits)
+
 
 End = Literal["a", "b"]
 """The two ends of a coil."""
 
 SCHEMA = 1
 """Version of the wiring file format."""
+WIRINGS = TomlFiles("wiring", HardwareError, "coilarray.hardware.scan.wirings")
+"""Wiring files."""
+_STARTER = "six_coils"
 _MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255
 _BUS: tuple[Net, ...] = ("INA", "INB")
@@ -160,39 +201,13 @@ class Wiring:
         return bytes(len(self.devices))
 
     def channel(self, coil: str) -> int:
-        """Return the channel of the converter that measures a coil.
-
-        Switches connect all coils to channel 0.
-
-        Returns
-        -------
-        int
-            Number of the channel, from 0.
-        """
+        """Return the channel of the converter that measures a coil."""
         if coil not in self.coils:
             raise HardwareError(f"wiring {self.name} has no coil {coil!r}; there are {listed(self.coils)}.")
         return self.channels[self.coils.index(coil)] if self.channels else 0
 
     def words(self, state: ScanState) -> bytes:
-        """Return the words of a state that measures a coil.
-
-        Parameters
-        ----------
-        state : ScanState
-            State to make. A sense of −1 connects the end a of the coil to INB, and b to INA.
-
-        Returns
-        -------
-        bytes
-            One word for each device. The first goes to the far end of the chain.
-
-        Raises
-        ------
-        HardwareError
-            A state that these switches cannot make.
-        NetworkError
-            A state that no switches could make.
-        """
+        """Return the words of a state that measures a coil."""
         check_state(state, self.coils)
         if len(state.measured) > 1:
             joined = ", ".join(name for name, _ in state.measured)
@@ -215,15 +230,7 @@ class Wiring:
         return self._close(joins)
 
     def encode(self) -> bytes:
-        """Return eight bytes per device.
-
-        `coilarray.hardware.scan.closure.switch_table` reads them.
-
-        Returns
-        -------
-        bytes
-            Eight bytes per device.
-        """
+        """Return eight bytes per device."""
         codes = bytearray()
         for device in reversed(self.devices):
             by_name = {
@@ -233,30 +240,12 @@ class Wiring:
             codes += bytes(by_name.get(name, UNUSED) for name in device.bits)
         return bytes(codes)
 
-    @property
-    def drains(self) -> tuple[Drains, ...]:
-        """Bits of every device that share a common pin.
-
-        The devices are in the order of the words.
-        """
-        return tuple(device.drains for device in reversed(self.devices))
-
     def capacitances(self, switches: Switches) -> Switches:
         """Return switches with the capacitances of the wiring's parts.
 
         The capacitances are typical values. Traces are not counted. Without switches only the pins of the converter
         remain. A common pin is the end of a coil if its switches have only one coil end, and a net otherwise. The ends
         of the coils, and the two sides of the bus, get their mean.
-
-        Parameters
-        ----------
-        switches : Switches
-            Resistance, leads and tank, which are kept.
-
-        Returns
-        -------
-        Switches
-            The switches with capacitances in F.
 
         Examples
         --------
@@ -299,10 +288,7 @@ class Wiring:
         return chain_bytes(words)
 
     def _check_switchless(self, state: ScanState, measured: str, sense: int) -> None:
-        """Refuse a state that needs switches.
-
-        A converter grounds both ends of the coils of its other channels.
-        """
+        """Refuse a state that needs switches."""
         why = f"wiring {self.name} has no switches"
         if sense < 0:
             raise HardwareError(f"state {state.name}: {why} that turn {measured} round.")
@@ -370,19 +356,12 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     >>> wiring.safe_words.hex()
     '111111111111'
     """
-    given = wirings.STARTER if name_or_path is None else str(name_or_path)
-    return parse_wiring(wirings.WIRINGS.text(given), given)
+    given = _STARTER if name_or_path is None else str(name_or_path)
+    return parse_wiring(WIRINGS.text(given), given)
 
 
 def one_device_a_coil(coils: Sequence[str]) -> Wiring:
-    """Return a wiring with one ADG739 for each coil.
-
-    It is like the bundled wiring of six coils.
-
-    >>> wiring = one_device_a_coil(["left", "right"])
-    >>> wiring.safe_words.hex(), wiring.safe_words == load_wiring().safe_words[:2]
-    ('1111', True)
-    """
+    """Return a wiring with one ADG739 for each coil."""
     bundled = load_wiring()
     (pattern, *_) = bundled.devices
     devices = tuple(
@@ -400,18 +379,14 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
 def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: str = "") -> Wiring:
     """Return the wiring of a board without switches.
 
-    The coils are, in order, at the given channels of the converter. Channels beyond the number of coils stay free. More
-    coils than channels raise a HardwareError. `source` is the source of the board's values, which are not verified on a
-    device.
-
-    >>> wired_to_channels(["left", "right"], [0, 1, 2]).channel("right")
-    1
+    The coils are, in order, at the given channels of the converter. Channels beyond the number of coils stay free.
+    `source` is the source of the board's values, which are not verified on a device.
     """
     if len(coils) > len(channels):
         raise HardwareError(
             f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; none is "
-            f"left for {coils[len(channels)]}: name the coils that are wired, such as --coils "
-            f"{','.join(coils[: len(channels)])}."
+            f"left for {coils[len(channels)]}: name the coils that are wired, such as "
+            f"{', '.join(coils[: len(channels)])}."
         )
     used = tuple(channels[: len(coils)])
     assumed = (("board", f"{source}; not verified on a device"),) if source else ()
@@ -419,11 +394,8 @@ def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: 
 
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
-    """Read a wiring from the text of a TOML file.
-
-    The rules are the same as for `load_wiring`. `origin` names the file in messages.
-    """
-    file = wirings.WIRINGS.check(_File, wirings.WIRINGS.parse(text, origin), origin)
+    """Read a wiring from the text of a TOML file."""
+    file = WIRINGS.check(_File, WIRINGS.parse(text, origin), origin)
     try:
         return file.wiring.build(Path(origin).stem)
     except HardwareError as error:

@@ -16,28 +16,16 @@ _FASTEST = 30e6  # Hz; of the ADG739, not verified
 
 
 class RegisterBus(Protocol):
-    """I²C to one converter.
-
-    The registers have 16 bits, most significant byte first.
-    """
+    """I²C to one converter."""
 
     def read(self, register: int) -> int:
-        """Return a register.
-
-        A chip that does not answer causes a BusFault.
-        """
+        """Return a register."""
 
     def write(self, register: int, value: int) -> None:
-        """Write a register.
-
-        A chip that does not answer causes a BusFault.
-        """
+        """Write a register."""
 
     def clear(self) -> None:
-        """Free a bus that a chip holds low.
-
-        It sends nine clocks and a stop.
-        """
+        """Free a bus that a chip holds low."""
 
     def close(self) -> None:
         """Close the bus. Never raises."""
@@ -61,10 +49,7 @@ class Clock(Protocol):
     """Time of the board."""
 
     def now(self) -> float:
-        """Return the time in s since an arbitrary start.
-
-        It never steps back.
-        """
+        """Return the time in s since an arbitrary start."""
 
     def sleep(self, seconds: float) -> None:
         """Wait."""
@@ -87,23 +72,12 @@ class ShiftSettings:
     """Settings of the transfers to the switches.
 
     The defaults suit the reference board, as far as is known.
-
-    Parameters
-    ----------
-    mode : int
-        SPI mode, 0 to 3. The switches read a bit at the falling edge of the clock: 1, or 2 if it idles high.
-    speed : float
-        Clock in Hz, at most 30 MHz. It has no effect on a host that sets the pins individually.
-    least_significant_first : bool
-        Whether the lowest bit of a byte is sent first.
-    readback : bool
-        Whether the end of the chain is wired back to the host.
     """
 
-    mode: int = 1
-    speed: float = 1e6
-    least_significant_first: bool = False
-    readback: bool = False
+    mode: int = 1  # SPI mode, 0 to 3
+    speed: float = 1e6  # clock in Hz, at most 30 MHz. It has no effect on a host that sets the pins individually
+    least_significant_first: bool = False  # whether the lowest bit of a byte is sent first
+    readback: bool = False  # whether the end of the chain is wired back to the host
 
     def __post_init__(self) -> None:
         if self.mode not in range(4):
@@ -118,17 +92,11 @@ class ShiftSettings:
 
     @property
     def second_edge(self) -> bool:
-        """Whether a bit is read at the second edge: CPHA.
-
-        The edge belongs to the clock of the bit.
-        """
+        """Whether a bit is read at the second edge: CPHA."""
         return bool(self.mode & 1)
 
     def ordered(self, data: bytes) -> bytes:
-        """Return the bytes in the order of bits.
-
-        The host sends the highest bit first. The method is its own inverse.
-        """
+        """Return the bytes in the order of bits."""
         return reversed_bits(data) if self.least_significant_first else data
 
 

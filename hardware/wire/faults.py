@@ -1,29 +1,27 @@
-"""Errors of the connection between computer and coils."""
+"""Errors of the connection between computer and coils, and signals that end the program."""
 
 from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
 
 from coilarray.errors import HardwareError
 
 
 class DeviceLost(HardwareError):  # noqa: N818 - the field's words
-    """The port is gone.
-
-    It was unplugged, or taken away by the system.
-    """
+    """The port is gone."""
 
 
 class NoAnswer(HardwareError):  # noqa: N818
-    """No valid message came in time.
-
-    A command had no reply, or a stream stalled.
-    """
+    """No valid message came in time."""
 
 
 class NotABoard(HardwareError):  # noqa: N818
-    """The received bytes have no valid record.
-
-    They come from another device, or with another baud rate.
-    """
+    """The received bytes have no valid record."""
 
 
 class VersionMismatch(HardwareError):  # noqa: N818
@@ -35,17 +33,11 @@ class CommandRefused(HardwareError):  # noqa: N818
 
 
 class BoardRestarted(HardwareError):  # noqa: N818
-    """The board or its converter was reset while measuring.
-
-    Its settings are gone.
-    """
+    """The board or its converter was reset while measuring."""
 
 
 class BusFault(HardwareError):  # noqa: N818
-    """A chip does not answer or returns wrong values.
-
-    A value that is read back differs from the written value.
-    """
+    """A chip does not answer or returns wrong values."""
 
 
 class SwitchFault(HardwareError):  # noqa: N818
@@ -54,3 +46,58 @@ class SwitchFault(HardwareError):  # noqa: N818
 
 class BusTimeout(BusFault):
     """A chip or the bus delays a transfer too long."""
+
+
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_EXIT_CODE = 128  # plus the number of the signal, as a shell reports it
+Handler = Callable[[int, FrameType | None], Any]
+
+
+@contextlib.contextmanager
+def held_signals() -> Iterator[None]:
+    """Delay signals that end the program within a block.
+
+    The block must be short. The delay works only in the main thread.
+    """
+    came: list[int] = []
+    try:
+        with _handled(lambda number, _: came.append(number), instead_of_any=True):
+            yield
+    finally:
+        for number in came:
+            signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def orderly_termination() -> Iterator[None]:
+    """Raise SystemExit instead of ending at once.
+
+    The system would end the program on SIGTERM, or when the terminal is closed.
+    """
+
+    def leave(number: int, _: FrameType | None) -> None:
+        raise SystemExit(_EXIT_CODE + number)
+
+    with _handled(leave, instead_of_any=False):
+        yield
+
+
+@contextlib.contextmanager
+def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
+    """Handle signals within the block.
+
+    With `instead_of_any` these are all signals that are not ignored. Otherwise they are only signals without a handler.
+    """
+    before: dict[int, Any] = {}
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDING:
+                present = signal.getsignal(number)
+                # None is a handler that Python cannot put back. Ignored signals stay ignored, as nohup requires.
+                if present == signal.SIG_DFL or (instead_of_any and present not in (None, signal.SIG_IGN)):
+                    before[number] = present
+                    signal.signal(number, handler)
+        yield
+    finally:
+        for number, present in before.items():
+            signal.signal(number, present)

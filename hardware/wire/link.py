@@ -1,28 +1,47 @@
-"""Link to a board for commands, replies and messages.
+"""Link to a microcontroller for commands, replies and messages, and its session.
 
-All other messages come in order, within limits of time and size.
+All other messages come in order, within limits of time and size. A session lasts from the greeting of the board until
+the port is lost or the board restarts.
 """
 
 from __future__ import annotations
 
+import random
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.wire.buses import Clock, ComputerClock
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, CommandRefused, DeviceLost, NoAnswer, NotABoard
-from coilarray.hardware.wire.protocol.lines import IDS, LineCounts, LineParser, command_line
-from coilarray.hardware.wire.protocol.messages import (
+from coilarray.hardware.wire.faults import (
+    BoardRestarted,
+    BusFault,
+    CommandRefused,
+    DeviceLost,
+    NoAnswer,
+    NotABoard,
+    VersionMismatch,
+)
+from coilarray.hardware.wire.protocol import (
+    IDS,
+    VERSION,
     Answer,
+    BoardTime,
+    Greeting,
+    LineParser,
     Message,
     MessageError,
+    Pong,
     Refusal,
     ScanMessage,
     StreamEnd,
+    command_line,
     parse_message,
+    read_greeting,
+    read_pong,
+    read_version,
 )
 from coilarray.hardware.wire.serial_ports import BytePort
 
@@ -45,10 +64,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Limits of a link.
-
-    The times are the longest waits in s.
-    """
+    """Limits of a link."""
 
     reply: float = 0.5  # for the reply to a command, in addition to the time that the command itself takes
     attempts: int = 3  # of sending a command
@@ -59,17 +75,6 @@ class LinkTimes:
     ping: float = 2.0  # between two PING commands, well below the board's lease of 10 s
     foreign: int = 512  # bytes without an intact line that indicate another device
     most_bytes: float = 1e6  # per second that a board can send
-
-
-@dataclass(frozen=True)
-class LinkCounts:
-    """Counts of a link."""
-
-    lines: LineCounts = field(default_factory=LineCounts)
-    bad_messages: int = 0  # intact lines of an unknown kind, and replies of another form
-    unasked: int = 0  # replies that no command waits for, because they are repeated or too late
-    repeats: int = 0  # commands sent again because no reply came in time
-    overflowed: int = 0  # messages lost because they were not fetched in time
 
 
 @dataclass
@@ -93,7 +98,7 @@ class Link:
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
         self._port, self.times, self.clock = port, times, clock or ComputerClock()
-        self._parser, self._counts = LineParser(), LinkCounts()
+        self._parser = LineParser()
         self._number = number % IDS
         self._kept: deque[Message] = deque()
         self._early: deque[Message] = deque(maxlen=_MOST_KEPT)
@@ -111,25 +116,14 @@ class Link:
         """Name of the port."""
         return self._port.name
 
-    @property
-    def counts(self) -> LinkCounts:
-        """Counts so far."""
-        return replace(self._counts, lines=self._parser.counts)
-
     def post(self, verb: str, *arguments: str) -> None:
-        """Send a command without waiting.
-
-        `receive` returns its reply, unless another command follows first.
-        """
+        """Send a command without waiting."""
         self._number = (self._number + 1) % IDS
         self._pending = self._number
         self._write(command_line(self._number, verb, *arguments))
 
     def wake(self) -> None:
-        """Send a line feed.
-
-        It ends any line that the board has begun to read.
-        """
+        """Send a line feed."""
         self._write(b"\n")
 
     def wait(self, seconds: float) -> Wait:
@@ -139,8 +133,7 @@ class Link:
     def receive(self, wait: Wait) -> Message | None:
         """Return the next message, or None if none comes.
 
-        None is returned after the deadline. Replies that no command waits for are skipped. DeviceLost is raised if the
-        port is gone, NotABoard if it floods, and BoardRestarted if the board has another session than `boot`.
+        None is returned after the deadline. Replies that no command waits for are skipped.
         """
         while True:
             while self._kept:
@@ -161,22 +154,13 @@ class Link:
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
         """Send a command until its reply comes.
 
-        The result is the value that `reading` makes from the reply's fields. `reading` raises MessageError for fields
-        of another form. The command itself takes `patience` in s.
-
-        Raises
-        ------
-        NoAnswer, NotABoard
-            No reply to any attempt: no intact line came, or bytes that are not lines.
-        CommandRefused, BusFault
-            The board gives the reason.
+        The result is the value that `reading` makes from the reply's fields. The command itself takes `patience` in s.
         """
         self.post(verb, *arguments)
         number = self._number
         self._early.clear()
         for attempt in range(self.times.attempts):
             if attempt:
-                self._counts = replace(self._counts, repeats=self._counts.repeats + 1)
                 self._write(command_line(number, verb, *arguments))
             wait = self.wait(self.times.reply + patience)
             while (message := self.receive(wait)) is not None:
@@ -187,7 +171,6 @@ class Link:
                     try:
                         reply = reading(message.fields)
                     except MessageError:
-                        self._count_bad()
                         continue
                     self._pending = None
                     return reply
@@ -197,18 +180,12 @@ class Link:
         raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
 
     def recall_early(self) -> None:
-        """Return early scans from `receive` once more.
-
-        They came before the reply to the last command.
-        """
+        """Return early scans from `receive` once more."""
         self._kept.extendleft(reversed(self._early))
         self._early.clear()
 
     def drain(self, seconds: float) -> None:
-        """Discard messages until none comes for this time.
-
-        Draining takes at most ten times as long.
-        """
+        """Discard messages until none comes for this time."""
         end = self.clock.now() + 10 * seconds
         while self.clock.now() < end and self.receive(self.wait(seconds)) is not None:
             pass
@@ -223,19 +200,15 @@ class Link:
         if not data:
             return
         self._limit_rate(len(data))
-        intact = self._parser.counts.good
         texts = self._parser.feed(data)
-        self.foreign = 0 if self._parser.counts.good > intact else self.foreign + len(data)
+        self.foreign = 0 if texts else self.foreign + len(data)
         for text in texts:
             try:
                 message = parse_message(text)
             except MessageError:
-                self._count_bad()
                 continue
             if len(self._kept) < _MOST_KEPT:
                 self._kept.append(message)
-            else:
-                self._counts = replace(self._counts, overflowed=self._counts.overflowed + 1)
 
     def _limit_rate(self, count: int) -> None:
         """Raise NotABoard if bytes come too fast."""
@@ -249,10 +222,7 @@ class Link:
     def _is_mine(self, message: Message) -> bool:
         """Check whether a message belongs to the command or session."""
         if isinstance(message, Answer | Refusal):
-            if message.command == self._pending:
-                return True
-            self._counts = replace(self._counts, unasked=self._counts.unasked + 1)
-            return False
+            return message.command == self._pending
         self.check_boot(message.boot)
         return True
 
@@ -266,10 +236,7 @@ class Link:
                 )
 
     def silence_fault(self, otherwise: str) -> HardwareError:
-        """Return NotABoard if bytes come but no lines.
-
-        Otherwise NoAnswer with the given text is returned.
-        """
+        """Return NotABoard if bytes come but no lines."""
         return NoAnswer(otherwise) if self.foreign < self.times.foreign else self.not_a_board()
 
     def _write(self, data: bytes) -> None:
@@ -284,14 +251,8 @@ class Link:
             self.end = fault
             raise
 
-    def _count_bad(self) -> None:
-        self._counts = replace(self._counts, bad_messages=self._counts.bad_messages + 1)
-
     def not_a_board(self) -> NotABoard:
-        """Return the fault of a device that sends no lines.
-
-        The device sends bytes.
-        """
+        """Return the fault of a device that sends no lines."""
         return NotABoard(
             f"{self.name} sends bytes but no intact line ({self.foreign} since the last one): "
             "another device, or another baud rate."
@@ -302,3 +263,104 @@ def _refused(verb: str, refusal: Refusal) -> HardwareError:
     kind, meaning = _MEANINGS.get(refusal.code, (CommandRefused, "unknown reason"))
     said = f": {refusal.text}" if refusal.text else ""
     return kind(f"the board refused {verb} (error {refusal.code:X}, {meaning}){said}.")
+
+
+_QUIET = 0.05  # s without a line after which all old lines have come
+
+
+class Session(Link):
+    """Session with a board on a serial port.
+
+    The constructor stops the board and greets it. The session stores its number, its clock and its end.
+
+    The clock, the computer's by default, is used for all deadlines.
+    """
+
+    def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None) -> None:
+        super().__init__(port, times=times, clock=clock, number=random.randrange(IDS))
+        self._time = BoardTime()
+        self.newest = 0
+        """Latest present time of the board in µs, without wraps."""
+        self._silence()
+        self.greeting = self._greet()
+        """Reply of the board to HELLO."""
+        self.ping()
+
+    def check(self) -> None:
+        """Raise the fault that has ended the session."""
+        if self.end is not None:
+            raise type(self.end)(f"this session has ended: {self.end}")
+
+    def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
+        """Send a command with `Link.ask`."""
+        try:
+            return super().ask(reading, verb, *arguments, patience=patience)
+        except CommandRefused:
+            if verb != "PING":
+                self.ping(patience)
+            raise
+
+    def ping(self, patience: float = 0.0) -> None:
+        """Send PING and keep the reply."""
+        self.keep(self.ask(read_pong, "PING", patience=patience))
+
+    def keep(self, pong: Pong) -> None:
+        """Store the reply to PING."""
+        self.check_boot(pong.boot)
+        self.present(pong.time)
+
+    def present(self, microseconds: int) -> bool:
+        """Store the board's present time."""
+        unwrapped = self.unwrap(microseconds)
+        later = unwrapped > self.newest
+        self.newest = max(self.newest, unwrapped)
+        return later
+
+    def unwrap(self, microseconds: int) -> int:
+        """Return a board time in µs without its wraps."""
+        return self._time.unwrap(microseconds, self.clock.now())
+
+    def close(self) -> None:
+        """End the session and close the port. Never raises."""
+        super().close()
+        self.end = self.end or DeviceLost(f"{self.name} was closed.")
+
+    def _silence(self) -> None:
+        """Stop the board and discard its earlier messages."""
+        times = self.times
+        end = self.wait(max(times.opening, times.attempts * times.reply)).until
+        while True:
+            self.wake()
+            try:
+                super().ask(read_nothing, "STOP")
+                break
+            except BusFault:  # the board has received the command; configuring shows the fault of its converter
+                break
+            except NoAnswer:
+                if self.clock.now() < end:
+                    continue
+                if self.foreign:
+                    raise self.not_a_board() from None
+                raise
+        self.drain(min(_QUIET, times.reply))
+
+    def _greet(self) -> Greeting:
+        """Greet the board and check its protocol version."""
+        version, greeting = super().ask(_hello, "HELLO")
+        if greeting is None:
+            raise VersionMismatch(
+                f"the board at {self.name} speaks version {version[0]}.{version[1]} of the protocol, this package "
+                f"{VERSION[0]}.{VERSION[1]}; flash the firmware that belongs to it."
+            )
+        self.boot = greeting.boot
+        return greeting
+
+
+def read_nothing(fields: tuple[str, ...]) -> None:
+    """Read the reply to a command without fields."""
+
+
+def _hello(fields: tuple[str, ...]) -> tuple[tuple[int, int], Greeting | None]:
+    """Read the version and the greeting."""
+    version = read_version(fields)
+    return version, read_greeting(fields) if version[0] == VERSION[0] else None

@@ -1,4 +1,4 @@
-"""Names of board ports, and the ports of this computer."""
+"""Names of board ports, the ports of this computer, and known boards without switches."""
 
 from __future__ import annotations
 
@@ -6,16 +6,114 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, SLOWEST_BUS_RATE
+from coilarray.hardware.chips.converters import CONVERTERS, Converter, converter
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, EXTERNAL_CLOCK_RANGE, SLOWEST_BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
-from coilarray.hardware.wire.converter_boards import ChannelBoard, channel_board
-from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
-from coilarray.hardware.wire.linux_host import i2c_clock, linux_buses
+from coilarray.hardware.wire.direct_buses import I2C_SPEED, SwitchPins, ft232h_adapters, i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
+
+_UNITS = MappingProxyType({"mhz": 1e6, "khz": 1e3, "hz": 1.0})
+
+
+@dataclass(frozen=True)
+class ChannelBoard:
+    """A converter whose coils are wired to its channels."""
+
+    converter: Converter  # type of the converter
+    channels: tuple[int, ...]  # channels with coils, in the order of the coils
+    clock: float | None = None  # clock at its pin CLKIN in Hz. None for its own oscillator
+    title: str = ""  # description of a known board. Empty for a board that options describe
+    address: int = 0x2A  # I²C address
+    source: str = ""  # source of its values, which are not verified on a device
+
+    @property
+    def text(self) -> str:
+        """Description in one line for people."""
+        clock = "its own oscillator" if self.clock is None else f"{self.clock * 1e-6:g} MHz at CLKIN"
+        name = f"{self.title}: " if self.title else ""
+        plural = "s" if len(self.channels) > 1 else ""
+        return f"{name}{self.converter.name}, channel{plural} {', '.join(map(str, self.channels))}, {clock}"
+
+
+_LDC1612, _LDC1614 = CONVERTERS["LDC1612"], CONVERTERS["LDC1614"]
+_PRINTER = (
+    "clock and address: public firmware of 3-D printers; its I²C needs soldered wires, its clock may need firmware"
+)
+BOARDS = MappingProxyType({
+    "grove-ldc1612": ChannelBoard(
+        _LDC1612, (0, 1), 40e6, "Grove 2-channel inductive sensor", 0x2B,
+        "address and clock: the maker's library for Arduino",
+    ),
+    "btt-eddy": ChannelBoard(_LDC1612, (0,), 12e6, "BTT Eddy", 0x2A, _PRINTER),
+    "cartographer": ChannelBoard(_LDC1612, (0,), 24e6, "Cartographer", 0x2A, _PRINTER),
+    "mellow-fly": ChannelBoard(_LDC1612, (0,), 40e6, "Mellow Fly Eddy", 0x2A, _PRINTER),
+    "ldc1614evm": ChannelBoard(
+        _LDC1614, (0, 1, 2, 3), 40e6, "LDC1614EVM", 0x2A,
+        "clock: answers of the maker in a public forum",
+    ),
+})  # fmt: skip
+"""Known boards by the name of the option ``board``."""
+
+
+def channel_board(options: dict[str, str]) -> ChannelBoard | None:
+    """Take a channel board from the options of a port.
+
+    None is returned if no option describes such a board. The options are ``board=grove-ldc1612``, or ``channels=0,1``
+    with ``chip=LDC1612`` (LDC1614 by default) and ``clock=40MHz`` (at CLKIN; ``internal`` by default). Given with a
+    board they change it.
+
+    >>> channel_board({"channels": "0,1", "clock": "40MHz"}).text
+    'LDC1614, channels 0, 1, 40 MHz at CLKIN'
+    """
+    if not {"board", "channels"} & options.keys():
+        return None
+    name = options.pop("board", None)
+    if name is not None and name.lower() not in BOARDS:
+        raise HardwareError(f"board must be {', '.join(BOARDS)}; got {name[:40]!r}")
+    known = ChannelBoard(_LDC1614, ()) if name is None else BOARDS[name.lower()]
+    changed = [] if name is None else [key for key in ("chip", "channels", "clock") if key in options]
+    chip = converter(options.pop("chip")) if "chip" in options else known.converter
+    channels = _channels(options.pop("channels"), chip) if "channels" in options else known.channels
+    clock = _clock(options.pop("clock")) if "clock" in options else known.clock
+    if any(channel >= chip.channels for channel in channels):
+        raise HardwareError(f"an {chip.name} has the channels 0 to {chip.channels - 1}; got {max(channels)}")
+    source = f"{known.source}; given with the port instead: {', '.join(changed)}" if changed else known.source
+    return ChannelBoard(chip, channels, clock, known.title, known.address, source)
+
+
+def _channels(text: str, chip: Converter) -> tuple[int, ...]:
+    """Read the channel numbers of an option."""
+    parts = text.split(",")
+    if not all(part.isdecimal() and part.isascii() and len(part) == 1 for part in parts):
+        raise HardwareError(f"channels must be numbers from 0 to {chip.channels - 1}, as 0,1; got {text[:40]!r}")
+    channels = tuple(map(int, parts))
+    if len(set(channels)) < len(channels):
+        raise HardwareError(f"channels must be named once each; got {text[:40]!r}")
+    return channels
+
+
+def _clock(text: str) -> float | None:
+    """Read ``internal``, or a CLKIN frequency with its unit."""
+    if text.lower() == "internal":
+        return None
+    low, high = EXTERNAL_CLOCK_RANGE
+    number = text.lower().rstrip("mkhz")
+    unit = _UNITS.get(text.lower()[len(number) :])
+    try:
+        clock = float(number) * (math.nan if unit is None else unit)
+    except ValueError:
+        clock = math.nan
+    if not low <= clock <= high:
+        raise HardwareError(
+            f"clock must be internal, or {low * 1e-6:g}MHz to {high * 1e-6:g}MHz at CLKIN; got {text[:40]!r}"
+        )
+    return clock
+
 
 EMULATOR = "emulator"
 """Name of the port of the emulated board."""
@@ -37,10 +135,7 @@ _FTDI_PATH = re.compile(r"/[1-4]")
 
 @dataclass(frozen=True)
 class EmulatorPort:
-    """Port of the emulator.
-
-    Its coils are behind switches, or at the channels of a converter.
-    """
+    """Port of the emulator."""
 
     board: ChannelBoard | None = None
 
@@ -55,10 +150,7 @@ class SerialPort:
 
 @dataclass(frozen=True)
 class LinuxPort:
-    """Buses of this computer by their numbers.
-
-    The port has the converter's I²C address and the transfers to the switches. With a `board` it has no switches.
-    """
+    """Buses of this computer by their numbers."""
 
     bus: int
     address: int = ADDRESSES[0]
@@ -71,10 +163,7 @@ class LinuxPort:
 
 @dataclass(frozen=True)
 class FtdiPort:
-    """An FT232H at USB, by its URL for pyftdi.
-
-    The port has the converter's I²C address and the pins of the switches. With a `board` it has no switches.
-    """
+    """An FT232H at USB, by its URL for pyftdi."""
 
     url: str
     address: int = ADDRESSES[0]
@@ -89,17 +178,16 @@ Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
 def parse_port(text: str) -> Port:
     """Read the name of a port.
 
-    Any other text raises a HardwareError that describes the allowed names. A name is ``emulator``, a serial port
-    ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``, buses ``i2c:1`` or ``i2c:1:0x2B,spi:0.1``, or an adapter
-    ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` if the board's rate is not known.
-    The firmware has 115200. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
-    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back). ``i2c``
-    also has ``rate=400000`` (clock of the I²C bus in Hz), and ``ftdi`` has ``address=0x2B``, ``clock=0``, ``data=1``,
-    ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
+    A name is ``emulator``, a serial port ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``, buses ``i2c:1`` or
+    ``i2c:1:0x2B,spi:0.1``, or an adapter ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or
+    ``?baud=any`` if the board's rate is not known. The firmware has 115200. The last two may have options after a
+    ``?``, joined by ``&``: ``mode=2`` (SPI), ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the
+    chain of switches is wired back). ``i2c`` also has ``rate=400000`` (clock of the I²C bus in Hz), and ``ftdi`` has
+    ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
     Without switches, with coils at the channels of the converter, these two and the emulator have instead the options
     ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as
-    `coilarray.hardware.wire.converter_boards.channel_board` reads them.
+    `channel_board` reads them.
 
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
@@ -129,18 +217,12 @@ def parse_port(text: str) -> Port:
 
 
 def board_of(port: Port) -> ChannelBoard | None:
-    """Return the converter board of a port without switches.
-
-    The coils of the port are wired to its channels. None is returned if the port has switches.
-    """
+    """Return the converter board of a port without switches."""
     return None if isinstance(port, SerialPort) else port.board
 
 
 class BusRate(NamedTuple):
-    """Clock of an I²C bus in Hz.
-
-    It is known if it belongs to the port, is stated by the user or is set by the system.
-    """
+    """Clock of an I²C bus in Hz."""
 
     hertz: float
     known: bool = True
@@ -151,9 +233,6 @@ def bus_rate(port: Port) -> BusRate:
 
     It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, and 400 kHz with the emulator. A bus
     of this computer has the clock that the system has set. If the system sets no clock, it is 100 kHz and not known.
-
-    >>> bus_rate(parse_port("COM5"))
-    BusRate(hertz=150000.0, known=True)
     """
     match port:
         case SerialPort():
@@ -167,10 +246,7 @@ def bus_rate(port: Port) -> BusRate:
 
 
 def found_ports() -> Mapping[str, tuple[str, ...]]:
-    """Return the ports of this computer by kind.
-
-    The kinds are "emulator", "serial", "linux", "ftdi". A kind without its library has no ports.
-    """
+    """Return the ports of this computer by kind."""
     return {EMULATOR: (EMULATOR,), "serial": _serial_ports(), "linux": linux_buses(), "ftdi": ft232h_adapters()}
 
 
@@ -213,10 +289,7 @@ def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
 
 
 def _board(options: dict[str, str], text: str) -> ChannelBoard | None:
-    """Take the options of a board without switches.
-
-    `coilarray.hardware.wire.converter_boards` describes them.
-    """
+    """Take the options of a board without switches."""
     try:
         return channel_board(options)
     except HardwareError as error:

@@ -81,20 +81,14 @@ class BytePort(Protocol):
     def read(self, seconds: float) -> bytes:
         """Return at most 4096 received bytes.
 
-        Without bytes it waits for at most the given time in s. A lost port raises DeviceLost.
+        Without bytes it waits for at most the given time in s.
         """
 
     def write(self, data: bytes) -> None:
-        """Send all bytes.
-
-        A lost port raises DeviceLost. A device that accepts no bytes raises NoAnswer.
-        """
+        """Send all bytes."""
 
     def close(self) -> None:
-        """Close the port.
-
-        The method never raises and may be called again.
-        """
+        """Close the port."""
 
 
 def list_serial_ports() -> tuple[PortInfo, ...]:
@@ -115,8 +109,7 @@ def choose_serial_port(name: str | None = None) -> PortInfo:
     """Return a port by name or serial number.
 
     A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER" with a USB serial number, whose leading zeros do not matter.
-    Without a name, the only port of a known board is returned. A HardwareError is raised if no port or more than one
-    port fits. Its message lists them.
+    Without a name, the only port of a known board is returned.
     """
     ports = list_serial_ports()
     if name is None:
@@ -140,8 +133,7 @@ def _only(meant: list[PortInfo], what: str, ports: tuple[PortInfo, ...]) -> Port
 def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:
     """Open a port for this program alone.
 
-    The format is 8N1 without flow control. A HardwareError is raised if the port is missing, not allowed, or used by
-    another program. A MissingDependencyError is raised without pyserial.
+    The format is 8N1 without flow control.
     """
     return _SerialPort(name, baud)
 

@@ -21,8 +21,7 @@ from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.tables import ReadoutTable
 from coilarray.design.write import design_document
 from coilarray.errors import DesignError, NetworkError
-from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_time
-from coilarray.hardware.chips.ldc1614_limits import reference_divider
+from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_time, reference_divider
 
 PAPER = load_design("gast2020")
 NAMES = tuple(state.name for state in PAPER.plan)

@@ -61,7 +61,7 @@ def test_the_same_as_json(capsys):
     assert (reported["identity"]["manufacturer"], reported["identity"]["device"]) == (0x5449, 0x3055)
     assert reported["ports"]["linux"] == ["i2c:1", "spi:0.0"]
     assert set(reported["assumed"]) >= {"wiring", "ADG739.bits", "ADG739.drain_capacitance"}
-    assert {reported[key] for key in ("drives", "first_conversions", "self_test")} == {None}
+    assert {reported[key] for key in ("drives", "self_test")} == {None}
 
 
 def test_the_emulator_has_the_coils_of_any_design(capsys):
@@ -77,7 +77,6 @@ def test_capacitances_that_the_design_leaves_out_are_told(capsys):
     for others in (
         ("--emulate", "switches=counted"),
         ("starter",),
-        ("--port", "emulator?channels=0", "--coils", "coil1"),
     ):
         assert "capacitance across a coil" not in good(capsys, "--list", *others)
 
@@ -86,22 +85,10 @@ def test_a_good_board_passes_its_self_test(capsys):
     out = good(capsys, "--find-drives")
     assert all(line.startswith("[emulator] ") for line in out.splitlines())
     assert "self-test passed: the board agrees with its wiring, as far as the test can show" in out
-    assert "--drive coil1=7 --drive coil2=8" in out  # 46 and 52 µA into 28 and 27 kΩ: 1.65 and 1.8 V
+    assert "drives = { coil1 = 7, coil2 = 8" in out  # 46 and 52 µA into 28 and 27 kΩ: 1.65 and 1.8 V
     rows = {line.split()[1]: line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil")}
     assert float(rows["coil1"][0]) == pytest.approx(1.4001, abs=1e-4)  # coilarray impedance: 1.4001 MHz
     assert rows["coil1"][2] == "coil2"
-
-
-def test_first_conversions_that_are_off_are_told_with_the_option_that_helps(capsys):
-    out = good(capsys, "--emulate", "first_offset=40000")
-    assert "[emulator] first conversions after sleep are off by more than 2·10⁻⁶; discard some:\n" in out
-    assert "[emulator] --discard 8\n" in out
-    assert "self-test passed" in out
-    row = next(line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil1"))
-    # 40 000 codes of 1.4 MHz/21.7 MHz·2²⁸
-    assert float(row[0]) == pytest.approx(2309, rel=0.01)
-    reported = answer(capsys, "--clock-MHz", "36", "--emulate", "clock_MHz=36")["first_conversions"]
-    assert (reported["recommended"], reported["discards"]) == (0, [0, 1, 2, 4, 8, 15])
 
 
 def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
@@ -136,14 +123,8 @@ test_wrong_arguments_are_one_line = mistakes(
     (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
     (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
     (("--port", "i2c:99"), "there is no /dev/i2c-99"),
-    (("--discard", "16"), "--discard must be 0 to 15; got 16"),
-    (("--discard", "-1"), "--discard must be 0 to 15; got -1"),
-    (("--clock-MHz", "60"), "--clock-MHz must be 35 to 55 of the converter's own oscillator; got 60."),
     (("--emulate", "clock_MHz=60"), "--emulate clock_MHz must be 35 to 55; got '60'"),
-    (("--emulate", "first_offset=x"), "--emulate first_offset must be 1 finite numbers"),
-    (("--drive", "32"), "--drive must be 0 to 31"),
     (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
-    (("--external-clock",), "--external-clock needs --clock-MHz"),
 )
 
 
@@ -170,6 +151,6 @@ def test_an_assumed_clock_of_the_bus_is_said(capsys, port, said):
 
 
 def test_the_emulator_counts_the_parts_where_it_is_asked_to():
-    assert BoardOptions(emulate=["switches=counted"]).emulation == {"count_parts": True}
+    assert BoardOptions(emulate=["switches=counted"]).emulation == {"switches": "counted"}
     with pytest.raises(HardwareError, match="--emulate switches must be counted; got 'measured'"):
         BoardOptions(emulate=["switches=measured"])

@@ -1,17 +1,17 @@
-"""The command ``calibrate-board``: known constants found again, a file that the library reads, mistakes in one line."""
+"""The command ``board calibrate``: known constants found again, a file that the library reads, mistakes in one line."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
-from support.command_line import runner, successes
+from support.command_line import runner, successes, toml_file
 from support.quick_coils import series_tank
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils_document
 
 from coilarray.hardware.emulator import Drift, Oscillator
-from coilarray.hardware.record.calibration_file import load_calibration
-from coilarray.hardware.record.channel_calibration import calibrate_board
+from coilarray.hardware.record.calibration import calibrate_board, load_calibration
 from coilarray.hardware.record.recording import open_recording
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -75,15 +75,16 @@ def test_drift_alone(capsys, recordings):
 
 @pytest.mark.slow
 def test_the_whole_way_from_the_emulator(capsys):
-    """campaign, calibrate-board, compare: all physics of two coils on both sides, scale 1 within noise.
+    """campaign, calibrate, compare: all physics of two coils on both sides, scale 1 within noise.
 
     The emulator interpolates in a table that is right to 1e-3 of the largest δ; the noise is chosen above that.
     """
     Path("two_coils.toml").write_text(tomli_w.dumps(two_coils_document()))
     Path("wiring.toml").write_text(WIRING_TEXT)
     noise = ("--emulate", "noise=1e-6", "--emulate", "drift=0.002")
-    axes = ("--x-mm", "-12.64:-0.64:7", "--y-mm", "-4:4:5")
-    campaign(capsys, "two_coils.toml", "--wiring", "wiring.toml", *axes, *noise, "--out", "run.sqlite")
+    x, y = np.linspace(-12.64, -0.64, 7).tolist(), np.linspace(-4, 4, 5).tolist()
+    plan = toml_file(Path("plan.toml"), x_mm=x, y_mm=y)
+    campaign(capsys, "two_coils.toml", "--wiring", "wiring.toml", "--plan", plan, *noise, "--out", "run.sqlite")
     good(capsys, "run.sqlite", "--simulated")
     both, known = ("run.sqlite", "two_coils.toml", "--replicates", "0"), ("--calibration", "board.toml")
     data = compared(capsys, *both, *known, "--out", "page.html")

@@ -5,7 +5,7 @@ import json
 import pytest
 import tomli_w
 from support import recorded_boards
-from support.command_line import runner, successes
+from support.command_line import runner, successes, toml_file
 from support.contacts import coarse_maps
 
 from coilarray.cli.main import main
@@ -46,7 +46,7 @@ def ideal(board, tmp_path_factory):
     return (path, *board[1:])
 
 
-def test_one_line_gives_the_inductances(board, ideal, design, capsys):
+def test_one_line_gives_the_inductances(board, ideal, design, tmp_path, capsys):
     """Of the design's switches there are none: as with ideal ones, whatever resistance the design gives them."""
     switched = measured(capsys, *ideal)
     # L (1 + 1/Q²), with 5 Ω more
@@ -60,10 +60,12 @@ def test_one_line_gives_the_inductances(board, ideal, design, capsys):
     ):
         # the same circuit, the other coil grounded; a step of the code of any clock is 2e-7 of an inductance at most
         assert measured(capsys, design, "--port", port) == pytest.approx(switched, rel=4e-7)
-    one = measured(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil2")
+    second = toml_file(tmp_path / "second.toml", coils=["coil2"])
+    one = measured(capsys, design, "--port", "emulator?board=btt-eddy", "--settings", second)
     # the other coil is open here, not grounded: its coupling no longer lowers the inductance
     assert one["coil2"] > switched["coil2"] * 1.001
-    assert measured(capsys, *ideal, "--undivided") == pytest.approx(switched, rel=4e-7)
+    undivided = toml_file(tmp_path / "undivided.toml", undivided=True)
+    assert measured(capsys, *ideal, "--settings", undivided) == pytest.approx(switched, rel=4e-7)
 
 
 def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, capsys):
@@ -74,34 +76,26 @@ def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, cap
     assert info_record(capsys, run)["wiring"] == "channels"
     found = calibrate_record(capsys, run, "--simulated", "--out", constants)
     assert (found["clock_Hz"], [channel["state"] for channel in found["channels"]]) == (40e6, ["coil1", "coil2"])
-    code, out, _ = run_live(capsys, "--recording", run, "--speed", "0", "--no-locate", "--json")
+    fast = toml_file(tmp_path / "fast.toml", replay_speed=0.0)
+    code, out, _ = run_live(capsys, "--recording", run, "--settings", fast, "--no-locate", "--json")
     last = json.loads(out.splitlines()[-1])
     assert (code, last["baseline_scans_missing"]) == (0, 0)
     assert all(abs(value) < 1e-4 for value in last["delta"].values())  # δ of a board at rest: noise of 1e-6
     # going on takes the same kind of board
-    refused = measure_refused(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil1", "--resume",
-                              "--out", run)  # fmt: skip
+    first = toml_file(tmp_path / "first.toml", coils=["coil1"])
+    other = ("--port", "emulator?board=btt-eddy", "--settings", first, "--resume", "--out", run)
+    refused = measure_refused(capsys, design, *other)
     assert "cannot continue" in refused
 
 
 def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_path, capsys):
     recording, response = tmp_path / "campaign.sqlite", tmp_path / "campaign.nc"
-    grid = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "1", "--emulate", "noise=0")
-    line = [
-        "board",
-        "campaign",
-        str(design),
-        "--port",
-        FOUR,
-        *grid,
-        "--out",
-        str(recording),
-        "--response",
-        str(response),
-    ]
+    plan = toml_file(tmp_path / "plan.toml", x_mm=[-6.64], y_mm=[0.0], depth_mm=[1.0])
+    line = ["board", "campaign", str(design), "--port", FOUR, "--plan", str(plan), "--emulate", "noise=0"]
     with coarse_maps():
         switched = [measured(capsys, *board, *press)["coil1"] for press in ((), ("--emulate", "press=-6.64,0,1"))]
-        assert main(line) == 0
+        assert main([*line, "--out", str(recording)]) == 0
+    assert main(["board", "info", str(recording), "--out", str(response)]) == 0
     delta = load_part(response).delta.sel(state="coil1").item()
     assert delta == pytest.approx(switched[1] / switched[0] - 1, abs=1e-6)  # steps of the codes
     assert delta > 1e-4
@@ -110,7 +104,8 @@ def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_pa
 @pytest.mark.usefixtures("own_store")  # a kept contact of other depths has another mesh: 2e-3 of δ on a coarse one
 def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
     recording = tmp_path / "campaign.sqlite"
-    grid = ("--x-mm", "-10:0:3", "--y-mm", "-3:3:3", "--depth-mm", "1", "--emulate", "noise=1e-8")
+    plan = toml_file(tmp_path / "plan.toml", x_mm=[-10.0, -5.0, 0.0], y_mm=[-3.0, 0.0, 3.0], depth_mm=[1.0])
+    grid = ("--plan", str(plan), "--emulate", "noise=1e-8")
     with coarse_maps():
         assert main(["board", "campaign", str(design), "--port", FOUR, *grid, "--out", str(recording)]) == 0
         capsys.readouterr()
@@ -132,23 +127,31 @@ def test_live_shows_every_scan(design, capsys):
     assert set(lines[-1]["delta"]) == {"coil1", "coil2"}
 
 
-def test_the_board_is_tested_and_what_is_not_verified_is_told(design, capsys):
+def test_the_board_is_tested_and_what_is_not_verified_is_told(design, tmp_path, capsys):
     out = look(capsys, design, "--port", GROVE, "--find-drives")
     assert "self-test passed" in out
     assert "sensed by" not in out  # of coils at channels f alone is measured: no columns without any value
     assert "[emulator] coil   f in MHz\n" in out
     assert "Grove 2-channel inductive sensor: LDC1612, channels 0, 1, 40 MHz at CLKIN (5449/3055)" in out
     assert "not verified on a device" in out
-    assert look_record(capsys, "--list", "--port", f"{GROVE}&channels=1", "--coils", "coil3")["wiring"] == "channels"
+    third = toml_file(tmp_path / "third.toml", coils=["coil3"])
+    assert look_record(capsys, "--list", "--port", f"{GROVE}&channels=1", "--settings", third)["wiring"] == "channels"
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
     (("--port", "emulator?board=btt-eddy"), "1 channels (0) for 2 coils; none is left for coil2"),
-    (("--port", GROVE, "--coils", "coil1,coil9"), "there is no coil 'coil9'"),
     (("--port", GROVE, "--wiring", "six_coils"), "has switches; a port with channels has none"),
     (("--port", "emulator?channels=0,1&chip=LDC1312"), "has results of 12 bits"),
     (("--port", GROVE, "--rate", "10000"), "rate must be at most"),
-    (("--coils", "coil1"), "coils can be named only for a port with channels instead of switches"),
 ])  # fmt: skip
 def test_what_cannot_be_is_one_line(design, capsys, arguments, words):
     assert words in measure_refused(capsys, design, *arguments, "--single")
+
+
+@pytest.mark.parametrize(("port", "coils", "words"), [
+    (GROVE, ["coil1", "coil9"], "there is no coil 'coil9'"),
+    ("emulator", ["coil1"], "coils can be named only for a port with channels instead of switches"),
+])  # fmt: skip
+def test_coils_that_cannot_be_are_one_line(design, tmp_path, capsys, port, coils, words):
+    settings = toml_file(tmp_path / "coils.toml", coils=coils)
+    assert words in measure_refused(capsys, design, "--port", port, "--settings", settings, "--single")

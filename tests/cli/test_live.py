@@ -18,7 +18,7 @@ import aiohttp
 import numpy as np
 import pytest
 from support import recorded_boards
-from support.command_line import runner
+from support.command_line import runner, toml_file
 from support.contacts import coarse_maps
 from support.emulated_reader import at_rest
 from support.patience import PATIENCE, until
@@ -30,12 +30,12 @@ from coilarray.cli import maps
 from coilarray.cli.board import live as live_command
 from coilarray.cli.board import live_source
 from coilarray.cli.board.options import BoardOptions, opened_board
-from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.errors import HardwareError
 from coilarray.hardware import emulator
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.live_log import read_log
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
+from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.wire.faults import DeviceLost
 from coilarray.response.map import response_map
 
@@ -46,6 +46,12 @@ FINGER = [(0.0, 0.0, 0.0, 0.0), (4.0, 1e-3, 0.0, 0.0), (4.5, 1e-3, 0.0, 1e-3), (
 
 
 board = recorded_boards.board
+FAST = ("--settings", "fast.toml")
+
+
+def settings(**values):
+    """Option for a file of settings."""
+    return "--settings", toml_file(Path("settings.toml"), **values)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -56,11 +62,15 @@ def _coarse():
 
 
 @pytest.fixture(scope="module")
-def table(board, tmp_path_factory):
+def kept(board):
     """Table for positions of one depth."""
-    axis, path = np.linspace(-8e-3, 8e-3, 9), tmp_path_factory.mktemp("table") / "table.nc"
-    save_dataset(response_map(load_design(str(board[0])), x=axis, y=axis), path)
-    return path
+    axis = np.linspace(-8e-3, 8e-3, 9)
+    return response_map(load_design(str(board[0])), x=axis, y=axis)
+
+
+@pytest.fixture
+def table(kept, monkeypatch):
+    monkeypatch.setattr(maps, "stored_table", lambda design, progress: kept)
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +94,7 @@ def virtual_time(monkeypatch):
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    toml_file(Path("fast.toml"), replay_speed=0.0)
 
 
 def ran(capsys, *arguments):
@@ -98,7 +109,7 @@ def answers_of(capsys, *arguments):
 
 
 def test_a_recording_is_replayed(capsys, recording):
-    answers = answers_of(capsys, "--recording", recording, "--speed", "0", "--no-locate")
+    answers = answers_of(capsys, "--recording", recording, *FAST, "--no-locate")
     assert [answer["emulated"] for answer in answers] == [True] * 60
     assert [answer["baseline_scans_missing"] for answer in answers[:11]] == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 0]
     assert answers[0]["delta"] == {"coil1": None, "coil2": None}
@@ -110,7 +121,7 @@ def test_a_recording_is_replayed(capsys, recording):
 
 
 def test_plain_lines_say_emulator(capsys, recording):
-    lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
+    lines = ran(capsys, "--recording", recording, *FAST, "--no-locate", "--scans", "50")
     assert [line.startswith("[emulator] ") for line in lines] == [True] * 50
     assert lines[0].endswith("baseline: scans without an indentation still wanted: 9")
     assert "coil1 +78" in lines[-1]
@@ -118,14 +129,14 @@ def test_plain_lines_say_emulator(capsys, recording):
 
 def test_a_campaign_counts_from_its_baselines(capsys, tmp_path):
     path = campaign_file(tmp_path / "campaign.sqlite", Campaign(x=(0.0,), y=(0.0, 1e-3), depths=(1e-3,), repeats=4))
-    answers = answers_of(capsys, "--recording", path, "--speed", "0", "--no-locate", "--baseline-scans", "4")
+    answers = answers_of(capsys, "--recording", path, "--no-locate", *settings(replay_speed=0.0, baseline_scans=4))
     assert [one["baseline_scans_missing"] for one in answers[:7]] == [3, 3, 2, 2, 1, 1, 0]  # every other scan presses
     assert answers[8]["delta"]["coil1"] == pytest.approx(0.0, abs=1e-6)
     assert answers[9]["delta"]["coil1"] == pytest.approx(0.8e-3, rel=3e-3)
 
 
 def test_presses(capsys, recording):
-    answers = answers_of(capsys, "--recording", recording, "--speed", "0", "--no-locate")
+    answers = answers_of(capsys, "--recording", recording, *FAST, "--no-locate")
     assert "temperature_C" not in answers[0]  # the recording has none
     numbers = [answer["press"] and answer["press"]["number"] for answer in answers]
     first = numbers.index(1)
@@ -134,50 +145,44 @@ def test_presses(capsys, recording):
     assert 3.9 < answers[first]["press"]["begin_s"] < 4.4
     assert answers[-1]["press"]["end_s"] is None
     assert answers[-1]["press"]["delta"] == pytest.approx(0.8e-3 * np.exp(-1 / 64), rel=3e-3)
-    lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate")
+    lines = ran(capsys, "--recording", recording, *FAST, "--no-locate")
     assert lines[-1].endswith(f"press 1 since {answers[first]['press']['begin_s']:.2f} s")
 
 
-def test_a_log_and_a_reference(capsys, recording):
-    options = ("--recording", recording, "--speed", "0", "--no-locate", "--reference", "coil2")
-    answers = answers_of(capsys, *options, "--log", "run.csv")
-    assert {tuple(answer["less_reference"]) for answer in answers} == {("coil2",)}
-    log = read_log(Path("run.csv"))
-    assert log.sizes == {"scan": 60, "state": 2}
-    np.testing.assert_array_equal(log.delta[-1], [answers[-1]["delta"][name] for name in ("coil1", "coil2")])
-    np.testing.assert_array_equal(log.press, [(answer["press"] or {"number": 0})["number"] for answer in answers])
-    assert "run.csv exists; name another log" in refused(capsys, *options, "--log", "run.csv")
-    lines = ran(capsys, *options, "--log", "run.csv", "--force", "--scans", "20")
-    assert lines[0] == "[emulator] δ less that of coil2"
-    assert read_log(Path("run.csv")).sizes["scan"] == 20
-    ran(capsys, *options, "--log", "run.nc", "--scans", "20")
-    assert load_part(Path("run.nc")).attrs["reference_coils"] == "coil2"
-
-
 @pytest.mark.slow
-def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(capsys, tmp_path, long_recording):
+def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(capsys, tmp_path, board, monkeypatch):
     """The page is read by a program that is no browser: it opens the connection, and closes it."""
-    log = tmp_path / "run.nc"
-    options = ("--recording", long_recording, "--no-locate", "--plot", "--no-browser", "--log", log)
+    monkeypatch.setenv("BROWSER", "true")
+    run_file = tmp_path / "run.sqlite"
+    options = (*board, "--no-locate", "--plot", "--out", run_file)
     with command("board", "live", *map(str, options)) as process:
         said = process.stdout.readline()
         assert said.startswith("live display: http://127.0.0.1:")
-        asyncio.run(watched(said.split()[2], log.with_name("run.nc.csv")))
+        asyncio.run(watched(said.split()[2], run_file))
         _, err = process.communicate(timeout=10 * PATIENCE)
     assert (process.returncode, err) == (0, "")
-    assert 0 < load_part(log).sizes["scan"] < 1000  # it ended with the page, not with the recording
-    assert "exists; name another log" in refused(capsys, *options)  # the log is there
+    with open_recording(run_file) as recorded:
+        assert recorded.count() > 2
+    assert "already is a recording" in refused(capsys, *options)
+
+
+def scans_of(path):
+    try:
+        with open_recording(path) as recorded:
+            return recorded.count()
+    except HardwareError:  # its session has not begun
+        return 0
 
 
 async def watched(url, lines):
-    """Open the page and its connection until there are lines in the log."""
+    """Open the page and its connection until there are scans in the recording."""
     place, token = url.split("?")
     async with aiohttp.ClientSession() as session:
         async with session.post(f"{place}open/tab?{token}") as answer:
             address = (await answer.json())["sessionURL"].replace("USE_HOST", url.split("/")[2])
         async with session.ws_connect(f"{address}{'&' if '?' in address else '?'}{token}"):
             start = time.monotonic()
-            while not (lines.exists() and len(lines.read_text().splitlines()) > 2):
+            while not (lines.exists() and scans_of(lines) > 2):
                 assert time.monotonic() - start < 10 * PATIENCE  # so long only where nothing comes
                 await asyncio.sleep(0.1)
 
@@ -185,14 +190,14 @@ async def watched(url, lines):
 @pytest.mark.slow
 def test_a_replay_keeps_the_recorded_time(capsys, recording):
     start = time.monotonic()
-    run(capsys, "--recording", recording, "--speed", "20", "--no-locate", "--scans", "41")
+    run(capsys, "--recording", recording, *settings(replay_speed=20.0), "--no-locate", "--scans", "41")
     assert time.monotonic() - start > 40 / 10.3 / 20  # 0.0979 s a scan of two coils
 
 
 @pytest.mark.slow
 def test_positions_of_a_recording(capsys, recording, board, table):
     """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
-    answers = answers_of(capsys, board[0], "--recording", recording, "--table", table, "--speed", "0")
+    answers = answers_of(capsys, board[0], "--recording", recording, *FAST)
     assert (answers[5]["position"], answers[20]["position"]["status"]) == (None, "nothing pressed")
     assert answers[-1]["position"]["status"] != "nothing pressed"
     assert "x_m" in answers[-1]["position"]
@@ -209,8 +214,8 @@ def test_the_emulator_is_located(capsys, board, table, monkeypatch):
     monkeypatch.setattr(live_source, "_LOCATE", 0.0)  # each scan: by the board's own clock they come in no time
     way = ((0.0, 4e-3, 2e-3, 0.0), (0.2, 4e-3, 2e-3, 1e-3))
     monkeypatch.setattr(live_source, "tour", lambda setup, start: [(start + at, *place) for at, *place in way])
-    options = ("--rate", "40", "--scans", "40", "--baseline-scans", "5", "--noise", "2e-6")
-    answers = answers_of(capsys, *board, "--table", table, *options)
+    options = ("--rate", "40", "--scans", "40", *settings(baseline_scans=5, noise=2e-6))
+    answers = answers_of(capsys, *board, *options)
     assert (len(answers), answers[4]["position"]["status"]) == (40, "nothing pressed")
     pressed = [one["position"] for one in answers[-20:]]
     x, y = load_design(str(board[0])).indentation.origin_point  # the path counts from it, positions from the board's
@@ -222,7 +227,7 @@ def test_the_emulator_is_located(capsys, board, table, monkeypatch):
 
 @pytest.mark.slow
 def test_every_line_of_an_emulator_says_so(capsys, board):
-    first, *lines = ran(capsys, *board, *["--no-locate", "--rate", "30", "--scans", "10", "--baseline-scans", "3"])
+    first, *lines = ran(capsys, *board, *["--no-locate", "--rate", "30", "--scans", "10", *settings(baseline_scans=3)])
     assert first.startswith("[emulator] emulator: emulator; LDC1614")
     assert [line.startswith("[emulator] ") for line in lines] == [True] * 10
     assert all("coil1 " in line for line in lines[3:])
@@ -233,7 +238,7 @@ def test_every_line_of_an_emulator_says_so(capsys, board):
 def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     begun, tour = [], live_source.tour
     monkeypatch.setattr(live_source, "tour", lambda setup, start: begun.append(start) or tour(setup, start))
-    answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
+    answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", *settings(baseline_scans=3))
     after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in answers[3:]]
     assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
     assert max(abs(delta) for time, delta in after if time > 1.0) > 30e-6
@@ -242,7 +247,16 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("virtual_time")
 def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
-    options = ("--no-locate", "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=-6.64,0,1")
+    options = (
+        "--no-locate",
+        "--rate",
+        "30",
+        "--scans",
+        "15",
+        *settings(baseline_scans=5),
+        "--emulate",
+        "press=-6.64,0,1",
+    )
     answers = answers_of(capsys, *board, *options)
     assert {answer["temperature_C"] for answer in answers} == {25.0}
     assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
@@ -328,7 +342,7 @@ def test_ctrl_c_ends_a_process(long_recording):
 
 @pytest.mark.slow
 def test_a_reader_that_goes_away(recording):
-    with command("board", "live", "--recording", str(recording), "--speed", "4", "--no-locate", "--json") as process:
+    with command("board", "live", "--recording", str(recording), "--no-locate", "--json") as process:
         assert json.loads(process.stdout.readline())["emulated"] is True
         process.stdout.close()
         assert process.stderr.read() == ""
@@ -380,9 +394,7 @@ def on_terminal(*arguments, keys=()):
 @pytest.mark.slow
 def test_bars_and_keys_on_a_terminal(long_recording):
     keys = [("█", "z"), ("scans without an indentation still", ""), ("noise of δ", "q")]
-    code, first, *_ = on_terminal(
-        "board", "live", "--recording", long_recording, "--speed", "2", "--no-locate", keys=keys
-    )
+    code, first, *_ = on_terminal("board", "live", "--recording", long_recording, "--no-locate", keys=keys)
     assert code == 0  # by the key, as the recording takes 49 s
     for text in ("[emulator] coil1", "scans/s", "baseline: scans without an indentation still wanted: 9"):
         assert text in first
@@ -428,29 +440,16 @@ def test_screen_lines():
             for option, value in (
                 ("--emulate", "seed=1"),
                 ("--wiring", "six_coils"),
-                ("--coils", "coil1"),
                 ("--rate", "30"),
-                ("--clock-MHz", "43"),
-                ("--discard", "1"),
-                ("--drive", "7"),
-                ("--coil", "coil1"),
             )
         ),
-        (("--recording", "RUN", "--undivided", "--rate", "9"), "with --rate and --undivided, which are for a board"),
-        (("--speed", "2"), "--speed is for --recording"),
-        (("--recording", "RUN", "--speed", "-1"), "--speed must be 0 to 1000; got -1"),
-        (("--recording", "RUN", "--speed", "nan"), "--speed must be 0 to 1000"),
-        (("--recording", "RUN", "--table", "t.csv"), "--table must end in .nc"),
         (("--scans", "0"), "--scans must be 1 to"),
-        (("--baseline-scans", "1"), "at least 2 scans; got 1"),
+        (("--recording", "RUN", "--out", "x.sqlite"), "--out records a board"),
         (
             ("--recording", "RUN", "--no-locate", "--reference", "coil9"),
             "a reference coil must be one of coil1, coil2; got 'coil9'",
         ),
-        (("--log", "run.txt"), "--log must end in .csv or .nc"),
         (("--plot", "--json"), "--plot cannot be given with --json"),
-        (("--temperature", "t"), "the emulator has a temperature of its own"),
-        (("--noise", "-1"), "noise must be positive and finite; got -1"),
         (("none.toml",), "none.toml"),
         (("--rate", "1e9", "--no-locate"), "--rate must be at most"),
         (("--emulate", "noise=x"), "--emulate noise must be 1 finite numbers"),
@@ -471,8 +470,3 @@ def test_a_wrong_port_costs_no_table(capsys, monkeypatch, arguments):
 
     monkeypatch.setattr(maps, "stored_table", computed)
     assert arguments[1] in refused(capsys, "gast2020", *arguments)
-
-
-def test_a_table_of_another_design(capsys, recording, table):
-    line = refused(capsys, "gast2020", "--recording", recording, "--table", table)
-    assert "is the table of a design other than" in line

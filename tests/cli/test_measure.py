@@ -13,7 +13,7 @@ import time
 import numpy as np
 import pytest
 from support import recorded_boards, refusals
-from support.command_line import runner, successes
+from support.command_line import runner, successes, toml_file
 
 from coilarray import load_design
 from coilarray.cli.board import campaign as campaign_command
@@ -38,14 +38,20 @@ measure_refused, campaign_refused, scan_info_refused = (
 )
 locate, _ = runner("locate")
 COIL1 = -6.64  # mm on the board along x: the origin of the map
-GRID = ("--x-mm", "-9.64,-6.64,-3.64", "--y-mm", "0,2", "--depth-mm", "0.5,1")
+GRID = {"x_mm": [-9.64, -6.64, -3.64], "y_mm": [0.0, 2.0], "depth_mm": [0.5, 1.0]}
 
 
 @pytest.fixture(scope="module")
-def measured(board, tmp_path_factory):
+def grid(tmp_path_factory):
+    """Option for a plan of a small campaign."""
+    return "--plan", toml_file(tmp_path_factory.mktemp("plan") / "plan.toml", **grid)
+
+
+@pytest.fixture(scope="module")
+def measured(board, grid, tmp_path_factory):
     """A campaign as the command records it."""
     path = tmp_path_factory.mktemp("campaign") / "campaign.sqlite"
-    assert main(["board", "campaign", *map(str, (*board, *GRID)), "--out", str(path)]) == 0
+    assert main(["board", "campaign", *map(str, (*board, *grid)), "--out", str(path)]) == 0
     return path
 
 
@@ -54,12 +60,12 @@ def campaign(measured, tmp_path, capsys):
     return shutil.copy(measured, tmp_path / "campaign.sqlite")
 
 
-def test_the_plan_of_a_campaign(board, tmp_path, capsys, monkeypatch):
+def test_the_plan_of_a_campaign(board, grid, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # pressing and lifting take (0.5 + 1) mm · 2/(1.5 mm/s) for both depths, dwelling 2 · 0.5 s, at 6 positions
     text = "3 × 2 positions, 2 depths, 1 repeats: 12 indentations, at least 0.3 min without scans and travel"
-    assert measure_campaign(capsys, *board, *GRID, "--plan") == f"{text}\n"
-    assert campaign_record(capsys, *board, *GRID, "--plan")["least_seconds"] == pytest.approx(6 * 3.0)
+    assert measure_campaign(capsys, *board, *grid, "--dry-run") == f"{text}\n"
+    assert campaign_record(capsys, *board, *grid, "--dry-run")["least_seconds"] == pytest.approx(6 * 3.0)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -72,11 +78,12 @@ def test_single(board, tmp_path, capsys, monkeypatch):
     out = measure(capsys, *board, "--single", "--emulate", "noise=0")
     assert all_marked(out)
     assert [line.split()[1] for line in out.splitlines()] == ["emulator:", "state", "coil1", "coil2"]
-    pressed = measure_record(capsys, *board, "--single", "--coil", "coil2", "--emulate", "press=0,0,1")
+    only = toml_file(tmp_path / "only.toml", states=["coil2"])
+    pressed = measure_record(capsys, *board, "--single", "--settings", only, "--emulate", "press=0,0,1")
     assert pressed["emulated"] is True
     (state,) = pressed["states"]
     assert (state["state"], state["verdict"], state["reasons"]) == ("coil2", "good", [])
-    assert list(tmp_path.iterdir()) == []  # no file
+    assert list(tmp_path.iterdir()) == [only]  # no file
 
 
 def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
@@ -133,8 +140,8 @@ def test_seconds_and_rate(board, tmp_path, capsys):
     assert found["seconds"] == pytest.approx(2.0, abs=0.021)  # less than a scan is missing
 
 
-def test_campaign(board, campaign, tmp_path, capsys):
-    out = scan_info(capsys, campaign, "--to", "nc")
+def test_campaign(board, grid, campaign, tmp_path, capsys):
+    out = scan_info(capsys, campaign, "--out", tmp_path / "campaign.nc")
     assert all_marked(out)
     assert "campaign: 12 of 12 positions are measured" in out
     assert [line for line in out.splitlines() if "self-test" in line] == ["[emulator] self-test passed"] * 2
@@ -153,16 +160,9 @@ def test_campaign(board, campaign, tmp_path, capsys):
     lines = (tmp_path / "long.csv").read_text().splitlines()
     assert lines[0] == "depth_m,y_m,x_m,state,delta,delta_std,checksum"
     assert len(lines) == 1 + response.delta.size + 1  # the last line has the checksum
-    before, same = campaign.read_bytes(), tmp_path / "same.csv"
+    before = campaign.read_bytes()
     # nothing is left to measure
-    assert all_marked(measure_campaign(capsys, *board, *GRID, "--out", campaign, "--resume", "--response", same))
-    assert same.read_text().splitlines() == lines
-    (tmp_path / "mine.csv").write_text("of somebody else")
-    given = (*board, *GRID, "--out", campaign, "--resume", "--response", tmp_path / "mine.csv")
-    line = campaign_refused(capsys, *given)
-    assert "mine.csv exists and is not as `coilarray board campaign` left it; --force replaces it" in line
-    measure_campaign(capsys, *given, "--force")
-    assert (tmp_path / "mine.csv").read_text().splitlines() == lines
+    assert all_marked(measure_campaign(capsys, *board, *grid, "--out", campaign, "--resume"))
     with open_recording(campaign) as recording:
         assert recording.count() == 24
     assert before != campaign.read_bytes()  # but that it was tried
@@ -183,13 +183,13 @@ def stuck(monkeypatch):
     monkeypatch.setattr(campaign_command, "opened_board", with_fault)
 
 
-def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_path, capsys):
+def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, grid, stuck, tmp_path, capsys):
     path = tmp_path / "run.sqlite"
-    line = campaign_refused(capsys, *board, *GRID, "--out", path)
+    line = campaign_refused(capsys, *board, *grid, "--out", path)
     assert "the self-test before the campaign has failed: " in line
     assert line.endswith("or continue with --ignore-self-test.")
     assert list(tmp_path.iterdir()) == []
-    out = measure_campaign(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
+    out = measure_campaign(capsys, *board, *grid, "--out", path, "--ignore-self-test")
     assert out.count("[emulator] self-test failed: ") == 2
     found = scan_info_record(capsys, path)
     assert [test["passed"] for test in found["self_tests"]] == [False, False]
@@ -197,7 +197,7 @@ def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_
     assert {state["bad"] for state in found["states"]} == {0}  # the scans do not tell
 
 
-def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, capsys, monkeypatch):
+def test_a_switch_that_sticks_during_a_campaign_is_reported(board, grid, tmp_path, capsys, monkeypatch):
     run_campaign = campaign_module.run_campaign
 
     def sticking(plan, reader, stage, *arguments, **options):
@@ -206,7 +206,7 @@ def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, cap
         chain.stick(*chain.find(1, 0, "ground"), "open")
 
     monkeypatch.setattr(campaign_module, "run_campaign", sticking)
-    out = measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "run.sqlite")
+    out = measure_campaign(capsys, *board, *grid, "--out", tmp_path / "run.sqlite")
     lines = [line.split(":")[0] for line in out.splitlines() if "self-test" in line]
     assert lines == ["[emulator] self-test passed", "[emulator] self-test failed"]
 
@@ -217,7 +217,7 @@ def test_series_for_locate(board, tmp_path, capsys):
     run = tmp_path / "run.sqlite"
     measure(capsys, *board, "--scans", 60, "--out", run, "--emulate", f"path={path}")
     for ending in ("csv", "nc"):
-        scan_info(capsys, run, "--to", ending, "--baseline", 20)
+        scan_info(capsys, run, "--out", tmp_path / f"run.{ending}", "--baseline", 20)
     series = load_part(tmp_path / "run.nc")
     assert series.delta.sel(state="coil1")[-1] > 1e-4
     assert np.abs(series.delta[:20]).max() < 5e-6
@@ -226,8 +226,10 @@ def test_series_for_locate(board, tmp_path, capsys):
     # a part of the file, which has no checksum then
     (tmp_path / "last.csv").write_text("".join(row.rpartition(",")[0] + "\n" for row in (rows[0], rows[-2])))
     # a recorded reading on the table of a recorded campaign of that depth: the position comes out
-    grid = ("--x-mm", f"{COIL1 - 6}:{COIL1 + 6}:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
-    measure_campaign(capsys, *board, *grid, "--out", tmp_path / "map.sqlite", "--response", tmp_path / "map.nc")
+    x, y = np.linspace(COIL1 - 6, COIL1 + 6, 7).tolist(), np.linspace(-4, 4, 5).tolist()
+    plan = toml_file(tmp_path / "plan.toml", x_mm=x, y_mm=y, depth_mm=[0.8])
+    measure_campaign(capsys, *board, "--plan", plan, "--out", tmp_path / "map.sqlite")
+    scan_info(capsys, tmp_path / "map.sqlite", "--out", tmp_path / "map.nc")
     code, out, err = locate(capsys, "--model", tmp_path / "map.nc", tmp_path / "last.csv", "--noise", 1e-6, "--json")
     assert code == 0
     assert all_marked(err)  # that the map is of an emulator
@@ -237,7 +239,7 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
 
 
-def test_person_at_the_keyboard(board, campaign, tmp_path, capsys, monkeypatch):
+def test_person_at_the_keyboard(board, grid, campaign, tmp_path, capsys, monkeypatch):
     """The same campaign as a real board without a machine has it; the emulator plays the board."""
     asked = []
 
@@ -255,11 +257,11 @@ def test_person_at_the_keyboard(board, campaign, tmp_path, capsys, monkeypatch):
         where = [0.0, 0.0]
         return PersonStage(obey)
 
-    monkeypatch.setattr(campaign_command, "_stage_maker", lambda *_: lambda board: person_at(board.emulator.indenter))
-    measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "person.sqlite")
+    monkeypatch.setattr(campaign_command, "_stage", lambda _, board, *__, **___: person_at(board.emulator.indenter))
+    measure_campaign(capsys, *board, *grid, "--out", tmp_path / "person.sqlite")
     assert len(asked) == 3 * 12
     for name in ("person", "campaign"):
-        scan_info(capsys, tmp_path / f"{name}.sqlite", "--to", "nc")
+        scan_info(capsys, tmp_path / f"{name}.sqlite", "--out", tmp_path / f"{name}.nc")
     person, machine = (load_part(tmp_path / f"{name}.nc").delta for name in ("person", "campaign"))
     np.testing.assert_allclose(person, machine, atol=2e-6)  # the noise of two readings, four deviations
 
@@ -272,35 +274,35 @@ def test_nobody_answers(monkeypatch, capsys):
         campaign_command._ask("Move.")
 
 
-def test_resume_of_a_campaign(board, campaign, tmp_path, capsys):
+def test_resume_of_a_campaign(board, grid, campaign, tmp_path, capsys):
     """Positions that are taken back out of a recording are the ones that are measured again."""
     scan_info(capsys, campaign, "--out", tmp_path / "before.nc")
     with contextlib.closing(sqlite3.connect(campaign)) as connection:
         recorded_boards.take_back(connection, "place IN (0, 5, 11)")
-    assert campaign_record(capsys, *board, *GRID, "--out", campaign, "--resume")["scans"] == 24 + 6
+    assert campaign_record(capsys, *board, *grid, "--out", campaign, "--resume")["scans"] == 24 + 6
     scan_info(capsys, campaign, "--out", tmp_path / "after.nc")
     before, after = (load_part(tmp_path / f"{name}.nc") for name in ("before", "after"))
     np.testing.assert_allclose(after.delta, before.delta, atol=2e-6)  # the noise of two readings, four deviations
     assert int((after.delta != before.delta).any("state").sum()) <= 3
 
 
-def test_never_overwritten(board, campaign, tmp_path, capsys):
+def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
     before = campaign.read_bytes()
     line = measure_refused(capsys, *board, "--out", campaign)
     assert line.endswith(f"{campaign} already is a recording, of 24 scans; resume it or name another file.")
     assert "it is of a campaign" in measure_refused(capsys, *board, "--out", campaign, "--resume")
+    twice = toml_file(tmp_path / "plan.toml", **GRID, repeats=2)
     for other, message in (
-        (("--repeats", 2), "it is of another campaign"),
-        (("--rate", 20), "its hash of settings was"),
-        (("--coil", "coil1"), "its hash of settings was"),
+        (("--plan", twice), "it is of another campaign"),
+        ((*grid, "--rate", 20), "its hash of settings was"),
     ):
-        assert message in campaign_refused(capsys, *board, *GRID, *other, "--out", campaign, "--resume")
+        assert message in campaign_refused(capsys, *board, *other, "--out", campaign, "--resume")
     assert campaign.read_bytes() == before
     foreign = tmp_path / "notes.txt"
     foreign.write_text("my notes\n" * 1000)
     assert "is not a recording" in measure_refused(capsys, *board, "--out", foreign)
     assert foreign.read_text() == "my notes\n" * 1000
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["campaign.sqlite", "notes.txt"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["campaign.sqlite", "notes.txt", "plan.toml"]
 
 
 @pytest.mark.parametrize(
@@ -311,28 +313,15 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--scans", 0], "--scans must be 1 to"),
         (["--scans", "x"], "--scans"),
         *((["--seconds", wrong], "--seconds must be positive") for wrong in (0, "nan")),
-        (["--campaign"], "use the command coilarray board campaign, which has the same options, for a campaign."),
-        (["--y-mm", "0", "--stage", "person"], "coilarray board campaign"),
-        (["--campaign", "--depth-mm", 1, "--repeats", 2, "--ignore-self-test"], "coilarray board campaign"),
         (["--single", "--resume"], "--resume is not for --single"),
         *((["--port", name], name) for name in ("nowhere", "/dev/nothing-here")),
         (["--wiring", "no.toml"], "no.toml"),
-        (["--coil", "coil9"], "has no state 'coil9'"),
-        (["--coil", "coil1", "--coil", "coil1"], "named once"),
         (["--rate", 0], "--rate must be positive"),
         (["--rate", 1e9], "rate"),
-        (["--clock-MHz", "inf"], "--clock-MHz must be positive and finite"),
-        (["--external-clock"], "--external-clock needs --clock-MHz"),
-        (["--drive", 32], "--drive must be 0 to 31, or COIL=CODE; got '32'"),
-        (["--drive", "coil1="], "--drive must be 0 to 31"),
-        (["--drive", "coil1=3", "--drive", 3], "one value for all coils, or COIL=CODE for each"),
-        (["--drive", "coil1=3", "--drive", "coil1=4"], "--drive must name a coil once"),
-        (["--drive", "coil7=3"], "a drive names the coil 'coil7'"),
         (["--emulate", "seed=1", "--port", "COM5"], "--emulate is for the emulator"),
         (
             ["--emulate", "colour=1"],
-            "--emulate must be KEY=VALUE with a key of switches, seed, noise, drift, clock_MHz, "
-            "first_offset, press, path",
+            "--emulate must be KEY=VALUE with a key of switches, seed, noise, drift, clock_MHz, press, path",
         ),
         (["--emulate", "seed"], "--emulate must be KEY=VALUE"),
         *((["--emulate", f"seed={seed}"], "--emulate seed must be a whole number") for seed in ("-1", "9" * 30)),
@@ -355,34 +344,48 @@ def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("settings", "message"),
     [
-        (["--clearance-mm", 2], "--clearance-mm is for a G-code stage"),
-        (["--x-mm", "3,1"], "--x-mm must be rising"),
-        (["--depth-mm", "0"], "depths of a campaign must be positive"),
-        (["--repeats", 0], "repeats of a campaign must be"),
-        (["--average", 0], "scans of a campaign must be"),
-        (["--dwell-s", -1], "dwell of a campaign must be"),
-        (["--speed-mm-s", 0], "speed of a campaign must be"),
-        (["--x-mm", "0,500"], "x of the emulated indenter must be"),
-        (["--stage", "person"], "--stage is for a real board"),
-        (["--stage", "robot", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
-        (["--stage", "grbl:", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
-        (["--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a G-code stage"),
-        (["--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--reach-mm must be given with a G-code stage"),
-        (["--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--stage and --port must be different"),
-        (["--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"], "must be XMIN,XMAX,YMIN,YMAX,DEPTH"),
-        (["--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"], "x of a stage must rise"),
-        (["--home", "--port", "COM5"], "--home is for a G-code stage"),
-        (["--yes"], "--yes is for a G-code stage"),
-        (["--response", "map.txt"], "--response must end in .nc or .csv"),
-        (["--out", "a.nc", "--response", "a.nc"], "--response must be another file than the recording a.nc"),
+        ({"states": ["coil9"]}, "has no state 'coil9'"),
+        ({"states": ["coil1", "coil1"]}, "named once"),
+        ({"clock_MHz": 60.0}, "clock_MHz must be 35 to 55 of the converter's own oscillator; got 60."),
+        ({"external_clock": True}, "must have clock_MHz beside external_clock"),
+        ({"drive": 32}, "drive must be at most 31; got 32"),
+        ({"drives": {"coil7": 3}}, "a drive names the coil 'coil7'"),
+        ({"discard": 16}, "discard must be at most 15; got 16"),
+        ({"colour": 1}, "has no key 'colour'"),
     ],
 )
-def test_bad_campaigns(board, tmp_path, capsys, monkeypatch, arguments, message):
+def test_bad_settings(board, tmp_path, capsys, settings, message):
+    path = toml_file(tmp_path / "settings.toml", **settings)
+    line = measure_refused(capsys, *board, "--settings", path, "--out", tmp_path / "run.sqlite")
+    assert message in line
+    assert list(tmp_path.iterdir()) == [path]
+
+
+STAGE = {"machine": "grbl", "port": "COM4", "x_mm": [0.0, 1.0], "y_mm": [0.0, 1.0], "depth_mm": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("plan", "options", "message"),
+    [
+        ({"x_mm": [3.0, 1.0]}, (), "x of a campaign must be finite and rising"),
+        ({"depth_mm": [0.0]}, (), "depths of a campaign must be positive"),
+        ({"repeats": 0}, (), "repeats must be at least 1; got 0"),
+        ({"speed_mm_s": 0.0}, (), "speed_mm_s must be greater than 0"),
+        ({"x_mm": [0.0, 500.0]}, (), "x of the emulated indenter must be"),
+        ({"stage": STAGE}, (), "stage is for a real board"),
+        ({"stage": {**STAGE, "machine": "robot"}}, ("--port", "COM5"), "stage.machine must be 'grbl' or 'marlin'"),
+        ({"stage": {**STAGE, "port": "COM5"}}, ("--port", "COM5"), "stage.port and --port must be different"),
+        ({"stage": {**STAGE, "x_mm": [0.0]}}, ("--port", "COM5"), "stage.x_mm must have at least 2 entries"),
+        ({}, ("--yes",), "--yes is for a G-code stage"),
+    ],
+)
+def test_bad_campaigns(board, tmp_path, capsys, monkeypatch, plan, options, message):
     monkeypatch.chdir(tmp_path)
-    assert message in campaign_refused(capsys, *board, *arguments)
-    assert list(tmp_path.iterdir()) == []  # nothing is made
+    path = toml_file(tmp_path / "plan.toml", **plan)
+    assert message in campaign_refused(capsys, *board, "--plan", path, *options)
+    assert list(tmp_path.iterdir()) == [path]  # nothing is made
 
 
 @pytest.mark.parametrize(
@@ -425,9 +428,6 @@ def test_bad_conversions(campaign, tmp_path, capsys):
     for arguments, message in (
         ((tmp_path / "nothing.sqlite",), "there is no file"),
         ((tmp_path,), f"cannot read {tmp_path}: it is a folder"),
-        (("/", "--to", "nc"), "cannot read /: it is a folder"),
-        ((campaign, "--to", "xls"), "--to must be nc or csv; got 'xls'"),
-        ((campaign, "--to", "nc", "--out", tmp_path / "a.csv"), "--out must end in .nc"),
         ((campaign, "--out", tmp_path / "a.txt"), "--out must end in .nc or .csv"),
         ((campaign, "--out", tmp_path / "no" / "a.csv"), "there is no folder"),
         ((campaign, "--baseline", 0), "--baseline must be at least 1"),
@@ -435,7 +435,7 @@ def test_bad_conversions(campaign, tmp_path, capsys):
         assert message in scan_info_refused(capsys, *arguments)
     renamed = tmp_path / "campaign.nc"
     campaign.rename(renamed)
-    assert "must be another file than the recording" in scan_info_refused(capsys, renamed, "--to", "nc")
+    assert "must be another file than the recording" in scan_info_refused(capsys, renamed, "--out", renamed)
     with open_recording(renamed) as recording:
         assert recording.count() == 24
 
@@ -451,9 +451,9 @@ def test_calibration(campaign, tmp_path, capsys):
     constants.write_text(recorded_boards.unsealed_text(constants).replace('board = "emulator"', 'board = "XMC 2Go"'))
     out = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
     assert out.endswith("[emulator] the calibration is for the board “XMC 2Go”, the recording is of “emulator”\n")
-    line = scan_info_refused(capsys, campaign, "--series", "--to", "nc", "--calibration", constants)
+    line = scan_info_refused(capsys, campaign, "--series", "--out", scaled, "--calibration", constants)
     assert "--calibration is for the response" in line
-    assert "no.toml" in scan_info_refused(capsys, campaign, "--to", "nc", "--calibration", tmp_path / "no.toml")
+    assert "no.toml" in scan_info_refused(capsys, campaign, "--out", scaled, "--calibration", tmp_path / "no.toml")
 
 
 def test_series_of_a_campaign(campaign, tmp_path, capsys):

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 from support import recorded_boards
-from support.command_line import runner, successes
+from support.command_line import runner, successes, toml_file
 from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE, until
 from support.recorded_boards import dent, quick_board
@@ -94,7 +94,8 @@ def test_campaign_of_a_microcontroller_that_restarts(board, tmp_path, capsys, mo
     The board that restarts is opened again, and the position measured anew: nobody has to run the command again.
     """
     path = tmp_path / "run.sqlite"
-    grid = ("--x-mm", "-3,0,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0.01, "--rate", 20)
+    plan = toml_file(tmp_path / "plan.toml", x_mm=[-3.0, 0.0, 2.0], y_mm=[0.0], depth_mm=[1.0], dwell_s=0.01)
+    grid = ("--plan", plan, "--rate", 20)
     where, presses = 0.0, 0
     with firmware() as (emulator, host):
 
@@ -119,7 +120,7 @@ def test_campaign_of_a_microcontroller_that_restarts(board, tmp_path, capsys, mo
     assert presses == 4
     with open_recording(path) as recording:
         assert len({session.identity.boot for session in recording.sessions}) == len(recording.sessions) == 2
-    scan_info(capsys, path, "--to", "nc")
+    scan_info(capsys, path, "--out", tmp_path / "run.nc")
     delta = load_part(tmp_path / "run.nc").delta.sel(state="coil1").values.ravel()
     expected = [dent("coil1", x, 0.0, 1e-3) for x in (-3e-3, 0.0, 2e-3)]
     # the losses have 9e-4 of δ; a code at 20 scans/s is 4e-8 of the frequency as well
@@ -143,7 +144,9 @@ def has_scans(path, count):
 def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     path = tmp_path / "run.sqlite"
     # so long that it is not over before the signal, however late this process is to send it
-    grid = ("--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
+    x, y = np.linspace(-6, 6, 200).tolist(), np.linspace(-4, 4, 100).tolist()
+    plan = toml_file(tmp_path / "plan.toml", x_mm=x, y_mm=y, depth_mm=[0.5])
+    grid = ("--plan", plan, "--out", path)
     with started(board, *grid, "--emulate", "noise=0") as process:
         # it computes the physics of the board first
         until(lambda: process.poll() is not None or has_scans(path, 20), within=5 * PATIENCE)
@@ -159,7 +162,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert (code, "of 20000 positions are measured" in out) == (0, True)
-    assert "is not complete" in scan_info_refused(capsys, path, "--to", "nc")
-    assert scan_info(capsys, path, "--to", "nc", "--partial")[0] == 0
+    assert "is not complete" in scan_info_refused(capsys, path, "--out", tmp_path / "run.nc")
+    assert scan_info(capsys, path, "--out", tmp_path / "run.nc", "--partial")[0] == 0
     part = load_part(tmp_path / "run.nc")
     assert kept // 2 - 1 <= int(part.delta.notnull().all("state").sum()) <= kept // 2

@@ -12,14 +12,13 @@ from pathlib import Path
 
 import pytest
 from support.command_line import runner
-from support.every_command import BOARD, PICTURES, READ, SLOW, WRITES, WRITES_NOTHING, command_of, write_inputs
+from support.every_command import BOARD, PICTURES, SLOW, WRITES, WRITES_NOTHING, command_of, write_inputs
 from support.made_up import made_up_distortion, made_up_ellipses
 from support.no_room import file_limit, small_disk
 
 import coilarray.paper.distortion
 import coilarray.studies.calibrate.calibration
 from coilarray.cli.main import COMMANDS
-from coilarray.hardware.record.live_log import read_log
 
 run, refused = runner()
 
@@ -59,19 +58,6 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
         assert left == before
 
 
-@pytest.mark.usefixtures("own_folder")
-def test_a_log_that_finds_no_room_in_the_end_stays_as_its_lines(capsys, inputs):
-    shutil.copytree(inputs, Path(), dirs_exist_ok=True)
-    before = content()
-    # keeps its table of responses, which would find no room before the log
-    assert run(capsys, "board", "live", *READ)[0] == 0
-    with file_limit(6000):  # room for the lines, and not for the netCDF file that they become
-        code, _, err = run(capsys, "board", "live", *READ, "--log", "log.nc")
-    assert (code, err) == (2, "coilarray: error: cannot write log.nc: File too large.\n")
-    assert content().keys() - before.keys() == {Path("log.nc.csv")}
-    assert read_log(Path("log.nc.csv")).sizes["scan"] == 30
-
-
 def test_every_command_is_looked_at():
     written = {command_of(case) for _, *case in WRITES}
     assert written | WRITES_NOTHING == set(COMMANDS)
@@ -85,7 +71,7 @@ def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys, inputs, m
     with small_disk(Path("disk"), 16 * 4096) as disk:
         for name, command in (
             ("x.nc", ("view", "bare.toml", "--spacing-mm", "2", "--out")),
-            ("x.nc", ("board", "info", "campaign.sqlite", "--to", "nc", "--out")),
+            ("x.nc", ("board", "info", "campaign.sqlite", "--out")),
             ("x.svg", ("export", "starter", "--to", "svg", "--out")),
             ("x.vtm", ("view", "starter", "--out")),
             ("x.sqlite", ("board", "measure", *BOARD, "--scans", "5", "--out")),

@@ -34,6 +34,7 @@ from aiohttp.http_parser import HttpRequestParser
 from aiohttp.test_utils import make_mocked_request
 from support.board_text import board as kicad_text
 from support.board_text import path as tracks
+from support.emulated_reader import settings_of
 from support.made_up import made_up_distortion
 from support.plot_results import GOAL, response, target
 from support.quick_recordings import campaign_file, stream_file
@@ -53,18 +54,20 @@ from coilarray.fabrication.gerber_writer import write_gerbers
 from coilarray.fabrication.kicad_reader import read_kicad
 from coilarray.fabrication.tracing import trace_coils, traced_array
 from coilarray.geometry import check_rules, require_rules
-from coilarray.hardware.emulator.indenter import Indenter
-from coilarray.hardware.record.baseline_drift import Drift
-from coilarray.hardware.record.calibration_file import calibration_to_toml, load_calibration, save_calibration
+from coilarray.hardware.emulator.conditions import Indenter
+from coilarray.hardware.record.calibration import (
+    BoardCalibration,
+    Channel,
+    calibration_to_toml,
+    load_calibration,
+    save_calibration,
+)
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel
-from coilarray.hardware.record.live_log import open_log, read_log
-from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
-from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.recording_summary import summarize_recording
-from coilarray.hardware.record.thermometer import file_temperature
-from coilarray.hardware.scan.settings import ScanSettings, scan_settings
+from coilarray.hardware.record.recorder import file_temperature
+from coilarray.hardware.record.recording import open_recording, summarize_recording
+from coilarray.hardware.record.stability import Drift
+from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate_all
@@ -313,14 +316,14 @@ def _plans(folder: Path) -> list[Path]:
 
 
 def _wirings(folder: Path) -> list[Path]:
-    from coilarray.hardware.scan.wirings import WIRINGS
+    from coilarray.hardware.scan.wiring import WIRINGS
 
     return _written(folder, ".toml", {"two": WIRING_TEXT, **{name: WIRINGS.read(name) for name in WIRINGS.names()}})
 
 
 def _wiring(path: Path) -> Any:
     found = load_wiring(path)
-    return repr(found), scan_settings(found).to_json()
+    return repr(found), settings_of(found).to_json()
 
 
 def _calibration() -> BoardCalibration:
@@ -341,7 +344,7 @@ def _sealed_calibrations(folder: Path) -> list[Path]:
 
 
 def _settings_files(folder: Path) -> list[Path]:
-    return _written(folder, ".json", {"two": scan_settings(parse_wiring(WIRING_TEXT)).to_json()})
+    return _written(folder, ".json", {"two": settings_of(parse_wiring(WIRING_TEXT)).to_json()})
 
 
 def _settings(path: Path) -> Any:
@@ -375,17 +378,6 @@ def _recording(path: Path) -> Any:
         response = None if recording.campaign is None else recorded_response(recording, partial=True)
         self_tests = recording.self_tests()
         return {key: value for key, value in summary.items() if key != "file"}, series, response, self_tests
-
-
-def _logs(folder: Path) -> list[Path]:
-    paths = [folder / "cold.csv", folder / "warm.csv"]
-    for path, temperature in zip(paths, (None, 21.5), strict=True):
-        with open_log(path, ["a", "b"], emulated=False, temperature=temperature is not None, attributes={}) as log:
-            for k in range(5):
-                states = (LiveState("a", 1e-4 * k, "good"), LiveState("b", None, "bad"))
-                known = (0, None, "", 0.0, 4.0, 0, None, 1.7e9 + k, temperature)
-                log.add(LiveReading(k, 0.1 * k, 0.1 * k, states, *known))
-    return paths
 
 
 def _streams(folder: Path) -> list[Path]:
@@ -615,7 +607,6 @@ KINDS = (
     Kind("scan settings", ".json", _settings_files, _JSON, _settings, keyed=True),
     Kind("campaign plan", ".json", _campaigns, _JSON, _campaign),
     Kind("recording", ".sqlite", _recordings, _DATABASE, _recording, gaps=True, share=4),
-    Kind("live log", ".csv", _logs, _LINES, read_log, gaps=True, sealed=True),
     Kind("path of a finger", ".csv", _paths, _CSV, _path_of_finger),
     Kind("temperature", ".txt", _temperatures, _CSV, file_temperature),
     Kind("response, positions", ".nc", _responses, _NETCDF, _positions, share=3),

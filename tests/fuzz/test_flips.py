@@ -8,14 +8,10 @@ from support.flips import cuts, damaged, flipped, wrong_lines
 from support.quick_recordings import campaign_file, stream_file
 
 from coilarray.errors import LocalizeError
-from coilarray.hardware.record.calibration_file import load_calibration, save_calibration
+from coilarray.hardware.record.calibration import calibrate_board, load_calibration, save_calibration
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.channel_calibration import calibrate_board
-from coilarray.hardware.record.live_log import open_log, read_log
-from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
-from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.recording_summary import summarize_recording
+from coilarray.hardware.record.recording import open_recording, summarize_recording
 from coilarray.paper.ellipse_model import model_to_json
 from coilarray.paper.published import published_model
 
@@ -72,15 +68,6 @@ def ellipses(folder):
     return path, lambda: repr(read_ellipses(path))
 
 
-def log(folder):
-    path = folder / "run.csv"
-    with open_log(path, ["a", "b"], emulated=True, temperature=True, attributes={}) as opened:
-        for k in range(12):
-            states = (LiveState("a", 1e-4 * k, "good"), LiveState("b", None, "bad", ("watchdog",)))
-            opened.add(LiveReading(k, 7.0 + k, 0.25 * k, states, 0, None, "", 1e-5, 4.0, 0, None, 1.7e9 + k, 20.5))
-    return path, lambda: content(read_log(path))
-
-
 def csv_of_a_stream(folder):
     from coilarray.cli.readings import read_readings
 
@@ -99,7 +86,7 @@ def csv_of_a_stream(folder):
 
 KINDS = {
     "recording of a stream": stream, "recording of a campaign": campaign, "calibration of a board": board_calibration,
-    "ellipse model": ellipses, "log": log, "CSV of a stream": csv_of_a_stream,
+    "ellipse model": ellipses, "CSV of a stream": csv_of_a_stream,
 }  # fmt: skip
 
 
@@ -120,7 +107,7 @@ def test_no_cut_changes_a_result_in_silence(tmp_path, name):
     damaged(path, read, cuts(path.read_bytes(), 30))
 
 
-@pytest.mark.parametrize("name", ["calibration of a board", "log", "CSV of a stream"])
+@pytest.mark.parametrize("name", ["calibration of a board", "CSV of a stream"])
 def test_every_line_that_is_lost_doubled_or_swapped_and_every_cut_is_refused(tmp_path, name):
     path, read = KINDS[name](tmp_path)
     data = path.read_bytes()

@@ -9,9 +9,9 @@ from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
-from coilarray.hardware.record.baseline_drift import Drift, fit_drift, fit_drifts
 from coilarray.hardware.record.recorded_response import recorded_series
 from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.record.stability import Drift, fit_drift, fit_drifts
 
 TIME = np.linspace(100.0, 4000.0, 150)
 L_0 = 52e-6

@@ -19,7 +19,6 @@ from support.patience import PATIENCE
 from support.refusals import raising
 
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.wiring import load_wiring
@@ -50,15 +49,11 @@ def test_the_line_says_who_answers():
 
 @pytest.mark.parametrize("discard", [0, 2])
 def test_samples_are_the_same_as_of_the_chips_driven_directly(discard):
-    # a converter whose first conversions are off; its waits are not longer than a conversion, on either way
-    def board():
-        return plain(first_offset=40_000.0)
-
     settings = quick_settings(discard=discard, rcount=0x4000, clock=43.4e6)
-    direct = reader_of(board())
+    direct = reader_of(plain())
     direct.configure(settings)
     wanted = direct.scan()
-    with behind_firmware(board()) as (_, opened):
+    with behind_firmware(plain()) as (_, opened):
         opened.reader.configure(settings)
         scan = opened.reader.scan()
     # without noise: the same words to the last bit
@@ -136,19 +131,3 @@ def test_the_firmware_waits_for_the_interrupt_of_every_converter(clock):
     with behind_firmware(plain(oscillator=Oscillator(clock))) as (_, opened):  # strict: a look before it raises
         opened.reader.configure(quick_settings(rcount=0x4000, discard=1))
         assert {sample.status for sample in opened.reader.scan().samples} == {0x0048}
-
-
-def test_errors_of_a_conversion_that_is_thrown_away_are_not_told():
-    board = plain()
-    looks, read = iter([0x0248, 0x0048] * 6), board.bus.read
-    board.bus.read = lambda register: next(looks) | 0 * read(register) if register == 0x18 else read(register)
-    with behind_firmware(board) as (_, opened):
-        opened.reader.configure(quick_settings(discard=1))
-        assert {sample.status for sample in opened.reader.scan().samples} == {0x0048}
-
-
-@pytest.mark.slow
-def test_drive_currents_are_the_same_as_of_the_chips_driven_directly():
-    wanted = find_drives(reader_of(coupled_board(WIRING, noise=0.0)), SETTINGS)
-    with behind_firmware(coupled_board(WIRING, noise=0.0)) as (_, opened):
-        assert find_drives(opened.reader, SETTINGS) == wanted

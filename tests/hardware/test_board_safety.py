@@ -21,8 +21,7 @@ from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import conversion
 from coilarray.hardware.emulator.switches import EmulatedSwitches
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import BusFault, DeviceLost
-from coilarray.hardware.wire.signals import held_signals, orderly_termination
+from coilarray.hardware.wire.faults import BusFault, DeviceLost, held_signals, orderly_termination
 
 SETTINGS = quick_settings(coils=["coil1", "coil4"])
 

@@ -1,8 +1,5 @@
 """The paper's campaign: its sequence, what it does when something fails, and the response that comes out of it."""
 
-import csv
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -18,25 +15,22 @@ from support.recorded_boards import (
     session_of,
     two_coil_wiring,
     two_coils,
-    without_checksums,
 )
 from support.refusals import refused
 
 from coilarray import load_design
 from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
-from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.emulator import Drift
+from coilarray.hardware.emulator import Conditions, Drift
 from coilarray.hardware.record.campaign import TRIES, Campaign, design_campaign, run_campaign
-from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, response_csv
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.stages import EmulatedStage
-from coilarray.hardware.scan.board_network import board_network
-from coilarray.hardware.scan.design_settings import design_settings
-from coilarray.hardware.scan.reader import RawSample, SampleFault
+from coilarray.hardware.scan.design_settings import board_network, design_settings
+from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.localize.forward import forward_model
 from coilarray.paper.ellipse import fit_ellipses
@@ -127,11 +121,6 @@ def test_wrong_plans(change, message):
     refused(HardwareError, message, replace, SMALL, **change)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"x": 1}', '{"x": ["a"], "y": [0], "depths": [1]}', "[" * 99999])
-def test_plans_that_cannot_be_read(text):
-    refused(HardwareError, "plan of a campaign cannot be read", Campaign.from_json, text)
-
-
 def test_the_papers_sequence(path):
     """Baseline untouched, press at 1.5 mm/s, 0.5 s, peak at full depth, relax: by the board's clock."""
     board = quick_board()
@@ -189,17 +178,6 @@ def test_what_takes_a_simulation_takes_it(path):
     assert "coil1" in fit_ellipses(response).state.values.tolist()
 
 
-def test_the_response_in_a_file(whole, tmp_path):
-    save_dataset(whole, tmp_path / "run.nc")
-    xr.testing.assert_identical(load_part(tmp_path / "run.nc"), whole)
-    rows = list(csv.DictReader(line for line in response_csv(whole).splitlines() if not line.startswith("#")))
-    assert list(rows[0]) == ["depth_m", "y_m", "x_m", "state", "delta", "delta_std", "checksum"]
-    assert len(rows) == whole.delta.size
-    for row in rows:
-        at = {axis: float(row[f"{axis}_m"]) for axis in ("depth", "y", "x")}
-        assert float(row["delta"]) == whole.delta.sel(**at, state=row["state"]).item()
-
-
 def test_repeats(path, tmp_path):
     """The deviation of a repeat is that of two readings of L, each twice as noisy as a frequency."""
     noise, repeats = 1e-6, 8
@@ -241,7 +219,7 @@ def test_simulated_response_of_the_design(path):
     wiring = two_coil_wiring()
     settings = design_settings(DESIGN, wiring)
     noise = 1e-7
-    board = open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise)
+    board = open_board(design=DESIGN, wiring=wiring, seed=4, conditions=Conditions(noise=noise))
     board.reader.configure(settings)
     measured = response_of(run(path, campaign, board, settings=settings))
     network = board_network(DESIGN)
@@ -390,17 +368,6 @@ def test_a_board_that_restarts_for_ever_or_cannot_be_opened_again(path, tmp_path
     run(path, SMALL, resume=True)
 
 
-@pytest.mark.parametrize(
-    ("name", "reason"), [("no answer", "did not answer"), ("dead sample", "coil2 gave no value: no result in time")]
-)
-def test_it_is_given_up(path, name, reason):
-    board, told = quick_board(), rf"at x = -2, y = 0 mm from the map's origin a scan failed {TRIES} times: .*{reason}"
-    refused(HardwareError, told, run, path, SMALL, board, reader=failing(name, 1000))
-    assert (board.emulator.place().depth, board.emulator.seen().state) == (0, None)  # lifted and grounded
-    with open_recording(path) as recording:
-        assert len(recording.positions()) == 1
-
-
 def test_a_dead_coil(path):
     world = QuickWorld()
     world.dead = {"coil2"}
@@ -430,14 +397,6 @@ def test_places_out_of_reach_are_refused_before_anything_moves(path):
     refused(HardwareError, "out of reach", run, path, SMALL, stage=Stage)
 
 
-def test_a_place_that_is_not_of_the_campaign(path):
-    with closing(sqlite3.connect(run(path, SMALL))) as connection:
-        connection.executescript("UPDATE position SET x = 0.5 WHERE id = 3")
-    refused(HardwareError, "damaged: position 3: its checksum is wrong", response_of, path)
-    without_checksums(path)
-    refused(HardwareError, "damaged: position 2 is not of its campaign", response_of, path)
-
-
 @pytest.mark.slow
 def test_settings_fit_the_coils():
     settings = design_settings(DESIGN, two_coil_wiring())
@@ -461,7 +420,6 @@ def test_settings_fit_the_coils():
         (DESIGN, {"states": ["coil9"]}, "has no state 'coil9'; there are coil1, coil2"),
         (DESIGN, {"states": ["coil1", "coil1"]}, "named once"),
         (DESIGN, {"drives": {"x": 3}}, "a drive names the coil 'x'"),
-        (DESIGN, {"external_clock": True}, "external clock needs"),
     ],
 )
 def test_wrong_settings(design, options, message):

@@ -8,31 +8,25 @@ import numpy as np
 import pytest
 from support.quick_coils import series_tank
 from support.quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
-from support.recorded_boards import QuickWorld, configured, quick_board, session_of
+from support.recorded_boards import QuickWorld
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
 from coilarray.hardware.emulator import Oscillator
-from coilarray.hardware.record.baseline_drift import Drift
-from coilarray.hardware.record.calibration_file import (
+from coilarray.hardware.record.calibration import (
+    BoardCalibration,
+    Channel,
+    calibrate_board,
+    calibrated_response,
     calibration_from_toml,
     calibration_to_toml,
     load_calibration,
     save_calibration,
 )
-from coilarray.hardware.record.campaign import Campaign, run_campaign
-from coilarray.hardware.record.channel_calibration import (
-    BoardCalibration,
-    Channel,
-    calibrate_board,
-    calibrated_response,
-)
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
-from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.stages import EmulatedStage
-from coilarray.hardware.scan.reader import RawSample, SampleFault
+from coilarray.hardware.record.stability import Drift
 from coilarray.response.map import response_map
 from coilarray.studies.comparison import compare_responses
 
@@ -181,56 +175,6 @@ def test_a_calibration_of_another_board_is_refused(campaign, change, words):
         calibrated_response(recording, replace(calibrated(campaign), **change))
 
 
-def test_recordings_of_one_session_of_the_board_have_drifts_of_their_own(tmp_path):
-    """Two recordings one after the other without a restart: the drift of the first says nothing of the second."""
-    few = replace(GRID, y=(0.0,))
-    with quick_board(noise=NOISE, drift=Warming(rate=0.05)) as board:
-        for name in ("first", "second"):
-            with open_recorder(tmp_path / f"{name}.sqlite") as recorder:
-                recorder.start(session_of(board, configured(board), DESIGN), few.to_json())
-                stage = EmulatedStage(board.emulator)
-                run_campaign(few, board.reader, stage, recorder, board.emulator.clock)
-    found = calibrated(tmp_path / "first.sqlite")
-    with open_recording(tmp_path / "second.sqlite") as recording:
-        assert recording.sessions[0].identity.boot == found.drifts[0].boot
-        response = calibrated_response(recording, found)
-        assert not response.drift_removed.any()
-        np.testing.assert_array_equal(response.delta, recorded_response(recording).delta)
-
-
-def test_positions_that_were_broken_off_do_not_count(tmp_path):
-    """The indenter stops half-way, and the last scan there has no result: the position is measured again."""
-    campaign = Campaign(x=(-2e-3, 0.0, 2e-3, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
-    path, pressed, scans = tmp_path / "run.sqlite", 0, 0
-    with open_recorder(path) as recorder, quick_board(noise=NOISE) as board:
-        indent, scan = EmulatedStage.indent, board.reader.scan
-
-        class Stage(EmulatedStage):
-            def indent(self, depth, speed):
-                nonlocal pressed
-                pressed += 1
-                indent(self, depth * (0.5 if pressed == 3 else 1.0), speed)
-
-        def scan_or_not():
-            nonlocal scans
-            scans += 1
-            found = scan()
-            if scans == 12:  # the second peak of the third position
-                return replace(found, samples=(found.samples[0], RawSample(0, 0, 0, SampleFault.NO_RESULT)))
-            return found
-
-        board.reader.scan = scan_or_not
-        recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
-        run_campaign(campaign, board.reader, Stage(board.emulator), recorder, board.emulator.clock)
-    found = calibrated(path)
-    with open_recording(path) as recording:
-        assert recording.count() == 4 * campaign.size + 4  # all of it is in the file
-        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
-    assert corrected.drift_removed.all()
-    # of the noise of two scans each, of L_0 and of its drift; a peak of half the depth would be 1e-4 off
-    np.testing.assert_allclose(corrected.delta, plain.delta, rtol=0, atol=5 * 2 * NOISE)
-
-
 def test_states_without_enough_scans_are_refused(tmp_path):
     world = QuickWorld()
     world.dead.add("coil2")
@@ -310,25 +254,3 @@ def test_bad_files(tmp_path, before, after, words):
     path = tmp_path / "board.toml"
     path.write_text(GOOD.replace(before, after), encoding="utf-8")
     refused(HardwareError, f"{re.escape(str(path))}.*{words}", load_calibration, path)
-
-
-def test_a_state_is_there_once():
-    good = calibration_from_toml(GOOD)
-    for part in ("channels", "drifts"):
-        refused(HardwareError, "must have a state of its own", replace, good, **{part: 2 * getattr(good, part)})
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("none.toml", None, r"there is no calibration .*none\.toml"),
-        ("", None, "cannot read"),
-        ("a\0b.toml", None, "cannot read|no calibration"),
-        ("binary.toml", b"\xff\xfe\x00", "not a text file in UTF-8"),
-        ("huge.toml", b"#" * 10_000_001, "at most 10000000 bytes"),
-    ],
-)
-def test_files_that_cannot_be_read(tmp_path, name, content, message):
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    refused(HardwareError, message, load_calibration, tmp_path / name)

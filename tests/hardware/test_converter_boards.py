@@ -3,17 +3,18 @@
 from types import SimpleNamespace
 
 import pytest
+from support.emulated_reader import settings_of
 from support.quick_coils import plain_board
 from support.refusals import refused
 
 from coilarray import hardware
 from coilarray.errors import HardwareError
 from coilarray.hardware import emulator
-from coilarray.hardware.board.autoscan import AutoscanReader
 from coilarray.hardware.board.connect import open_board, wiring_of_board
+from coilarray.hardware.board.direct import AutoscanReader
 from coilarray.hardware.chips.converters import CONVERTERS, converter
-from coilarray.hardware.wire.converter_boards import BOARDS
-from coilarray.hardware.wire.ports import FtdiPort, LinuxPort, board_of, parse_port
+from coilarray.hardware.emulator import Conditions
+from coilarray.hardware.wire.ports import BOARDS, board_of, parse_port
 
 
 @pytest.fixture(autouse=True)
@@ -43,16 +44,6 @@ def test_options(start, options, name, channels, clock):
     assert (board.converter.name, board.channels, board.clock) == (name, channels, pytest.approx(clock))
 
 
-def test_the_address_is_that_of_the_board_or_stated():
-    assert parse_port("i2c:1?board=grove-ldc1612").address == 0x2B
-    assert parse_port("i2c:1:0x2A?board=grove-ldc1612").address == 0x2A
-    assert parse_port("ftdi://ftdi:232h/1?board=grove-ldc1612&address=0x2A").address == 0x2A
-    port = parse_port("i2c:7?channels=0&rate=50000")
-    assert isinstance(port, LinuxPort)
-    assert port.rate == 50e3
-    assert isinstance(parse_port("ftdi://ftdi:232h/1?channels=0"), FtdiPort)
-
-
 @pytest.mark.parametrize(("text", "message"), [
     ("i2c:1?channels=", "channels must be numbers from 0 to 3"),
     ("i2c:1?channels=0,0", "channels must be named once each"),
@@ -75,26 +66,13 @@ def test_what_is_not_valid_is_one_line(text, message):
     refused(HardwareError, message, parse_port, text)
 
 
-def test_what_is_given_instead_of_a_known_boards_values_is_told():
-    given = board_of(parse_port("i2c:1?board=btt-eddy&clock=24MHz"))
-    assert given.source.endswith("; given with the port instead: clock")
-
-
-def test_known_boards_are_marked_as_not_verified():
-    for name, board in BOARDS.items():
-        assert len(board.channels) <= board.converter.channels
-        wiring = wiring_of_board(parse_port(f"i2c:1?board={name}"))
-        assert wiring.channels == board.channels
-        assert dict(wiring.assumed)["board"].endswith("not verified on a device")
-
-
 def test_the_coils_of_a_design_come_in_order_and_may_be_named():
     two = parse_port("i2c:1?channels=2,0")
     assert wiring_of_board(two, named("a", "b")).coils == ("a", "b")
     assert wiring_of_board(two, named("a", "b")).channel("a") == 2
     assert wiring_of_board(two, named("a")).channels == (2,)
     assert wiring_of_board(two, named("a", "b", "c"), coils=["c", "a"]).channel("c") == 2
-    refused(HardwareError, r"2 channels \(2, 0\) for 3 coils; none is left for c: .* --coils a,b", wiring_of_board, two,
+    refused(HardwareError, r"2 channels \(2, 0\) for 3 coils; none is left for c: .* a, b", wiring_of_board, two,
             named("a", "b", "c"))  # fmt: skip
     refused(HardwareError, "there is no coil 'd' among a, b", wiring_of_board, two, named("a", "b"), coils=["d"])
     refused(HardwareError, "coils can be named only for a port with channels instead of switches", wiring_of_board,
@@ -116,11 +94,11 @@ def test_a_wiring_of_the_other_kind_is_refused(tmp_path):
 
 @pytest.mark.parametrize("name", list(BOARDS))
 def test_every_known_board_is_emulated(name):
-    with open_board(f"emulator?board={name}", noise=0.0, strict=True) as board:
+    with open_board(f"emulator?board={name}", conditions=Conditions(noise=0.0), strict=True) as board:
         known = BOARDS[name]
         assert isinstance(board.reader, AutoscanReader)
         assert f"{known.title}: {known.converter.name}, channel" in board.line
-        settings = hardware.scan_settings(board.wiring, rcount=200, drives=7, clock=known.clock, external_clock=True)
+        settings = settings_of(board.wiring, rcount=200, drives=7, clock=known.clock, external_clock=True)
         board.reader.configure(settings)
         reading = hardware.read_scan(board.reader.scan(), settings, 120e-12)
         assert reading.verdict == "good"

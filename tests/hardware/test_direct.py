@@ -5,21 +5,15 @@ The chips are those of the emulator, in strict mode: any use that the data sheet
 
 import dataclasses
 import itertools
-import math
 
 import pytest
-from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
-from support.quick_coils import series_tank
+from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of, settings_of
 from support.refusals import refused
 
-from coilarray.circuit.converter_limits import drive_for
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Oscillator
-from coilarray.hardware.scan.reader import SampleFault
-from coilarray.hardware.scan.readings import judge, read_scan
-from coilarray.hardware.scan.settings import scan_settings
-from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, DeviceLost, SwitchFault
+from coilarray.hardware.scan.readings import SampleFault, judge, read_scan
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, SwitchFault
 
 SAFE = WIRING.safe_words
 SETTINGS = quick_settings()
@@ -135,7 +129,7 @@ def test_safe_words_come_first_and_every_register_is_written_asleep_and_read_bac
 
 def test_the_defaults_take_as_long_as_the_board_of_the_paper(board):
     reader = reader_of(board)
-    reader.configure(scan_settings(WIRING, clock=43.4e6))
+    reader.configure(settings_of(WIRING, clock=43.4e6))
     start = board.clock.now()
     reader.scan()
     # Gast & Zimmermann (2020): 0.2935 s. Status, sleep and wake over the bus, which the paper's number leaves no room
@@ -147,67 +141,19 @@ def test_the_defaults_take_as_long_as_the_board_of_the_paper(board):
 def test_status_is_read_after_the_interrupt_of_every_converter(clock, before):
     """`before` of the looks came too early when the wait was that of the nominal 43.4 MHz."""
     scans = {}
-    for settings in (scan_settings(WIRING, drives=7), scan_settings(WIRING, drives=7, clock=clock)):
+    for settings in (settings_of(WIRING, drives=7), settings_of(WIRING, drives=7, clock=clock)):
         board = plain(strict=False, oscillator=Oscillator(clock))
         reader, log = watched(board)
         reader.configure(settings)
         scans[settings.clock] = [sample.status for sample in reader.scan().samples]
         assert [log.count(("read", 0x18)), board.misuse.notes] == [6, []]
-    nominal = dataclasses.replace(scan_settings(WIRING, drives=7), slowest_clock=43.4e6)
+    nominal = dataclasses.replace(settings_of(WIRING, drives=7), slowest_clock=43.4e6)
     board = plain(strict=False, oscillator=Oscillator(clock))
     reader, log = watched(board)
     reader.configure(nominal)
     reader.scan()
     assert [log.count(("read", 0x18)), len(board.misuse.notes)] == [before + 6, before]
     assert all("before INTB" in note for note in board.misuse.notes)
-
-
-@pytest.mark.parametrize("clock", [35e6, 43.4e6, 55e6])
-@pytest.mark.parametrize("frequency", [1.1e6, 4.9e6])
-def test_the_defaults_suit_every_clock_that_a_converter_may_have(clock, frequency):
-    """Settling, the division of the sensor and the waits, in strict mode: what does not suit raises."""
-    tank = series_tank(1 / ((2 * math.pi * frequency) ** 2 * 120e-12), 120e-12, 20.0)
-    board = plain(oscillator=Oscillator(clock))
-    board.world.resonator = lambda *_: tank
-    drive = drive_for(tank.parallel_resistance).code
-    reader = reader_of(board)
-    given = {"frequency": tank.frequency, "quality": tank.quality_factor, "drives": drive}
-    reader.configure(scan_settings(WIRING, rcount=500, **given))
-    assert {judge(sample)[0] for sample in reader.scan().samples} == {"good"}
-
-
-@pytest.mark.parametrize("discard", [0, 1, 4])
-def test_conversions_after_waking_are_thrown_away(board, discard):
-    board.conditions.first_offset = 40_000.0
-    reader, log = watched(board)
-    reader.configure(quick_settings(discard=discard, rcount=0x4000, clock=43.4e6))
-    settled = reader_of(plain())
-    settled.configure(quick_settings(rcount=0x4000))
-    log.clear()
-    start = board.clock.now()
-    for sample, good in zip(reader.scan().samples, settled.scan().samples, strict=True):
-        off = (sample.msb << 16 | sample.lsb) - (good.msb << 16 | good.lsb)
-        assert off == pytest.approx(40_000 / 4**discard, abs=1)
-    period = quick_settings(discard=discard, rcount=0x4000, clock=43.4e6).period
-    # up to 50 µs less a state, as the switches take data at 8 MHz
-    assert -300e-6 < board.clock.now() - start - period < 10e-6
-    looks = [step[1] for step in log if step[0] == "read" and step[1] < 0x20]
-    assert looks == ([0x18, 0x00] * discard + [0x18, 0x00, 0x01]) * 6 + [0x14]
-
-
-def test_errors_of_a_conversion_that_is_thrown_away_are_not_told(board):
-    looks = iter([0x0248, 0x0048] * 6)
-    reader, _ = watched(board, answer=lambda register, value: next(looks) if register == 0x18 else value)
-    reader.configure(quick_settings(discard=1))
-    assert {sample.status for sample in reader.scan().samples} == {0x0048}
-
-
-def test_a_converter_that_stops_after_a_conversion_that_is_thrown_away(board):
-    looks = itertools.chain([0x0048], itertools.repeat(0))
-    reader, _ = watched(board, answer=lambda register, value: next(looks) if register == 0x18 else value)
-    reader.configure(quick_settings(discard=3))
-    assert set(faults(reader.scan())) == {SampleFault.NO_RESULT}
-    assert at_rest(board)
 
 
 def test_words_are_those_of_the_chip_unchanged(board):
@@ -241,19 +187,6 @@ def test_a_write_that_was_damaged_once_is_mended(board):
 
     configured(watched(board, damage)[0])
     assert (board.chip.peek(0x08), board.chip.resets - resets) == (200, 1)
-
-
-@pytest.mark.parametrize("missed", range(22))  # three of opening, one of resting, two identities, eight and eight
-def test_a_converter_that_misses_one_transfer_is_configured_all_the_same(board, missed):
-    count = itertools.count()
-
-    def refuse(step):
-        if step[0] in ("read", "write") and next(count) == missed:
-            board.bus.refuse()
-
-    reader, _ = watched(board, refuse)
-    reader.configure(quick_settings(coils=["coil1"]))
-    assert judge(reader.scan().samples[0])[0] == "good"
 
 
 def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_does(board):
@@ -296,11 +229,6 @@ def test_settings_that_could_join_what_must_not_be_are_refused(board, reader, ch
     refused(HardwareError, "must be open and configured before a scan", reader.scan)
 
 
-def test_settings_of_another_chain_are_refused(reader):
-    with pytest.raises(HardwareError, match=r"for 4 switches in a chain; the board was opened with 6\."):
-        reader.configure(quick_settings(load_wiring("six_coils_4")))
-
-
 def test_a_stream_counts_from_zero_keeps_its_interval_and_leaves_out_what_was_missed(board, reader):
     stream = reader.scans(0.1)
     scans = list(itertools.islice(stream, 5))
@@ -312,17 +240,6 @@ def test_a_stream_counts_from_zero_keeps_its_interval_and_leaves_out_what_was_mi
     assert times == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.7, 0.8], abs=1e-9)
     assert {scan.configuration for scan in scans} == {SETTINGS.hash}
     assert {scan.boot for scan in scans} == {reader.identity.boot}
-
-
-def test_an_interval_too_short_is_as_fast_as_it_goes(board, reader):
-    stream = reader.scans()
-    free = -next(stream).time + next(stream).time
-    board.clock.sleep(0.1)
-    stream = reader.scans(free / 3)
-    # turns are multiples of the interval, so that a scan waits for at most one of them
-    assert -next(stream).time + next(stream).time == pytest.approx(free, rel=0.34)
-    for interval in (-1.0, math.nan, math.inf):
-        refused(HardwareError, "interval must be finite and not negative", reader.scans, interval)
 
 
 def test_closing_the_iterator_rests_the_board_and_it_can_scan_again(board, reader):
@@ -354,17 +271,6 @@ def test_a_transfer_that_is_not_acknowledged_costs_one_state_and_no_other_but_th
     assert not any(faults(reader.scan()))
 
 
-def test_a_bus_timeout_has_its_own_number(board):
-    slow = [BusTimeout("held up")]
-
-    def before(step):
-        if step == ("read", 0x18) and slow:
-            raise slow.pop()
-
-    reader = configured(watched(board, before)[0])
-    assert faults(reader.scan())[:2] == [SampleFault.BUS_TIMEOUT, SampleFault.NONE]
-
-
 def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream(board):
     reader, log = faulty_at(board, range(10**6), board.bus.refuse)
     stream = reader.scans()
@@ -374,15 +280,6 @@ def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream(board
     refused(BusFault, r"state coil1: the converter did not answer in 3 consecutive scans\.", next, stream)
     refused(BusFault, "3 consecutive scans", reader.scan)
     assert board.chain.words == SAFE
-
-
-def test_faults_that_are_not_running_do_not_end_the_stream(board):
-    per_scan = 6 * TRANSFERS_OF_A_STATE + 1
-    every_other = {2 * k * per_scan for k in range(5)}
-    # a scan with a fault reads seven registers back instead of one and has one transfer that sleeps; the steps of
-    # later faults shift, which does not matter as long as they are not in three scans running
-    reader, _ = faulty_at(board, every_other, board.bus.refuse)
-    assert sum(any(faults(scan)) for scan in itertools.islice(reader.scans(), 12)) == 5
 
 
 @pytest.mark.parametrize("state", range(6))
@@ -435,40 +332,6 @@ def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back(board, rea
         assert SampleFault.SWITCHES_DIFFER in faults(next(stream))
     refused(SwitchFault, r"returned other words than it was sent in 3 consecutive scans", next, stream)
     assert board.chip.asleep
-
-
-@pytest.mark.parametrize("at", range(18))
-def test_one_wrong_shift_costs_one_state_and_no_other(board, reader, at):
-    shift, count = board.switches.shift, itertools.count()
-
-    def slipping(words):
-        return shift(bytes([words[0] ^ 0x10]) + words[1:] if next(count) == at else words)
-
-    board.switches.shift = slipping
-    scan = reader.scan()
-    # the last words of a scan come back with the first of the next one
-    if at == 17:
-        scan = reader.scan()
-    assert faults(scan).count(SampleFault.SWITCHES_DIFFER) == 1
-    assert not any(faults(reader.scan()))
-
-
-def test_after_a_transfer_that_was_cut_off_nothing_is_expected_back(board, reader):
-    """Two transfers are cut off: one when the words are through, the next, of the rest after it, before."""
-    shift, cut = board.switches.shift, [SwitchFault("port busy"), SwitchFault("port still busy")]
-
-    def cut_off(words):
-        if len(cut) == 1:
-            raise cut.pop()
-        returned = shift(words)
-        if cut:
-            raise cut.pop()
-        return returned
-
-    board.switches.shift = cut_off
-    refused(SwitchFault, "port still busy", reader.scan)
-    assert cut == []
-    assert not any(faults(reader.scan()))
 
 
 def test_a_chain_that_is_not_wired_back_is_not_compared(board):

@@ -4,8 +4,6 @@ Who checks whom: the nets found by joining nodes against the direct currents of 
 against both bundled wirings, whose words come from `coilarray.hardware.scan.wiring`.
 """
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +13,7 @@ from support.quick_coils import plain_board
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.switches import EmulatedChain
-from coilarray.hardware.scan.closure import WiredSwitch, switch_table, what_is_seen
+from coilarray.hardware.scan.switching import WiredSwitch, switch_table, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
@@ -67,35 +65,11 @@ def test_what_went_in_comes_out_at_the_next_transfer(first, second):
     assert EmulatedChain(plan_b(), readback=False).transfer(first) is None
 
 
-@given(st.binary(min_size=0, max_size=15))
-def test_of_more_bytes_the_last_count_and_of_fewer_the_old_move_on(data):
-    chain = EmulatedChain(plan_b())
-    chain.transfer(b"abcdef")
-    chain.transfer(data)
-    assert chain.words == (b"abcdef" + data)[-6:]
-
-
 @pytest.mark.parametrize(("mode", "slips"), [(1, 0), (2, 0), (0, 1), (3, 1)])
 def test_modes_of_spi_that_are_not_stable_at_the_falling_edge_slip_by_a_bit(chain, mode, slips):
     chain.transfer(SENT, mode=mode)
     assert int.from_bytes(chain.words) == int.from_bytes(SENT) >> slips
     assert (chain.transfer(SENT, mode=mode) == SENT) == (not slips)
-
-
-def test_the_wrong_bit_order_passes_the_read_back_and_closes_other_switches(chain):
-    sent = words(coil1=0x22)
-    chain.transfer(sent, lsb_first=True)
-    assert chain.transfer(sent, lsb_first=True) == sent
-    assert chain.words == words(coil1=0x44, **dict.fromkeys(COILS[1:], 0x88))
-    assert what_is_seen(chain.closed(), COILS).kind != "grounded"
-
-
-def test_another_bit_map_than_the_assumed_one(chain):
-    chain.bit_order = list(reversed(range(8)))
-    # 0x22 then does what 0x44 should, and 0x11 what 0x88 should
-    state = seen(words(coil1=0x22), chain).state
-    assert state.measured == (("coil1", -1),)
-    assert set(state.exceptions.values()) == {"ground"}  # both ends on the spare net, which joins them
 
 
 def test_a_wiring_has_eight_bytes_a_device_and_unused_switches_close_nothing():
@@ -105,20 +79,6 @@ def test_a_wiring_has_eight_bytes_a_device_and_unused_switches_close_nothing():
     chain = EmulatedChain(switch_table(bytes([0x00, *[0xFF] * 7])))
     chain.transfer(b"\xff")
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
-
-
-def test_callbacks_before_and_after_switches_move():
-    calls = []
-    chain = EmulatedChain(
-        plan_b(), before_change=lambda: calls.append(chain.words), after_change=lambda: calls.append(0)
-    )
-    chain.transfer(b"\x11" * 6)
-    chain.transfer(b"\x11" * 6)  # nothing moves
-    assert calls == [bytes(6), 0]
-    chain.stick(0, 0, "open")
-    chain.heal()
-    chain.power_up()
-    assert calls[2:] == [b"\x11" * 6, 0] * 3
 
 
 def test_a_stuck_switch_is_found_by_what_it_joins(chain):
@@ -172,17 +132,6 @@ def test_one_coil_and_what_closes_the_others():
 def test_coils_each_with_its_sense(commanded, connection, measured):
     state = seen(words(**commanded)).state
     assert (state.connection, state.measured) == (connection, measured)
-
-
-@pytest.mark.parametrize(("kind", "commanded"), [
-    ("open", {}), ("open", {"coil1": 0x02}), ("short", {"coil1": 0x06}),
-    ("short", {"coil1": 0x02, "coil2": 0x04 | 0x02}), ("grounded", {"coil1": 0x23}),
-    ("grounded", {"coil1": 0x12}),  # through the coil
-    ("tangled", {"coil1": 0x22, "coil2": 0x82, "coil3": 0x88, "coil4": 0x28}),
-    ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
-])  # fmt: skip
-def test_what_is_no_coil(kind, commanded):
-    assert seen(words(**commanded)) == (kind, None)
 
 
 def resistances(closed, coils):
@@ -270,17 +219,3 @@ def test_shifting_takes_time_and_a_broken_line_brings_zeros(board):
     board.switches.broken = True
     assert board.switches.shift(b"\x11" * 6) == b"\x11" * 6  # what was there before
     assert board.switches.shift(b"\x11" * 6) == bytes(6)
-
-
-def test_a_board_takes_any_switch_table_that_its_packages_can_be_soldered_to():
-    unused = [0xFF] * 7
-    halves = SimpleNamespace(coils=("left",), channels=(), encode=lambda: bytes([0x01, *unused[:3], 0x06, *unused[:3]]))
-    board = plain_board(halves, drains=[((0, 1, 2, 3), (4, 5, 6, 7))])
-    board.switches.shift(b"\x11")
-    assert board.seen().state.measured == (("left", 1),)
-    one_half = SimpleNamespace(coils=("left",), channels=(), encode=lambda: bytes([0x01, 0xFF, 0x06, *unused[:5]]))
-    with pytest.raises(HardwareError, match=r"device 1 of the chain: bit 0 from end a .* bit 2 .* share a common pin"):
-        plain_board(one_half, drains=[((0, 1, 2, 3), (4, 5, 6, 7))])
-    apart = plain_board(one_half)  # a package without common pins
-    apart.switches.shift(b"\x05")
-    assert apart.seen().state.measured == (("left", 1),)

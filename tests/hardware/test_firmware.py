@@ -14,11 +14,12 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.emulated_reader import settings_of
 from support.firmware_chips import StubChain, StubConverter
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.scan.settings import StateSettings, scan_settings
+from coilarray.hardware.scan.settings import StateSettings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
@@ -30,7 +31,7 @@ pytestmark = needs_compiler
 
 CODE = 0x17982F3
 WORDS = f"{CODE:08X}"
-SETTINGS = scan_settings(load_wiring(), rcount=900, drives={f"coil{number}": 4 + number for number in range(1, 7)})
+SETTINGS = settings_of(load_wiring(), rcount=900, drives={f"coil{number}": 4 + number for number in range(1, 7)})
 SAFE = SETTINGS.safe_words
 LEASE = 10.0  # s
 
@@ -151,15 +152,6 @@ def test_heartbeat_every_second_without_another_line(fresh):
     assert gaps(times) == pytest.approx([1e6, 1e6], abs=200)
 
 
-def test_another_boot_number_and_no_configuration_after_every_start(board):
-    boot = board.firmware.boot
-    board.firmware.reset()
-    assert board.firmware.boot != boot
-    assert board.mode == "u"
-    assert board.ask("SCAN").startswith("ERR,3")
-    assert board.resting
-
-
 def test_hello(fresh):
     assert fresh.ask("HELLO") == f"OK,2.0,coilarray-reader-2.0,{fresh.firmware.boot:08X},5449,3055,32,16,-"
     fresh.converter.fault = raising(BusFault("absent"))  # zeros of a converter that does not answer
@@ -170,7 +162,7 @@ def test_hello(fresh):
 @pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
 def test_configuration_reaches_the_chip(name):
     wiring = load_wiring(name)
-    plan = scan_settings(wiring)
+    plan = settings_of(wiring)
     board = Board(devices=len(plan.safe_words), safe_words=plan.safe_words)
     assert board.configure(plan)[-1] == f"OK,{plan.hash:04X}"
     for address, value in plan.registers:
@@ -215,17 +207,6 @@ def test_scan(board):
         steps += [("read", 0x00, CODE >> 16), ("read", 0x01, CODE & 0xFFFF), ("write", 0x1A, config | 0x2000)]
     steps.append(("read", 0x14, dict(SETTINGS.registers)[0x14]))
     assert board.converter.log == steps
-
-
-def test_stream_as_fast_as_it_goes(board):
-    board.start()
-    scans = board.scans(1.0)
-    assert numbers_of(scans) == list(range(len(scans)))
-    # six states of the wait and, in the stand-ins, 6 transfers of 120 µs and 3 shifts of 50 µs; one more transfer
-    each = 6 * (SETTINGS.wait_us + 870) + 120
-    assert gaps(times_of(scans)) == pytest.approx([each] * (len(scans) - 1), abs=30)
-    assert {tuple(scan_words(line)) for line in scans} == {(WORDS,) * 6}
-    assert board.mode == "s"
 
 
 def test_stream_keeps_its_interval_and_does_not_make_up_a_missed_one(board):
@@ -274,13 +255,6 @@ def test_ping_within_a_scan_and_the_scan_after_it(board):
     assert board.lines(0.1) == [ping]  # the repeat of the ping, not of the scan
 
 
-def test_ping_tells_time_mode_and_dropped_lines(fresh):
-    fresh.firmware.feed(b"noise\n")
-    _, boot, time, mode, dropped = fresh.ask("PING").split(",")
-    assert (int(boot, 16), mode, dropped) == (fresh.firmware.boot, "u", "1")
-    assert int(time, 16) == pytest.approx(fresh.clock.now() * 1e6, abs=5e3)  # µs; the reply takes 3 ms
-
-
 @pytest.mark.parametrize(("wired_back", "answer"), [(False, "none"), (True, "same")])
 def test_peek_and_chain(wired_back, answer):
     board = configured(wired_back=wired_back)
@@ -298,20 +272,6 @@ def test_a_repeat_gets_the_last_reply_and_does_nothing(board):
     assert (board.lines(0.2), board.converter.log) == (reply, log)
 
 
-def test_what_is_a_repeat(board):
-    board.ask("PING")
-    board.repeat("STOP")  # another command of the same number is none
-    assert board.lines(0.1) == [f"<{board.number:02X},OK"]
-    board.send("SCAN")
-    board.lines(0.004)
-    board.repeat("SCAN")  # of a scan under way: it is answered once
-    assert len(board.lines(0.5)) == 1
-    board.send("NONSENSE")
-    first = board.lines(0.1)
-    board.repeat("NONSENSE")  # errors too
-    assert board.lines(0.1) == first == [f"<{board.number:02X},ERR,1,unknown verb"]
-
-
 def test_stream_ends_with_its_lease(board):
     board.start(1_000_000)
     started, lines = board.clock.now(), []
@@ -326,15 +286,6 @@ def test_stream_ends_with_its_lease(board):
     assert (board.resting, board.mode) == (True, "i")
 
 
-@pytest.mark.parametrize("command", ["PING", "NONSENSE", "repeat"])
-def test_every_command_renews_the_lease(board, command):
-    board.start(1_000_000)
-    for _ in range(4):
-        board.repeat("START,000F4240") if command == "repeat" else board.send(command)
-        assert not [line for line in board.lines(0.8 * LEASE) if line.startswith("E")]
-    assert [line for line in board.lines(LEASE) if line.startswith("E1")]
-
-
 def raising(error, verb=None, register=None):
     """A fault of every transfer, or of those of one kind or register."""
 
@@ -343,19 +294,6 @@ def raising(error, verb=None, register=None):
             raise error
 
     return fault
-
-
-@pytest.mark.parametrize(("command", "error"), [
-    ("", "1"), ("hello", "1"), ("HELLOO", "1"), ("HELL", "1"), ("HELLO,1", "2"), ("PING,", "2"), ("START", "2"),
-    ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"), ("BEGIN,00,01", "2"),
-    ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"), ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"),
-    ("PEEK,8", "2"), ("PEEK,800", "2"), ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"),
-    ("WAIT,00000000,00000001,00,00000000", "3"), ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"),
-    ("START,00000000", "3"),
-])  # fmt: skip
-def test_errors_without_a_draft(fresh, command, error):
-    assert re.fullmatch(rf"ERR,{error},[^,*]{{1,80}}", fresh.ask(command))
-    assert fresh.mode == "u"
 
 
 @pytest.mark.parametrize("command", [
@@ -383,17 +321,6 @@ def test_busy(board, command, running):
     assert board.mode == ("s" if "START" in running else "i")
 
 
-@pytest.mark.parametrize("left_out", range(1, 22))
-def test_incomplete_draft(board, left_out):
-    *commands, commit = draft(SETTINGS)
-    for index, command in enumerate(commands):
-        if index != left_out:
-            board.ask(command)
-    assert board.ask(commit) == "ERR,5,draft incomplete"
-    assert board.mode == "u"  # and the old configuration is gone
-    assert board.resting
-
-
 def test_another_hash_chip_or_no_draft(board):
     assert (board.ask("COMMIT,0000"), board.mode) == ("ERR,3,no draft", "i")
     for command in draft(SETTINGS)[:-1]:
@@ -402,17 +329,6 @@ def test_another_hash_chip_or_no_draft(board):
     assert board.mode == "u"
     board.converter.registers[0x7F] = 0x3054
     assert (board.configure()[-1], board.mode) == ("ERR,8,5449 3054", "u")
-
-
-@pytest.mark.parametrize("address", [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B])
-def test_register_that_reads_back_otherwise(fresh, address):
-    read = fresh.converter.read
-    fresh.converter.read = lambda register: read(register) ^ (register == address)
-    assert fresh.configure()[-1].startswith(f"ERR,7,register {address:02X} is ")
-    assert fresh.mode == "u"
-    board = Board(wired_back=True)
-    board.chain.corrupt = lambda words: words[:-1] + bytes([words[-1] ^ 1])
-    assert board.configure()[-1] == "ERR,7,switches"
 
 
 @pytest.mark.parametrize("error", [BusFault("absent"), BusTimeout("stuck")])
@@ -425,18 +341,6 @@ def test_bus_fault_in_commit(fresh, error, register):
     assert fresh.ask(commit).startswith("ERR,6,")
     assert fresh.converter.cleared > cleared
     assert fresh.mode == "u"
-
-
-@pytest.mark.parametrize("command", ["STOP", "BEGIN,06,06", "PEEK,00"])
-def test_commands_that_meet_a_dead_bus(board, command):
-    board.start()
-    if command.startswith("PEEK"):
-        board.ask("STOP")
-    board.converter.fault = raising(BusFault("absent"))
-    assert board.ask(command).startswith("ERR,6,")
-    assert board.chain.words == SAFE  # grounded all the same
-    board.converter.fault = lambda verb, register: None
-    assert (board.ask("STOP"), board.resting) == ("OK", True)
 
 
 def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
@@ -463,11 +367,6 @@ def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
     board.chain.history.clear()
     assert (board.configure(plan)[-1], board.mode) == (f"ERR,4,{reason}", "u")
     assert {words for words, _ in board.chain.history} == {SAFE}  # none of it was ever sent
-
-
-def test_legal_switching(fresh):
-    for words in ("221111111111", "441111111111", "000000000000", "111111111111", "220000000000"):
-        assert fresh.configure(with_words(bytes.fromhex(words)))[-1].startswith("OK,"), words
 
 
 codes = st.sampled_from([*range(16), 0xFF])
@@ -503,15 +402,6 @@ def in_state(board, wanted, error, at=None):
             raise error
 
     return fault
-
-
-@pytest.mark.parametrize(("error", "mark"), [(BusFault("absent"), "!1"), (BusTimeout("stuck"), "!2")])
-def test_bus_fault_in_one_state(board, error, mark):
-    board.converter.fault = in_state(board, 2, error)
-    assert scan_words(board.ask("SCAN")) == [WORDS] * 2 + [mark] + [WORDS] * 3
-    assert (board.chain.words, board.mode) == (SAFE, "i")
-    board.converter.fault = raising(error, "read", 0x14)  # a scan that cannot be verified is no measurement
-    assert scan_words(board.ask("SCAN")) == [mark] * 6
 
 
 @pytest.mark.parametrize("register", [0x1E, 0x1A, 0x18, 0x00, 0x01])
@@ -550,17 +440,6 @@ def test_three_bus_faults_running_end_the_stream(board, error):
     assert (board.mode, board.resting) == ("u", True)
 
 
-def test_two_bus_faults_running_do_not(board):
-    board.start()
-    for _ in range(5):
-        board.converter.fault = in_state(board, 3, BusFault("absent"))
-        while not [line for line in board.lines(0.005) if "!1" in line]:
-            pass
-        board.converter.fault = lambda verb, register: None
-        assert not [line for line in board.lines(0.3) if line.startswith("E")]
-    assert board.mode == "s"
-
-
 def test_no_result_in_time(board):
     board.converter.converts = False
     looks, woken = [], []
@@ -579,13 +458,6 @@ def test_no_result_in_time(board):
     assert looks[0] == pytest.approx(SETTINGS.wait_us * 1e-6 + 120e-6, abs=50e-6)
     assert gaps(looks[: each - 1]) == pytest.approx([1e-3] * (each - 2), abs=50e-6)
     assert looks[each - 1] == pytest.approx(SETTINGS.timeout_us * 1e-6 + 120e-6, abs=50e-6)
-
-
-def test_a_late_result_is_taken_and_its_status_goes_with_the_words(board):
-    board.converter.conversion += 3e-3
-    assert scan_words(board.ask("SCAN")) == [WORDS] * 6
-    board.converter.extra_status = 0x0200
-    assert scan_words(board.ask("SCAN")) == [f"{WORDS}.0248"] * 6
 
 
 def test_an_error_that_an_early_look_cleared_is_not_lost(board):
@@ -676,42 +548,6 @@ def test_switches_that_differ_end_the_stream():
 def test_lines_that_are_dropped(fresh, data, dropped):
     fresh.firmware.feed(data)
     assert (fresh.lines(0.1), fresh.ask("PING").split(",")[-1]) == ([], str(dropped))
-
-
-def test_longest_line(fresh):
-    """512 characters are read, 513 are not; a carriage return is no character."""
-    longest = ">00," + "X" * (512 - 5 - 4)
-    for end in (b"\n", b"\r\n"):
-        fresh.firmware.feed(seal(longest).rstrip(b"\n") + end)
-        assert fresh.lines(0.1) == ["<00,ERR,1,unknown verb"]
-    fresh.firmware.feed(seal(longest + "X"))
-    assert fresh.lines(0.1) == []
-
-
-def test_the_largest_scan_still_fits():
-    """16 devices, 32 states, every one with a status."""
-    rows = (bytes([8 * k, 8 * k + 1, 0xFF, 0xFF, 8 * k + 4, 8 * k + 6, 0xFF, 0xFF]) for k in range(7))
-    wiring = b"".join(rows) + b"\xff" * 72
-    safe = b"\x11" * 7 + bytes(9)
-    states = tuple(StateSettings(str(number), safe, 6) for number in range(32))
-    plan = replace(SETTINGS, wiring=wiring, safe_words=safe, states=states)
-    board = Board(devices=16, safe_words=safe)
-    assert board.configure(plan)[-1].startswith("OK")
-    board.converter.extra_status = 0x3F00
-    assert board.ask("SCAN").split(",")[5:] == [f"{WORDS}.3F48"] * 32
-    board.start()
-    assert len(board.lines(1.0)) > 5
-
-
-def test_a_slow_port_slows_the_stream_and_loses_nothing():
-    board = configured(byte_time=10 / 9600)
-    board.start()
-    board.lines(1.0)
-    scans = board.scans(8.0)
-    numbers = numbers_of(scans)
-    assert numbers == list(range(numbers[0], numbers[0] + len(scans)))
-    assert len(scans) == pytest.approx(8 * 960 / 92, rel=0.05)  # a line of six words has 92 characters
-    assert board.ask("STOP", 5.0) == "OK"
 
 
 def test_the_boards_time_wraps():
@@ -805,12 +641,6 @@ def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
     done = subprocess.run(command, check=False, input=data, capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
     assert int(done.stdout) > 1000
-
-
-def test_memory_is_bounded_and_static(fresh):
-    assert fresh.firmware.size < 6 * 1024  # of 16 KB; the core's own buffers and 1 KB of stack need the rest
-    text = "".join(path.read_text() for path in SKETCH.iterdir())
-    assert not re.search(r"\b(malloc|calloc|realloc|free|new|String|std::|printf)\b\s*[(<]?", re.sub(r"//.*", "", text))
 
 
 def test_fits_the_microcontroller(tmp_path):

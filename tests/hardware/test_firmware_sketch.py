@@ -7,12 +7,12 @@ import shutil
 from types import SimpleNamespace
 
 import pytest
+from support.emulated_reader import settings_of
 from support.firmware_chips import StubChain, StubConverter
 from support.firmware_host import SKETCH, SUPPORT, compiled, draft, intact, logic_sources, needs_compiler, seal
 from support.firmware_pins import I2cSlave, ShiftRegisters
 
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault
 
@@ -20,7 +20,7 @@ pytestmark = needs_compiler
 
 SCL, SDA, DIN, SCLK, SYNC, DOUT = 10, 11, 1, 2, 3, 0
 LOW_AT_FIRST, OPEN_DRAIN = (1, 3), 3  # modes of pins that drive
-SETTINGS = scan_settings(load_wiring(), rcount=900)
+SETTINGS = settings_of(load_wiring(), rcount=900)
 CODE = 0x17982F3
 READ = [f"{CODE:08X}"] * 6
 CALL = 0.9e-6  # s, of a call that moves a pin; about that of the core on the XMC1100

@@ -3,21 +3,19 @@
 The engine below executes the commands of the chip's application note AN_108; on its pins hang chips that know edges.
 """
 
-import sys
 from types import SimpleNamespace
 
 import pytest
 from support.emulated_reader import WIRING
 from support.firmware_chips import StubConverter
 from support.firmware_pins import I2cSlave, ShiftRegisters
-from support.refusals import refused
 
-from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.wire.buses import ShiftSettings
-from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.ft232h import SwitchPins, ft232h_adapters, open_ft232h
+from coilarray.hardware.wire.direct_buses import SwitchPins, open_ft232h
+from coilarray.hardware.wire.faults import DeviceLost
 
 pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")
 from pyftdi.ftdi import Ftdi, FtdiError  # noqa: E402
@@ -158,28 +156,6 @@ def test_a_register_is_read_with_a_repeated_start_and_written_in_one_transfer_hi
     assert bus.read(0x14) == 0x1002
 
 
-def test_a_chip_at_another_address_is_asked_once_and_answers_at_its_own(bench):
-    bench.chip.address = 0x2B
-    bus, _ = opened(bench)
-    with pytest.raises(BusFault, match=r"the converter at 0x2a on ftdi://ftdi:232h/1 does not answer\."):
-        bus.read(0x7E)
-    assert bench.chip.transfers == [[0x54]]
-    with pytest.raises(BusFault):
-        bus.write(0x08, 1)
-    # at its own address it does, and USB is waited for half a second at most
-    bus, _ = open_ft232h(URL, 0x2B, pins=PINS)
-    assert (bus.read(0x7F), bus._controller.ftdi.timeouts) == (0x3055, (500, 500))
-
-
-def test_the_switches_do_not_move_while_the_bus_works(bench):
-    bus, switches = opened(bench)
-    switches.shift(bytes(range(6)))
-    for register in range(5):
-        bus.write(register, 0xA55A)
-        bus.read(register)
-    assert (bench.latched, bench.chain.clocks) == ([bytes(range(6))], 48)
-
-
 def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
     bus, _ = opened(bench)
     rises = []
@@ -195,21 +171,6 @@ def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
     assert rises == [1] * 9 + [0]  # SDA falls while the clock is low and rises while it is high
     assert bench.chip.stops == 1
     assert bus.read(0x7E) == 0x5449
-
-
-def test_a_chip_that_was_cut_off_in_a_read_lets_go_after_the_clear(bench):
-    bus, _ = opened(bench)
-    bench.registers[0x08] = 0x0000  # zeros: the chip holds the data line down
-    chip = bench.chip
-    for scl, sda in ((1, 1), (1, 0), (0, 0)):
-        chip.line(scl, sda)
-    for bit in [int(b) for b in f"{0x2A << 1 | 1:08b}"] + [1] + [1] * 3:
-        for scl in (0, 1, 0):
-            chip.line(scl, bit)
-    assert chip.line(0, 1) == 0
-    bus.clear()
-    assert chip.line(1, 1) == 1
-    assert bus.read(0x7F) == 0x3055
 
 
 WORDS, TURNED = b"\x01\x02\x04\x80\xa5\xff", b"\x80\x40\x20\x01\xa5\xff"
@@ -229,13 +190,6 @@ def test_words_arrive_bit_by_bit_latched_by_sync_and_come_back_at_the_next_trans
     assert (switches.shift(bytes(6)), switches.shift(bytes(6))) == (WORDS, bytes(6))
 
 
-def test_a_mode_that_changes_data_after_the_edge_shifts_something_else(bench):
-    _, switches = opened(bench, settings=ShiftSettings(mode=0))
-    assert switches.shift(WORDS) is None
-    assert len(bench.latched) == 1
-    assert bench.latched != [WORDS]
-
-
 def test_an_adapter_that_is_unplugged_is_lost(bench):
     bus, switches = opened(bench)
     bench.unplugged = True
@@ -247,15 +201,6 @@ def test_an_adapter_that_is_unplugged_is_lost(bench):
     assert set(bench.closed) == {True}
 
 
-def test_an_adapter_that_returns_nothing_is_told(bench):
-    bus, switches = opened(bench, settings=ShiftSettings(readback=True))
-    bench.dumb = True
-    with pytest.raises(BusTimeout, match="does not answer: No answer from FTDI"):
-        bus.read(0)
-    with pytest.raises(SwitchFault, match=r"returned 0 levels of the switches' 48\."):
-        switches.shift(bytes(6))
-
-
 @pytest.mark.parametrize(("error", "message"), [
     (UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
     (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions"),
@@ -264,14 +209,6 @@ def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
     bench.refuses = error
     with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):
         opened(bench)
-
-
-def test_a_missing_library_for_usb_is_named(bench):
-    bench.refuses = ValueError("No backend available")  # as pyftdi has it without libusb
-    refused(
-        MissingDependencyError, "cannot be opened: the library libusb 1.0 is not installed .*apt install libusb-1.0-0",
-        opened, bench,
-    )  # fmt: skip
 
 
 def test_an_adapter_without_a_second_port_is_refused_and_closed_and_so_are_pins_that_cannot_be(bench):
@@ -286,21 +223,6 @@ def test_an_adapter_without_a_second_port_is_refused_and_closed_and_so_are_pins_
     for pins in ({"clock": 8}, {"data": -1}, {"clock": 2}, {"back": 0}):
         with pytest.raises(HardwareError, match="must be four different ones of C0 to C7"):
             SwitchPins(**pins)
-
-
-def test_a_missing_library_names_its_extra(monkeypatch):
-    for name in ("pyftdi", "pyftdi.i2c", "pyftdi.usbtools", "pyftdi.ftdi"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingDependencyError, match=r"boards on an FT232H need pyftdi"):
-        open_board("ftdi://ftdi:232h/1")
-    assert ft232h_adapters() == ()
-
-
-def test_adapters_are_listed_by_the_url_that_opens_them(monkeypatch):
-    adapters = ((0x6014, "FT1"), (0x6010, None), (0x6001, "A"))
-    found = [(SimpleNamespace(pid=pid, sn=number), 1) for pid, number in adapters]
-    monkeypatch.setattr(Ftdi, "list_devices", classmethod(lambda cls: found))
-    assert ft232h_adapters() == ("ftdi://ftdi:232h:FT1/1", "ftdi://ftdi:2232h/1")
 
 
 @pytest.mark.lowest

@@ -82,6 +82,7 @@ def ports(monkeypatch):
 @pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "console")])
 def test_every_command_prints_what_the_page_shows(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    Path("two.toml").write_text('coils = ["coil1", "coil2"]\n')
     for (program, *arguments), shown in _console(page):
         assert program == "coilarray"
         run, _ = runner(*arguments)

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from support.emulated_reader import settings_of
 
 from coilarray import load_design
-from coilarray.hardware.scan.board_network import board_budget, board_network
-from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.design_settings import board_budget, board_network
 from coilarray.hardware.scan.wiring import one_device_a_coil, wired_to_channels
 
 
@@ -27,8 +27,8 @@ def test_the_budget_of_a_board_is_that_of_its_settings_and_not_of_the_designs():
     design = load_design("gast_fem")
     circuit = replace(design.circuit, switches=replace(design.circuit.switches, on_resistance=2.5), part="ADG739")
     design, (coil,) = replace(design, circuit=circuit), design.array.names
-    switched = scan_settings(one_device_a_coil([coil]), rcount=2048)
-    wired = scan_settings(wired_to_channels([coil], [0]), rcount=2048, clock=40e6, external_clock=True)
+    switched = settings_of(one_device_a_coil([coil]), rcount=2048)
+    wired = settings_of(wired_to_channels([coil], [0]), rcount=2048, clock=40e6, external_clock=True)
     by_switches, by_channel = (board_budget(design, one, baseline_scans=4) for one in (switched, wired))
     assert board_network(design, wired=True).switches.on_resistance == 0.0
     sizes = [{cause.name: cause.size for cause in one.causes} for one in (by_switches, by_channel)]

@@ -11,8 +11,18 @@ from support.converter_words import oscillation_frequency
 
 from coilarray.circuit.converter_limits import AMPLITUDE_HIGH, AMPLITUDE_LOW, DRIVE_WINDOW, drive_of
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import bus_time, conversion_time, rcount_for, settle_time, state_time, wake_time
-from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
+from coilarray.hardware.chips.ldc1614 import (
+    bus_time,
+    check_clock,
+    conversion_time,
+    deglitch_for,
+    input_divider,
+    rcount_for,
+    reference_divider,
+    settle_time,
+    state_time,
+    wake_time,
+)
 
 from coilarray.hardware import (  # isort: skip
     check_channel, code_to_frequency, drive_for, frequency_to_code, inductance_from_frequency, settle_count,

@@ -99,34 +99,6 @@ def test_there_and_back(word):
     check_value(name, value)
 
 
-@given(st.sampled_from(WRITABLE), st.integers(0, 0xFFFF))
-def test_what_may_be_written_is_made_of_its_fields(name, value):
-    try:
-        check_value(name, value)
-    except HardwareError:
-        # a value that is refused cannot be made either
-        try:
-            fields = decode(name, value)
-        except HardwareError:
-            return
-        with pytest.raises(HardwareError):
-            encode(name, fields)
-    else:
-        assert encode(name, decode(name, value)) == value
-
-
-@given(st.sampled_from(WRITABLE), st.integers(0, 15))
-def test_a_flipped_reserved_bit_is_refused(name, bit):
-    good = encode(name, {"FIN_DIVIDER" + name[-1]: 1, "FREF_DIVIDER" + name[-1]: 2} if "DIVIDERS" in name else {})
-    field = next(field for field in register(name).fields if field.mask >> bit & 1)
-    if field.reserved:
-        for refuse in (check_value, decode):
-            with pytest.raises(HardwareError, match=rf"bits {field.msb} to {field.lsb} of {name} must read"):
-                refuse(name, good ^ 1 << bit)
-    else:
-        assert decode(name, good ^ 1 << bit) != decode(name, good)
-
-
 @pytest.mark.parametrize(("call", "message"), [
     # a stuck bus is no CONFIG; the reset value of the dividers is reserved, so the register must be programmed
     *((functools.partial(decode, "CONFIG", stuck), "CONFIG must read") for stuck in (0x0000, 0xFFFF)),

@@ -6,7 +6,6 @@ smbus2 itself runs; only the system call below it is played. spidev is a C modul
 import ctypes
 import errno
 import os
-import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,12 +13,12 @@ from types import SimpleNamespace
 import pytest
 from support.emulated_reader import WIRING
 
-from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.wire import linux_host
+from coilarray.hardware.wire import direct_buses as linux_host
 from coilarray.hardware.wire.buses import ShiftSettings
+from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, linux_buses
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain, linux_buses
 
 if sys.platform != "linux":
     pytest.skip("no i2c-dev on this system", allow_module_level=True)
@@ -168,45 +167,12 @@ def test_a_bus_that_is_not_there_names_those_that_are(kernel, devices):
         LinuxRegisterBus(1, 0x2A)
 
 
-def test_a_bus_that_may_not_be_opened_names_the_group(kernel, devices, monkeypatch):
-    refusal = PermissionError(errno.EACCES, "Permission denied")
-    monkeypatch.setattr(smbus2.smbus2.os, "open", lambda path, flags: (_ for _ in ()).throw(refusal))
-    said = f"i2c-1 may not be opened by this user; add the user to the group {(devices / 'i2c-1').group()}."
-    with pytest.raises(HardwareError, match=re.escape(said)):
-        LinuxRegisterBus(1, 0x2A)
-
-
-def test_a_file_that_is_no_bus_is_one_line(devices):
-    with pytest.raises(HardwareError, match=r"i2c-1 cannot be used: Inappropriate ioctl for device\."):
-        LinuxRegisterBus(1, 0x2A)
-
-
 def test_words_go_out_in_one_transfer_in_the_mode_of_the_switches(spi, devices):
     chain = SpiSwitchChain(0, 1, ShiftSettings())
     assert chain.shift(b"\x22\x11\x11\x11\x11\x11") is None
     port = spi()
     assert port.sent == [b"\x22\x11\x11\x11\x11\x11"]
     assert (port.path, port.mode, port.max_speed_hz, port.bits_per_word) == (f"{devices}/spidev0.1", 1, 1_000_000, 8)
-
-
-def test_mode_speed_order_and_read_back_may_be_others(spi):
-    settings = ShiftSettings(mode=2, speed=250e3, least_significant_first=True, readback=True)
-    chain = SpiSwitchChain(0, 0, settings)
-    assert chain.shift(b"\x01\x02\x04\x08\x10\xa0") == bytes(6)
-    assert spi().sent == [b"\x80\x40\x20\x10\x08\x05"]
-    assert chain.shift(bytes(6)) == b"\x01\x02\x04\x08\x10\xa0"
-    assert (spi().mode, spi().max_speed_hz) == (2, 250_000)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [({"mode": 4}, "mode of SPI must be 0 to 3; got 4"), ({"speed": float("nan")}, "got nan Hz"),
-     ({"speed": 0.0}, "must be positive and at most 3e[+]07 Hz; got 0.0 Hz"),
-     ({"speed": 31e6}, "at most 3e[+]07 Hz; got 31000000.0 Hz")],
-)  # fmt: skip
-def test_a_form_of_transfers_that_cannot_be_is_refused(change, message):
-    with pytest.raises(HardwareError, match=message):
-        ShiftSettings(**change)
 
 
 @pytest.mark.parametrize(("number", "fault"), [(errno.ENODEV, DeviceLost), (errno.EIO, SwitchFault)])
@@ -219,17 +185,6 @@ def test_a_transfer_that_fails_has_a_name_and_a_port_that_is_not_there(spi, numb
         chain.shift(bytes(6))
 
 
-def test_a_mode_that_the_port_lacks_is_one_line_and_the_port_is_closed(spi, monkeypatch):
-    def refuse(self, mode):
-        if mode is not None:
-            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
-
-    monkeypatch.setattr(SpiDev, "mode", property(lambda self: None, refuse), raising=False)
-    with pytest.raises(HardwareError, match=r"spidev0\.0 cannot be used: Invalid argument\."):
-        SpiSwitchChain(0, 0, ShiftSettings())
-    assert spi().closed == 1
-
-
 def test_a_board_is_opened_grounded_and_asleep_and_left_so(kernel, spi):
     with open_board("i2c:1,spi:0.1") as board:
         assert "I²C bus 1 and SPI 0.1 of this computer; LDC1614 (5449/3055)" in board.line
@@ -239,19 +194,6 @@ def test_a_board_is_opened_grounded_and_asleep_and_left_so(kernel, spi):
         spi().held = bytes(6)
     assert (spi().held, kernel.registers[0x1A]) == (WIRING.safe_words, 0x2801)
     assert spi().closed == 1
-
-
-def test_where_one_bus_cannot_be_opened_the_other_is_let_go(kernel, spi):
-    with pytest.raises(HardwareError, match=r"spidev9\.9"):
-        open_board("i2c:1,spi:9.9")
-    LinuxRegisterBus(1, 0x2A).close()
-
-
-@pytest.mark.parametrize("module", ["smbus2", "spidev"])
-def test_a_missing_library_names_its_extra(kernel, spi, monkeypatch, module):
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingDependencyError, match=rf"boards on this computer's own buses need {module}"):
-        open_board("i2c:1")
 
 
 def test_a_board_without_switches_needs_the_i2c_bus_alone(kernel, monkeypatch):

@@ -113,26 +113,6 @@ def test_a_silent_coil_is_left_out():
     assert (late.states[1].delta, late.states[1].reasons) == (None, ("no baseline",))
 
 
-def test_too_few_coils_give_no_position():
-    reading, known = ready().take(scan(10, bad=NAMES[:3])), "states have a value that the table knows"
-    assert (reading.location, reading.problem) == (None, f"2 {known}; 3 are needed")
-    assert ready(names="abcde").take(scan(10, names="abcde")).problem.startswith(f"0 {known}")
-
-
-def test_a_wild_value_is_not_located():
-    reading = ready().take(scan(10, [3.0, 0, 0, 0, 0]))
-    assert reading.states[0].delta == pytest.approx(3.0)
-    assert reading.location.verdict == "nothing pressed"  # of the other four
-
-
-def test_a_board_without_any_value_waits_for_ever():
-    tracker = LiveTracker(MODEL)
-    for number in range(100):
-        reading = tracker.take(scan(number, bad=NAMES))
-    assert reading.waiting == 10
-    assert {state.verdict for state in reading.states} == {"bad"}
-
-
 def test_rate_and_lost_scans():
     tracker = LiveTracker(None)
     assert tracker.take(scan(0)).rate is None

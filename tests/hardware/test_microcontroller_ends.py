@@ -5,12 +5,12 @@ from contextlib import closing
 
 import pytest
 from support.refusals import refused
-from support.scripted_board import LONGEST, REPLY, SETTINGS, TIMES, Lasting, ScriptedBoard, configured, sealed, verbs
+from support.scripted_board import LONGEST, REPLY, SETTINGS, TIMES, Lasting, ScriptedBoard, configured, verbs
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-from coilarray.hardware.scan.reader import SampleFault
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer, NotABoard, SwitchFault
+from coilarray.hardware.scan.readings import SampleFault
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer, SwitchFault
 
 
 @pytest.fixture
@@ -78,27 +78,6 @@ def test_a_restart_ends_the_session(board, reader):
     reader.close()
 
 
-def test_a_restart_between_scans_ends_the_session(board, reader):
-    board.restart()
-    board.spoil = lambda line: b"" if line.startswith(b"H") else line
-    board._going.clear()  # nobody heard the board start
-    board.refuse["SCAN"] = (3, "not configured")
-    refused(BoardRestarted, "has restarted", reader.scan)
-
-
-@pytest.mark.parametrize(
-    ("mode", "settings", "text"),
-    [("u", 0, "has lost its settings"), ("s", 0x1111, "measures with the settings 1111")],
-)
-def test_other_settings_or_none_without_a_restart(board, reader, mode, settings, text):
-    stream = stream_of(reader)
-    board.mode, board.hash = mode, settings
-    board.heartbeat()
-    refused(BoardRestarted, text, list, stream)
-    reader.configure(SETTINGS)
-    assert reader.scan().samples
-
-
 def test_a_heartbeat_tells_of_an_end(board, reader):
     stream = reader.scans(50.0)
     next(stream)
@@ -118,44 +97,6 @@ def test_a_stalled_stream_is_no_answer_in_time(board, reader):
     board.silent = board.deaf = False
     assert reader.scan().samples
     assert "STOP" in verbs(board)  # it was owed
-
-
-def test_silence_between_two_far_scans_is_noticed_before_the_next_is_due(board, reader):
-    stream = reader.scans(100.0)
-    next(stream)
-    board.silent = board.deaf = True
-    with Lasting(board) as it, pytest.raises(NoAnswer):
-        next(stream)
-    assert it.seconds == pytest.approx(TIMES.heartbeat + LONGEST + REPLY, abs=0.05)
-
-
-def test_a_stream_that_turns_to_noise_is_no_board(board, reader):
-    stream = stream_of(reader)
-    board.spoil = lambda line: bytes(byte ^ 0x55 for byte in line) * 3
-    refused(NotABoard, "no intact line", list, stream)
-
-
-@pytest.mark.slow
-def test_anything_but_scans_does_not_keep_a_stream_waiting(board, reader):
-    stream = stream_of(reader)
-
-    def read(seconds):
-        board.clock.sleep(0.01)
-        return sealed(f"H{board.boot:08X},{board.microseconds():08X},{board.hash:04X},s") * 40
-
-    board.read, board.deaf = read, True
-    with Lasting(board) as it, pytest.raises(NoAnswer, match="no scan came"):
-        next(stream)
-    assert it.seconds < 2 * (TIMES.gap * SETTINGS.period + REPLY)
-
-
-def test_messages_nobody_fetches_are_bounded(board, reader):
-    line = sealed("S" + board.scan_text(1, 0.0))
-    chunks = iter([line * 3000])
-    board.read = lambda seconds: next(chunks, b"") or (board.clock.sleep(seconds), b"")[1]
-    with pytest.raises(NoAnswer):
-        reader.scan()
-    assert reader.counts.link.overflowed == 3000 - 1024
 
 
 def test_unplugging_is_a_lost_device_for_good(board, reader):
@@ -192,24 +133,6 @@ def test_a_silent_board_is_waited_for_once_after_an_interrupt(board, reader):
     with Lasting(board) as it:
         reader.close()
     assert (it.seconds, board.closed) == (0.0, True)
-
-
-def test_a_board_that_comes_back_is_stopped_at_the_end(board, reader):
-    stream = stream_of(reader)
-    board.deaf = True
-    refused(NoAnswer, "did not answer STOP", stream.close)
-    board.deaf = False
-    reader.close()
-    assert (board.mode, board.sent[-1]) == ("i", ("STOP",))
-
-
-@pytest.mark.parametrize("state", ["deaf", "unplugged"])
-def test_closing_a_board_that_is_gone_does_not_raise(board, reader, state):
-    setattr(board, state, True)
-    with Lasting(board) as it:
-        reader.close()
-    assert board.closed
-    assert it.seconds <= REPLY + 0.01
 
 
 def test_an_error_of_the_caller_stops_the_board(board, reader):

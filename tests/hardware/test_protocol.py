@@ -10,25 +10,23 @@
 """
 
 import itertools
-import random
-from contextlib import suppress
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.emulated_reader import settings_of
 from support.scripted_board import crc16
 
-from coilarray.hardware.scan.reader import RawSample, SampleFault
-from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BoardRestarted
-from coilarray.hardware.wire.protocol.lines import MAX_LINE, LineParser, command_line, draft_commands, seal
+from coilarray.hardware.wire.protocol import MAX_LINE, LineParser, command_line, draft_commands, seal
 
-from coilarray.hardware.wire.protocol.messages import (  # isort: skip
+from coilarray.hardware.wire.protocol import (  # isort: skip
     Answer, Greeting, Heartbeat, MessageError, Mode, Pong, Refusal, ScanMessage, StreamEnd, StreamEndReason,
     parse_message, read_greeting, read_pong, read_scan,
 )  # fmt: skip
-from coilarray.hardware.wire.protocol.scan_stream import BoardTime, GateCounts, ScanGate
+from coilarray.hardware.wire.protocol import BoardTime, GateCounts, ScanGate
 
 TEXTS = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1, max_size=MAX_LINE - 5)
 SCAN = "S00000007,000F4240,D9A4,1234ABCD,01798210,01798211.1048,!3,0179FFFF,01790000,0ABCDEF0"
@@ -59,60 +57,20 @@ def test_lines_come_out_however_the_bytes_are_cut(texts, cuts, carriage_return):
     ends = sorted(min(cut, len(data)) for cut in cuts)
     pieces = [data[a:b] for a, b in itertools.pairwise([0, *ends, len(data)])]
     assert [text for piece in pieces for text in parser.feed(piece)] == texts
-    assert (parser.counts.good, parser.counts.dropped) == (len(texts), 0)
 
 
-@settings(max_examples=40)
-@given(st.binary(max_size=4000), st.integers(1, 700))
-def test_any_bytes_are_counted_line_by_line_and_never_raise(data, size):
-    parser = LineParser()
-    given_out = [text for first in range(0, len(data), size) for text in parser.feed(data[first : first + size])]
-    ended = [line.removesuffix(b"\r") for line in data.split(b"\n")[:-1]]
-    assert len(given_out) == parser.counts.good
-    assert parser.counts.good + parser.counts.dropped == sum(1 for line in ended if line)
-
-
-def test_every_kind_of_bad_line_has_its_counter():
+def test_bad_lines_are_left_out():
     parser = LineParser()
     good = seal("H1234ABCD,000F4240,0000,u")
     longest = seal("x" * (MAX_LINE - 5))
-    parser.feed(b"\n\r\n" + good + longest)
-    assert (parser.counts.good, parser.counts.dropped) == (2, 0)
-    parser.feed(good.replace(b"u", b"i") + good.lower() + good[:-6] + b"\n")
-    assert parser.counts.wrong_checksum == 3
-    parser.feed(good.replace(b"u", b"\x00") + good.replace(b"u", b"\xb5") + b"\r" + good)
-    assert parser.counts.wrong_character == 3
-    parser.feed(b"x" * (MAX_LINE + 1) + b"\n" + b"x" * MAX_LINE + b"\r\r\n" + b"x" * 5000 + b"\n" + good)
-    assert (parser.counts.too_long, parser.counts.good) == (3, 3)
-
-
-def test_a_line_without_end_takes_no_memory():
-    parser = LineParser()
-    for _ in range(1000):
-        parser.feed(b"x" * 4096)
-    assert len(parser._begun) <= MAX_LINE + 1
-    assert parser.feed(b"\n" + seal("H1234ABCD,000F4240,0000,u")) == ["H1234ABCD,000F4240,0000,u"]
-
-
-def test_every_flip_of_bits_within_sixteen_is_seen():
-    """A CRC of 16 bits sees every burst of up to 16; the checksum's own characters are covered by their exact form."""
-    line = seal(SCAN)[:-1]
-    number, bits = int.from_bytes(line, "big"), 8 * len(line)
-    noise = random.Random(8)
-    bursts = [1, 3, 0x8001, 0xFFFF, *(noise.getrandbits(16) | 1 for _ in range(20))]
-    for shift in range(bits - 16):
-        for burst in bursts:
-            damaged = (number ^ burst << shift).to_bytes(len(line), "big")
-            assert lines_of(damaged + b"\n") == []
-
-
-def test_a_scan_with_a_byte_dropped_repeated_or_swapped_is_no_scan():
-    """The widths of the fields are fixed, so what the checksum let through the form would still refuse."""
-    line = seal(SCAN)
-    for place in range(len(line) - 1):
-        left, byte, following, right = line[:place], line[place : place + 1], line[place + 1 : place + 2], line[place:]
-        for damaged in {left + right[1:], left + byte + right, left + following + byte + right[2:]} - {line}:
-            assert lines_of(damaged) == []
+    assert len(parser.feed(b"\n\r\n" + good + longest)) == 2
+    for bad in (
+        good.replace(b"u", b"i") + good.lower() + good[:-6] + b"\n",
+        good.replace(b"u", b"\x00") + good.replace(b"u", b"\xb5") + b"\r" + good,
+        b"x" * (MAX_LINE + 1) + b"\n" + b"x" * MAX_LINE + b"\r\r\n" + b"x" * 5000 + b"\n",
+    ):
+        assert parser.feed(bad) == []
+    assert parser.feed(good) == ["H1234ABCD,000F4240,0000,u"]
 
 
 def test_a_scan_is_read():
@@ -172,12 +130,6 @@ def test_another_form_is_refused(text):
         parse_message(text)
 
 
-@given(TEXTS)
-def test_any_text_is_read_or_refused(text):
-    with suppress(MessageError):
-        assert parse_message(text) is not None
-
-
 HELLO = ["2.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
 
 
@@ -186,19 +138,6 @@ def test_a_greeting_and_a_pong_are_read():
     assert read_greeting(HELLO) == Greeting((2, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, able)
     assert read_greeting([*HELLO[:7], "-", "later"]).capabilities == frozenset()
     assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE, 12)
-
-
-@pytest.mark.parametrize(("place", "value"), [(0, "1"), (0, "1.x"), (0, "01.0"), (2, "1234"), (5, "1F"), (6, "-1")])
-def test_a_greeting_of_another_form_is_refused(place, value):
-    for fields in ([*HELLO[:place], value, *HELLO[place + 1 :]], HELLO[:7]):
-        with pytest.raises(MessageError):
-            read_greeting(fields)
-
-
-@pytest.mark.parametrize("fields", [[], ["1234ABCD"], ["1234ABCD", "000F4240", "x", "0"], ["1234ABCD", "0", "i", "0"]])
-def test_a_pong_of_another_form_is_refused(fields):
-    with pytest.raises(MessageError):
-        read_pong(fields)
 
 
 def told(settings):
@@ -220,7 +159,7 @@ def told(settings):
 @pytest.mark.parametrize("discard", [0, 15])
 @pytest.mark.parametrize("wiring", ["six_coils", "six_coils_4"])
 def test_the_commands_tell_all_that_the_hash_is_of(wiring, discard):
-    settings = scan_settings(load_wiring(wiring), rcount=1000, drives=17, discard=discard)
+    settings = settings_of(load_wiring(wiring), rcount=1000, drives=17, discard=discard)
     data, hashed = told(settings)
     assert data == settings.canonical
     assert int(hashed, 16) == crc16(data)
@@ -260,12 +199,6 @@ def gate():
 def test_scans_pass_once_and_in_order(gate):
     came = [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
     assert [gate.passes(scan_of(s), t) for s, t in came] == [True, True, False, False, True, False, True]
-    assert gate.counts == GateCounts(passed=4, lost=2, repeated=2, stale=1)
-
-
-def test_scans_from_before_the_stream_and_of_another_number_of_states_do_not_pass(gate):
-    assert (gate.passes(scan_of(17, configuration=0x1111), 99), gate.counts) == (False, GateCounts(stale=1))
-    assert (gate.passes(scan_of(0, states=3), 101), gate.counts) == (False, GateCounts(stale=1, misfit=1))
 
 
 def test_scans_of_other_settings_end_it(gate):

@@ -2,16 +2,9 @@
 
 import os
 import re
-import shutil
 import signal
-import sqlite3
-import subprocess
-import sys
-import tempfile
 import time
-from contextlib import closing
 from dataclasses import asdict, replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,7 +19,6 @@ from support.recorded_boards import (
     quick_board,
     session_of,
     two_coils,
-    without_checksums,
 )
 from support.refusals import refused
 
@@ -34,13 +26,11 @@ from coilarray.cli.readings import read_readings
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import HardwareError, LocalizeError, OutputError
 from coilarray.hardware.record import recorder as recorder_module
-from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
+from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 from coilarray.hardware.record.recorder import open_recorder, record_stream
-from coilarray.hardware.record.recording import GridPlace, Recording, open_recording
+from coilarray.hardware.record.recording import GridPlace, Recording, open_recording, summarize_recording
 from coilarray.hardware.record.recording_file import SCHEMA
-from coilarray.hardware.record.recording_summary import summarize_recording
-from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
-from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.readings import RawSample, RawScan, SampleFault, read_scan
 from coilarray.hardware.wire.faults import BoardRestarted
 
 DESIGN = two_coils()
@@ -144,15 +134,6 @@ def test_self_tests_come_back(path, session, monkeypatch):
     assert (first.time, second.time) == (1.7e9, 1.8e9)
 
 
-def test_the_rate_is_reported(path, board, session):
-    for start in (0.0, 100.0):  # the pause between two sessions is none of it
-        with open_recorder(path, resume=True) as recorder:
-            recorder.start(session)
-            for k in range(5):
-                recorder.add(raw_scan(session, k, start + 0.25 * k), "stream")
-    assert read(path, summarize_recording).rate == pytest.approx(4.0)
-
-
 def test_read_while_it_is_written_by_one_writer_at_a_time(path, board, recorder):
     for k in range(3):
         recorder.add(board.reader.scan(), "stream")
@@ -174,30 +155,6 @@ def test_stream(board, session, recorder):
     assert board.emulator.clock.now() - before == pytest.approx(1.5 + session.settings.period, rel=0.05)
     assert recorder.count() == 5 + count + 4
     assert board.emulator.seen().state is None  # closing the stream has grounded the coils
-
-
-@pytest.mark.parametrize(
-    "wrong", [{}, {"scans": 1, "seconds": 1.0}, {"scans": 0}, {"seconds": 0.0}, {"seconds": float("nan")}]
-)
-def test_wrong_streams(board, recorder, wrong):
-    refused(HardwareError, "stream must", record_stream, board.reader, recorder, **wrong)
-
-
-@pytest.mark.parametrize("content", [b"", None])
-def test_blank_files_are_none(path, session, content):
-    if content is None:  # what a kill before the first transaction leaves
-        changed(path, "PRAGMA journal_mode = WAL")
-    else:
-        path.write_bytes(content)
-    refused(HardwareError, "is not a recording: it is empty", read, path, Recording.count)
-    recorded(path, session, [raw_scan(session, 0)])
-    assert read(path, Recording.count) == 1
-
-
-def test_a_session_that_never_began_leaves_nothing(tmp_path, path):
-    with pytest.raises(HardwareError, match="no board"), open_recorder(path):
-        raise HardwareError("there is no board")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_resume(path, board, session):
@@ -246,11 +203,6 @@ def test_scans_that_are_not_of_the_session(session, recorder, change, error, mes
     recorder.add(raw_scan(session, 3), "stream")
 
 
-def test_a_recorder_must_be_started(path, session):
-    with open_recorder(path) as recorder, pytest.raises(ValueError, match="must be started"):
-        recorder.add(raw_scan(session, 0), "stream")
-
-
 def overwritten(path):
     """Damage every page but the first."""
     data = bytearray(path.read_bytes())
@@ -266,7 +218,7 @@ WRONG_FILES = {
     "other": (lambda path: (path.unlink(), changed(path, "CREATE TABLE a (id INTEGER)")), "of another program"),
     "newer": (
         lambda path: changed(path, f"PRAGMA user_version = {SCHEMA + 1}"),
-        f"is a recording of schema {SCHEMA + 1}, which another version .* reads schema 1 to {SCHEMA}",
+        f"is a recording of schema {SCHEMA + 1}, which another version .* reads schema {SCHEMA}",
     ),
     "no table": (lambda path: changed(path, "DROP TABLE campaign"), "damaged: the table campaign is missing"),
     "cut off": (lambda path: os.truncate(path, 6000), "damaged"),
@@ -295,61 +247,24 @@ SESSIONS = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("statement", "message"),
+    "statement",
     [
-        *((f"UPDATE session SET {change}", "damaged: session 1") for change in SESSIONS),
-        ("UPDATE session SET settings_hash = 1", "damaged: session 1: the settings are not"),
-        ("DELETE FROM session", "damaged: it has no session"),
-        ("DELETE FROM sample WHERE state = 1 AND scan = 2", "damaged: scan 2: a scan has 1 samples of 2 states"),
-        ("UPDATE sample SET msb = 65536 WHERE scan = 2", "damaged: scan 2: a register must hold 16 bits"),
-        *((f"UPDATE sample SET {change} WHERE scan = 2", "damaged: scan 2") for change in ("lsb = 'x'", "fault = 99")),
-        ("UPDATE session SET started = 1e300", "damaged: session 1: a time must be on a day of the calendar"),
-        ("UPDATE session SET started = 1e18", "damaged: session 1: a time must be on a day of the calendar"),
-        ("UPDATE scan SET sequence = 1e999 WHERE id = 2", "damaged: scan 2: cannot convert"),
-        ("UPDATE self_test SET time = 1e300", "damaged: self-test 1: a time must be on a day of the calendar"),
-        ("UPDATE self_test SET session = 9", "damaged"),
-        ("UPDATE self_test SET symptoms = '[1]'", "damaged: self-test 1: a list of texts"),
-        ("UPDATE self_test SET findings = 'x'", "damaged: self-test 1"),
-        ("ALTER TABLE scan RENAME TO 'two\nlines'", "damaged: the table scan is missing"),
-        ("UPDATE scan SET time = 1e999 WHERE id = 2", "damaged: scan 2: a number must be finite"),
-        ("UPDATE scan SET time = 'x' WHERE id = 2", "damaged: scan 2"),
-        *((f"UPDATE scan SET {key} = 5 WHERE id = 2", "damaged") for key in ("session", "position")),
+        "UPDATE session SET settings = '{}'",
+        "UPDATE self_test SET symptoms = '[1]'",
+        "UPDATE sample SET msb = 70000 WHERE scan = 2",
+        "UPDATE scan SET time = 'x' WHERE id = 2",
+        "UPDATE scan SET position = 5 WHERE id = 2",
+        "DELETE FROM scan WHERE id = 2",
     ],
 )
-def test_values_are_data(path, session, statement, message):
+def test_changed_values_are_noticed(path, session, statement):
     with open_recorder(path) as recorder:
         recorder.start(session)
         recorder.add_self_test((), ())
         for k in range(3):
             recorder.add(raw_scan(session, k), "stream")
-    old = shutil.copy(path, path.with_name("old.sqlite"))
-    without_checksums(old)
     changed(path, statement)
-    refused(HardwareError, "damaged", read, path, Recording.check)
-    path = old
-    changed(path, statement)
-    refused(HardwareError, f"{re.escape(str(path))}.*{message}", read, path, Recording.check)
-
-
-def test_a_recording_without_checksums_is_read_and_gets_them_where_it_is_gone_on_with(path, session):
-    scans = [raw_scan(session, k, time=k / 7) for k in range(3)]
-    recorded(path, session, scans)
-    new = path.read_bytes()
-    without_checksums(path)
-    with open_recording(path) as recording:
-        assert not recording.has_checksums
-        assert [one.scan for one in recording.scans()] == scans
-    recorded(path, session, [raw_scan(session, 3)], resume=True)
-    with open_recording(path) as recording:
-        assert recording.has_checksums
-        assert [one.scan for one in recording.scans()] == [*scans, raw_scan(session, 3)]
-        assert len(recording.sessions) == 2
-    for row in ("scan", "session"):
-        changed(path, f"UPDATE {row} SET checksum = '' WHERE id = 1")
-        refused(HardwareError, f"damaged: {row} 1: its checksum is wrong", read, path, Recording.check)
-    path.write_bytes(new)
-    changed(path, "DELETE FROM sample WHERE scan = 2; DELETE FROM scan WHERE id = 2")
-    refused(HardwareError, "damaged: scan 2 is missing", read, path, Recording.check)
+    refused(HardwareError, f"{re.escape(str(path))} is damaged", read, path, Recording.check)
 
 
 @pytest.mark.parametrize("place", ["no folder/run.sqlite", "\0.sqlite", "/proc/self/run.sqlite"])
@@ -376,20 +291,6 @@ def test_interrupted_within_a_write(path, session, recorder, moment):
     assert came
     recorder.add(raw_scan(session, 1), "stream")
     assert checked_sequences(path) == [0, 1]
-
-
-def test_a_full_database(path, session, recorder):
-    pages = recorder._connection.execute("PRAGMA page_count").fetchone()[0]
-    recorder._connection.execute(f"PRAGMA max_page_count = {pages + 3}")
-    added = 0
-    with pytest.raises(OutputError, match=r"cannot write .*full"):  # noqa: PT012 - the loop ends by it
-        while True:
-            recorder.add(raw_scan(session, added), "stream")
-            added += 1
-    assert recorder.count() == added
-    recorder._connection.execute(f"PRAGMA max_page_count = {pages + 100}")
-    recorder.add(raw_scan(session, added), "stream")  # there is room again: it goes on
-    assert checked_sequences(path) == list(range(added + 1))
 
 
 def test_series(path, board, session):
@@ -441,14 +342,6 @@ def test_series_as_csv_is_what_locate_reads_and_comes_back_from_netcdf(tmp_path,
         refused(LocalizeError, message, read_readings, str(tmp_path / "run.csv"))
     save_dataset(series, tmp_path / "run.nc")
     xr.testing.assert_identical(load_part(tmp_path / "run.nc").load(), series)
-
-
-def test_wrong_series(path, session):
-    recorded(path, session, [])
-    with open_recording(path) as recording:
-        refused(HardwareError, "has no scan yet", recorded_series, recording)
-        refused(HardwareError, "baseline must be at least 1", recorded_series, recording, baseline=0)
-        refused(HardwareError, "holds no campaign, only a time series", recorded_response, recording)
 
 
 def test_lost_scans_are_counted(path, session):
@@ -512,29 +405,3 @@ try:
 except OutputError as error:
     print(error)
 """
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs users as POSIX has them")
-@pytest.mark.parametrize("killed", [False, True])
-def test_a_folder_of_somebody_else(tmp_path, session, killed, request):
-    """A user who may only look reads a whole recording, and the error says why a killed one is not read."""
-    theirs = tempfile.TemporaryDirectory()  # not below pytest's folder, which other runs of it close to others
-    request.addfinalizer(theirs.cleanup)
-    folder = Path(theirs.name)
-    path = recorded(folder / "run.sqlite", session, [raw_scan(session, 0)])
-    other = shutil.copy(path, tmp_path / "run.sqlite")
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute("PRAGMA journal_mode = WAL")
-        if killed:  # a log that nobody has put into the file
-            connection.execute("UPDATE scan SET sequence = 5")
-            connection.commit()
-            path = folder / "killed.sqlite"
-            for end in ("", "-wal"):
-                shutil.copy(folder / f"run.sqlite{end}", f"{path}{end}")
-    folder.chmod(0o755)
-    done = subprocess.run([sys.executable, "-c", SOMEBODY, path, other], capture_output=True, text=True, check=True)
-    folder.chmod(0o755)
-    read, wrote = done.stdout.splitlines()
-    assert read == (f"cannot read {path}: unable to open database file." if killed else "1 scans")
-    assert wrote == f"cannot write {folder / 'new.sqlite.lock'}: unable to open database file."

@@ -154,18 +154,3 @@ def test_killed_thirty_times_and_resumed(tmp_path, runner):
         assert len(recording.positions()) == CAMPAIGN.size
         assert len(recording.sessions) > KILLS / 2  # the others were killed before theirs began
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run.sqlite", "whole.sqlite"]
-
-
-@pytest.mark.slow
-def test_a_disk_that_is_full(tmp_path, runner):
-    path = tmp_path / "run.sqlite"
-    reported = runner.run(path, limit=1_000_000)  # bytes a file may have; the log of the whole campaign needs more
-    scans, _, error = reported.partition("error: ")
-    assert error.startswith(f"cannot write {path}: ")
-    assert "\n" not in error
-    with open_recording(path) as recording:
-        recording.check()
-        assert recording.count() in (len(scans), len(scans) - 1)
-        assert recording.count() > 20
-    assert runner.run(path).endswith("done")  # there is room again
-    assert delta_of(path).delta.notnull().all()

@@ -7,10 +7,10 @@ from support.localize_boards import FIELD, board
 from support.recorded_boards import QuickWorld, configured, quick_board
 from support.refusals import refused
 
-from coilarray.errors import HardwareError, LocalizeError
+from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift
 from coilarray.hardware.record.live_tracking import LiveTracker
-from coilarray.hardware.record.reference_coil import less_reference, response_less_reference
+from coilarray.hardware.record.recorded_response import less_reference, response_less_reference
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
@@ -45,23 +45,6 @@ def test_the_model_of_what_is_left_finds_the_place_even_where_the_reference_is_p
     assert (best.x, best.y, best.depth) == pytest.approx(point, abs=1e-9)  # where the solver ends
     drifted = locate(MODEL, readings, noise=1e-4).best
     assert np.hypot(drifted.x - point[0], drifted.y - point[1]) + abs(drifted.depth - point[2]) > 1e-5
-
-
-@pytest.mark.parametrize(
-    ("reference", "message"),
-    [
-        ([], "reference coils must be named once each"),
-        (["a", "a"], "reference coils must be named once each"),
-        (["z"], "a reference coil must be one of a, b; got 'z'"),
-        (["a", "b"], "must leave another state"),
-    ],
-)
-def test_references_that_cannot_be(reference, message):
-    refused(HardwareError, message, less_reference, {"a": 0.0, "b": 0.0}, reference)
-
-
-def test_the_model_refuses_an_unknown_reference():
-    refused(LocalizeError, "a reference coil must be one of", MODEL.referenced, ["nowhere"])
 
 
 def live(count, *, reference=(), drift=None, noise=0.0, press_at=None, dead_from=None):
@@ -105,12 +88,6 @@ def test_the_noise_of_the_reference_is_added():
         for names in ((), ["coil2"])
     ]
     assert spread[1] / spread[0] == pytest.approx(np.sqrt(2), rel=0.1)  # 390 scans tell each to 3.6 %
-
-
-def test_without_the_reference_the_live_display_has_no_value():
-    last = live(30, reference=["coil2"], dead_from=20)[-1]
-    assert [state.delta for state in last.states] == [None, None]
-    assert last.states[0].reasons == ("the reference coil has no value",)
 
 
 def test_a_response_less_its_reference():

@@ -3,14 +3,12 @@
 import os
 import struct
 import threading
-import time
 from types import SimpleNamespace
 
 import pytest
-from support.patience import PATIENCE, lasting, until
+from support.patience import until
 
-from coilarray.compute import extras
-from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import open_microcontroller
 from coilarray.hardware.wire import serial_ports
 from coilarray.hardware.wire.faults import DeviceLost, NoAnswer, NotABoard
@@ -96,25 +94,6 @@ def test_an_unclear_choice_lists_what_there_is(ports, name, entries, message):
         choose_serial_port(name)
 
 
-def test_a_missing_library_is_named(monkeypatch):
-    def missing(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(extras.importlib, "import_module", missing)
-    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
-    for call in (list_serial_ports, lambda: open_serial_port("/dev/null")):
-        with pytest.raises(MissingDependencyError, match=r"need pyserial, .* -m pip install .*\[serial\]"):
-            call()
-
-
-def test_a_port_that_is_not_there_and_a_file(tmp_path):
-    with pytest.raises(HardwareError, match=r"port .*ttyACM9 does not exist\."):
-        open_serial_port(str(tmp_path / "ttyACM9"))
-    (tmp_path / "file").touch()
-    with pytest.raises(HardwareError, match=r"port .*file cannot be opened: "):
-        open_serial_port(str(tmp_path / "file"))
-
-
 @pytest.mark.parametrize(("error", "message"), [
     (PermissionError(13, "Permission denied"), "group dialout"),
     (OSError(16, "Device or resource busy"), "is used by another program"),
@@ -155,14 +134,6 @@ def test_bytes_go_both_ways_and_old_ones_are_thrown_away(terminal):
     assert port.name == terminal.name
 
 
-def test_a_read_is_bounded_in_time_and_size(terminal, port):
-    with lasting(1.0):
-        assert port.read(10.0) == b""  # returns to be asked again
-    os.set_blocking(terminal.near, False)
-    send(terminal, b"x" * 100_000)
-    assert 0 < len(port.read(1.0)) <= 4096
-
-
 def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
     monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", 0.05)
     port = open_serial_port(terminal.name)
@@ -178,45 +149,6 @@ def test_a_port_that_is_unplugged_is_lost(terminal, port, call, argument):
             getattr(port, call)(argument)
     port.close()
     port.close()
-
-
-def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal, port):
-    timer = threading.Timer(0.05, unplugged, [terminal])
-    timer.start()
-
-    def read():
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:  # the first read after the loss may still come back empty
-            port.read(1.0)
-
-    try:
-        with pytest.raises(DeviceLost):
-            read()
-    finally:
-        timer.join()  # the near end is closed before the far one, and the fixture closes what is left
-
-
-def test_a_closed_port_is_lost(port):
-    port.close()
-    for call in (lambda: port.read(0.0), lambda: port.write(b"x")):
-        with pytest.raises(DeviceLost):
-            call()
-
-
-@pytest.mark.parametrize("error", [OSError(5, "EIO"), serial.SerialException("gone"), TypeError("closed"), "termios"])
-def test_whatever_the_system_calls_it_is_one_loss(terminal, port, monkeypatch, error):
-    if error == "termios":
-        error = pytest.importorskip("termios").error(5, "EIO")
-
-    def broken(*_):
-        raise error
-
-    monkeypatch.setattr(port._port, "read", broken)
-    monkeypatch.setattr(port._port, "write", broken)
-    os.write(terminal.near, b"x")
-    for call in (lambda: port.read(1.0), lambda: port.write(b"x")):
-        with pytest.raises(DeviceLost):
-            call()
 
 
 SHORT = LinkTimes(reply=0.05, opening=0.1)

@@ -97,11 +97,3 @@ def test_lost_scans_leave_gaps():
 )
 def test_what_has_no_stability_is_refused(time, delta, message):
     refused(HardwareError, message, stability, time, delta, ["a"])
-
-
-def test_averages_of_more_than_half_are_refused():
-    refused(HardwareError, r"factors must be 1 to 4; got \[5\]", allan_deviation, NINE, factors=[5])
-
-
-def test_a_confidence_beyond_one_is_refused():
-    refused(HardwareError, "confidence must be between 0 and 1; got 1.5", allan_deviation, NINE, confidence=1.5)

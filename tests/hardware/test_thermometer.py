@@ -1,9 +1,5 @@
 """Temperatures from files as Linux has them, beside scans, and in recordings that older and newer versions read."""
 
-import contextlib
-import sqlite3
-import time
-
 import numpy as np
 import pytest
 from support.patience import until
@@ -13,11 +9,10 @@ from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift
-from coilarray.hardware.record import thermometer as module
+from coilarray.hardware.record import recorder as module
 from coilarray.hardware.record.recorded_response import recorded_series, series_csv
-from coilarray.hardware.record.recorder import open_recorder, record_stream
+from coilarray.hardware.record.recorder import file_temperature, open_recorder, record_stream, thermometer
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.thermometer import file_temperature, thermometer
 
 # as the kernel's documentation of the sensor DS18B20 shows it
 SLAVE = "72 01 4b 46 7f ff 0e 10 57 : crc=57 YES\n72 01 4b 46 7f ff 0e 10 57 t=23125\n"
@@ -58,17 +53,6 @@ def test_it_is_read_again_and_outdated_when_it_is_gone(tmp_path, monkeypatch):
         until(lambda: temperature() == 22.0)
 
 
-def test_a_slow_sensor_delays_nothing(tmp_path, monkeypatch):
-    sensor = tmp_path / "sensor"
-    sensor.write_text("20000")
-    with thermometer(sensor) as temperature:
-        monkeypatch.setattr(module, "file_temperature", lambda path: time.sleep(60.0))
-        monkeypatch.setattr(module, "PERIOD", 0.0)
-        start = time.monotonic()
-        assert temperature() == 20.0
-    assert time.monotonic() - start < 30.0  # neither a reading nor the end waits for it
-
-
 def warming(path, scans=20, thermometer=None, resume=False):
     """Record a board that warms by 0.1 K/s, with the emulator's temperature or another one."""
     with open_recorder(path, resume=resume) as recorder, quick_board(drift=Drift(rate=0.1)) as board:
@@ -97,21 +81,3 @@ def test_without_a_thermometer_there_is_no_column(tmp_path):
         series = recorded_series(recording)
     assert "temperature" not in series.coords
     assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2,checksum"
-
-
-def test_an_unknown_temperature_is_none(tmp_path):
-    readings = iter([20.0, None, 21.0])
-    with open_recording(warming(tmp_path / "run.sqlite", 3, lambda: next(readings))) as recording:
-        assert [one.temperature for one in recording.scans()] == [20.0, None, 21.0]
-        series = recorded_series(recording)
-    np.testing.assert_array_equal(series.temperature, [20.0, np.nan, 21.0])
-    assert series_csv(series).splitlines()[2].split(",")[-2] == "nan"
-
-
-def test_a_recording_of_an_older_version_is_continued(tmp_path):
-    path = stream_file(tmp_path / "run.sqlite", 5)
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        assert not connection.execute("SELECT * FROM sqlite_master WHERE name = 'temperature'").fetchall()
-    warming(path, 3, resume=True)
-    with open_recording(path) as recording:
-        assert [one.temperature is None for one in recording.scans()] == [True] * 5 + [False] * 3

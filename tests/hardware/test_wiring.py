@@ -15,14 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
-from coilarray.design.switch_parts import PARTS, switch_part
+from coilarray.design.switch_parts import switch_part
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.chips.switch_words import ALL_OPEN, chain_bytes, switch_word
-from coilarray.hardware.scan import wirings
-from coilarray.hardware.scan.closure import check_switching
+from coilarray.hardware.scan.switching import check_switching
+from coilarray.hardware.scan.wiring import ALL_OPEN, WIRINGS, chain_bytes, switch_word
 
 from coilarray.hardware.scan.wiring import (  # isort: skip
-    Device, Switch, Terminal, Wiring, load_wiring, one_device_a_coil, parse_wiring,
+    Terminal, Wiring, load_wiring, parse_wiring,
 )  # fmt: skip
 
 SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
@@ -39,14 +38,6 @@ GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "ope
 ])  # fmt: skip
 def test_words_of_a_switch(closed, word):
     assert switch_word(closed, SWITCHES) == word
-
-
-@pytest.mark.slow
-@given(st.sets(st.sampled_from(SWITCHES)), st.permutations(SWITCHES))
-def test_each_switch_has_its_own_bit(closed, bits):
-    word = switch_word(closed, bits)
-    assert word.bit_count() == len(closed)
-    assert closed == {name for bit, name in enumerate(bits) if word >> bit & 1}
 
 
 @pytest.mark.slow
@@ -150,24 +141,6 @@ def test_every_word_of_two_coils(wiring):
     assert legal == (2**4 + 2 * 2 * 2**2 if wiring is TWO else 2**4 + 2 * 2**2)
 
 
-@pytest.mark.slow
-@given(st.sampled_from([SIX, FOUR]), st.data())
-def test_flipped_bits(wiring, data):
-    """Words between two legal ones with some bits turned over: legal and illegal ones about as often."""
-    known = [*map(wiring.words, paper_plan(wiring.coils)), wiring.safe_words, wiring.open_words]
-    pair = data.draw(st.sampled_from(known)), data.draw(st.sampled_from(known))
-    words = bytearray(data.draw(st.sampled_from(both)) for both in zip(*pair, strict=True))
-    for device, bit in data.draw(st.lists(st.tuples(st.integers(0, len(words) - 1), st.integers(0, 7)), max_size=4)):
-        words[device] ^= 1 << bit
-    assert _is_let_through(wiring, words) == _is_legal(wiring, words)
-
-
-@given(st.sampled_from([SIX, FOUR]), st.data())
-def test_any_words(wiring, data):
-    words = data.draw(st.binary(min_size=len(wiring.devices), max_size=len(wiring.devices)))
-    assert _is_let_through(wiring, words) == _is_legal(wiring, words)
-
-
 @BOTH
 def test_two_coils_on_the_converter_are_refused(wiring):
     # a coil that is measured instead of grounded changes the same bits whatever the others do
@@ -237,7 +210,7 @@ def test_safe_words(wiring):
 @BOTH
 def test_encoding(wiring):
     """Against the file itself: device by device from the far end, bit by bit."""
-    file = tomllib.loads(wirings.read(wiring.name))["wiring"]
+    file = tomllib.loads(WIRINGS.read(wiring.name))["wiring"]
     codes = []
     for device in reversed(file["device"]):
         for name in switch_part(device["part"]).bits:
@@ -247,36 +220,6 @@ def test_encoding(wiring):
     assert list(wiring.encode()) == codes
     # U6 first: end a of coil 6 is 10, its end b is 11
     assert SIX.encode()[:8].hex(" ") == "28 29 2a ff 2c 2e 2d ff"
-
-
-@pytest.mark.slow
-@given(st.permutations(SWITCHES))
-def test_order_of_the_bits_is_a_table(bits):
-    """Another order of the bits makes other words that join the same."""
-    other = replace(SIX, devices=tuple(replace(device, bits=tuple(bits)) for device in SIX.devices))
-    for state in paper_plan(SIX.coils):
-        assert nets_of(other, other.words(state)) == nets_of(SIX, SIX.words(state))
-    plain, moved = SIX.encode(), other.encode()
-    for start in range(0, len(plain), 8):
-        one = dict(zip(SWITCHES, plain[start : start + 8], strict=True))
-        assert one == dict(zip(bits, moved[start : start + 8], strict=True))
-
-
-def test_every_bundled_wiring_loads():
-    for name in wirings.names():
-        wiring = load_wiring(name)
-        assert wiring.name == name
-        assert dict(wiring.assumed)["ADG739.bits"]  # not verified, so it is said
-    assert load_wiring() == SIX
-
-
-def test_one_device_a_coil_is_the_bundled_wiring_with_other_names():
-    made = one_device_a_coil(SIX.coils)
-    assert (made.devices, made.encode(), made.safe_words) == (SIX.devices, SIX.encode(), SIX.safe_words)
-    other = one_device_a_coil(["coil one", "coil two"])
-    assert other.encode() == SIX.encode()[-16:]
-    with pytest.raises(HardwareError, match="must have 1 to 31 coils"):
-        one_device_a_coil([f"coil{k}" for k in range(32)])
 
 
 @pytest.mark.parametrize(("words", "message"), [
@@ -320,14 +263,6 @@ S2A = { coil = "one", end = "a", net = "INA" }
 S1B = { coil = "one", end = "b", net = "ground" }
 S2B = { coil = "one", end = "b", net = "INB" }
 """
-
-
-def test_small_file(tmp_path):
-    path = tmp_path / "small.toml"
-    path.write_text(SMALL, encoding="utf-8")
-    wiring = load_wiring(path)
-    assert (wiring.name, wiring.coils, wiring.safe_words) == ("small", ("one",), b"\x11")
-    assert wiring == parse_wiring(SMALL, "small")
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
@@ -411,37 +346,3 @@ def test_capacitances_of_a_wiring():
     assert on_the_bus(Wiring("straight", "", SIX.coils, tuple(straight))) == pytest.approx(5 * 13 + 48 + 4)
     assert on_the_bus(SIX) == pytest.approx(11 * 13 + 48 + 4)
     assert on_the_bus(FOUR) == pytest.approx(48 + 42 + 13 + 4)  # two common pins on the bus, one of them closed
-
-
-@pytest.mark.parametrize("coils", [1, 6, 31])
-def test_one_device_a_coil_is_what_a_design_with_that_part_counts(coils):
-    counted = one_device_a_coil([f"coil{k}" for k in range(coils)]).capacitances(Switches())
-    of_part = PARTS["ADG739"].capacitances(Switches(), coils)
-    for name in ("off_capacitance", "terminal_capacitance", "bus_capacitance"):
-        assert getattr(counted, name) == pytest.approx(getattr(of_part, name), rel=1e-12)
-
-
-def test_bad_wirings():
-    (device,) = parse_wiring(SMALL).devices
-    twice = Device("U1", "ADG739", SWITCHES, (*device.switches, Switch("S1A", Terminal("one", "a"), "other")))
-    for coils, devices, message in (
-        (("one",), (device, device), "names the device 'U1' twice"), (("one",), (twice,), "U1 has S1A twice"),
-        (("one",), (), "1 to 31 coils and 1 to 255 devices; got 1 and 0"),
-        (tuple(f"coil{k}" for k in range(32)), (device,), "1 to 31 coils and 1 to 255 devices; got 32 and 1"),
-    ):  # fmt: skip
-        with pytest.raises(HardwareError, match=message):
-            Wiring("w", "", coils, devices)
-
-
-def test_unreadable_files(tmp_path):
-    (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
-    for path, message in (
-        (tmp_path / "none.toml", "there is no wiring file .*none.toml, nor a bundled wiring of that name"),
-        (tmp_path / "latin.toml", "not a text file in UTF-8"),
-        (tmp_path, "cannot read"),
-        ("a\0b", "cannot read"),
-        ("", "the name of a wiring file must not be empty"),
-    ):
-        with pytest.raises(HardwareError, match=message) as raised:
-            load_wiring(path)
-        assert "\n" not in str(raised.value)

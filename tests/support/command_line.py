@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 from coilarray.cli.main import main
 
@@ -60,6 +61,12 @@ def successes(*first):
         return json.loads(good(capsys, *arguments, "--json"))
 
     return good, answer
+
+
+def toml_file(path, **values):
+    """Write a file of --settings or --plan; return its path."""
+    path.write_text(tomli_w.dumps(values), encoding="utf-8")
+    return path
 
 
 def _files():

@@ -52,8 +52,7 @@ class CoupledCoils:
 def coupled_board(wiring, *, noise=1.4e-7, seed=0, world=None):
     """An emulated board of coupled coils that refuses undocumented use."""
     return EmulatedBoard(
-        wiring.coils,
-        wiring.encode(),
+        wiring,
         world or CoupledCoils(wiring.coils),
         clock=VirtualClock(),
         conditions=Conditions(Oscillator(), noise=noise),

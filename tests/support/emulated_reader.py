@@ -2,7 +2,7 @@
 
 from coilarray.design.scan_states import paper_plan
 from coilarray.hardware.board.direct import DirectReader
-from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.settings import ConverterClock, Sensor, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from support.quick_coils import plain_board
 
@@ -15,10 +15,36 @@ def reader_of(board, *, bus=None, switches=None, clock=None, wiring=WIRING):
     return DirectReader(*buses, wiring.safe_words, kind="emulator", emulated=True)
 
 
+def settings_of(
+    wiring,
+    plan=None,
+    *,
+    frequency=2e6,
+    quality=60.0,
+    drives=6,
+    clock=None,
+    external_clock=False,
+    undivided=False,
+    **options,
+):
+    """Settings of a scan; frequencies and quality factors by state or of all, drive currents by coil or of all."""
+
+    def of(values, name):
+        return values[name] if isinstance(values, dict) else values
+
+    states = paper_plan(wiring.coils) if plan is None else plan
+    sensors = {
+        state.name: Sensor(of(frequency, state.name), of(quality, state.name), of(drives, state.measured[0][0]))
+        for state in states
+    }
+    clock = ConverterClock(clock, external_clock, undivided)
+    return scan_settings(wiring, plan, sensors=sensors, clock=clock, **options)
+
+
 def quick_settings(wiring=WIRING, *, coils=None, **options):
     """Settings of short conversions."""
     plan = paper_plan(wiring.coils if coils is None else coils)
-    return scan_settings(wiring, plan, **{"rcount": 200, "drives": 7, **options})
+    return settings_of(wiring, plan, **{"rcount": 200, "drives": 7, **options})
 
 
 def at_rest(board, wiring=WIRING):

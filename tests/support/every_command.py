@@ -17,7 +17,8 @@ from support.recorded_boards import WIRING_TEXT, two_coils_document
 BOARD = ("two.toml", "--wiring", "wiring.toml")
 AT = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "0.5")
 PITCH = ("--vary", "array.pitch_mm=12:14:3", "--workers", "1")
-READ = ("two.toml", "--recording", "rest.sqlite", "--speed", "1000", "--no-locate")
+PLAN = ("--plan", "plan.toml")
+FAST = ("--settings", "fast.toml", "--no-locate")
 FIELD = ("view", "bare.toml", "--spacing-mm", "4", "--out")
 TARGET = ("target", "ball.toml", "--ideal", "--distance-mm", "1:4:4")
 CALIBRATE = ("calibrate", "gast2020", "published", "--unknown", "coils.hexagon.gap_mm=0.05:0.1", "--workers", "1")
@@ -62,13 +63,12 @@ WRITES = [
     (False, "tolerance", "--template", "tolerance.toml"),
     (True, "board", "info", "rest.sqlite", "--noise", "--plot", "n.png"),
     (True, "board", "measure", *BOARD, "--scans", "5", "--out", "run.sqlite"),
-    (True, "board", "campaign", *BOARD, *AT, "--out", "run.sqlite"),
-    (True, "board", "info", "campaign.sqlite", "--to", "nc", "--out", "c.nc"),
-    (False, "board", "info", "rest.sqlite", "--to", "csv", "--out", "c.csv"),
+    (True, "board", "campaign", *BOARD, *PLAN, "--out", "run.sqlite"),
+    (True, "board", "info", "campaign.sqlite", "--out", "c.nc"),
+    (False, "board", "info", "rest.sqlite", "--out", "c.csv"),
     (False, "board", "calibrate", "rest.sqlite", "--out", "board.toml"),
     (True, "board", "compare", "campaign.sqlite", "quick.nc", "--replicates", "0", "--out", "folder"),
-    (False, "board", "live", *READ, "--log", "log.csv"),
-    (False, "board", "live", *READ, "--log", "log.nc"),
+    (True, "board", "live", *BOARD, *FAST, "--scans", "12", "--out", "live.sqlite"),
     (True, "board", "compare", "campaign.sqlite", "quick.nc", "--picture", "c.png"),
     (True, "view", "starter", "--out", "v.png"),
     (True, "view", "two.toml", *FILM, "--out", "v.gif"),
@@ -103,6 +103,8 @@ def write_inputs(folder: Path) -> None:
     (folder / "ball.toml").write_text(bare + BALL, encoding="utf-8")
     (folder / "two.toml").write_text(tomli_w.dumps(two_coils_document()), encoding="utf-8")
     (folder / "wiring.toml").write_text(WIRING_TEXT, encoding="utf-8")
+    (folder / "plan.toml").write_text("x_mm = [-6.64]\ny_mm = [0]\ndepth_mm = [0.5]\n", encoding="utf-8")
+    (folder / "fast.toml").write_text("baseline_scans = 4\n", encoding="utf-8")
     stream_file(folder / "rest.sqlite", 30, noise=1e-7)
     campaign_file(folder / "campaign.sqlite", noise=1e-7)
     spiral = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 1), (3, 1), (3, 3), (1, 3), (1, 2)]

@@ -31,7 +31,7 @@ import pytest
 
 from coilarray.hardware.wire.buses import Clock, ComputerClock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
-from coilarray.hardware.wire.protocol.lines import draft_commands
+from coilarray.hardware.wire.protocol import draft_commands
 
 SKETCH = Path(__file__).parents[2] / "hardware" / "firmware" / "coilarray_reader"
 SUPPORT = Path(__file__).parent / "firmware"
@@ -233,24 +233,18 @@ class FirmwareHost:
     Its time is that of `clock`. A virtual one jumps to the firmware's next moment while a scan or a stream is under
     way, but never runs ahead of the computer by more than 256 bytes that nobody has read yet, and passes as real time
     does while the firmware is idle. A `ComputerClock` is real time throughout. The `options` are those of `Firmware`.
-
-    `to_computer` and `to_board` are for faults on the line, from bytes to bytes, called in the thread. The first gets a
-    whole line with its line feed at a time (less only when the board is reset within it), the second whatever piece the
-    computer wrote.
     """
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock, **options: Any) -> None:
         self.firmware = Firmware(bus, switches, clock, **options)
         self.clock = clock
-        self.to_computer: Callable[[bytes], bytes] = lambda line: line
-        self.to_board: Callable[[bytes], bytes] = lambda data: data
         self.port = ""
         self._virtual = not isinstance(clock, ComputerClock)
         self._line = bytearray()  # sent by the firmware, not yet ended
         self._backlog = bytearray()  # for the port, which takes no more just now
         self._master = self._slave = -1
         self._wake_out, self._wake_in = os.pipe()
-        self._stalled = self._closing = False
+        self._closing = False
         self._condition = threading.Condition()
         self._pauses, self._resting, self._ended = 0, False, False
         self._error: BaseException | None = None
@@ -269,14 +263,9 @@ class FirmwareHost:
         """The boot number of the firmware that runs."""
         return self.firmware.boot
 
-    @property
-    def alive(self) -> bool:
-        """Whether the firmware still runs; it does not after `close`, or where a chip raised what no board could."""
-        return self._thread.is_alive()
-
     @contextlib.contextmanager
     def paused(self) -> Iterator[Firmware]:
-        """Hold the thread between two steps, to look at or change the chips, the clock or the hooks."""
+        """Hold the thread between two steps, to look at or change the chips or the clock."""
         with self._condition:
             self._pauses += 1
             os.write(self._wake_in, b".")
@@ -292,11 +281,6 @@ class FirmwareHost:
         """Reset the microcontroller, in the middle of a line where it sends one. The chips keep what they hold."""
         with self.paused():
             self._restart()
-
-    def stall(self, stalled: bool = True) -> None:
-        """Stop the board, so that it neither reads nor sends nor measures; or let it go on."""
-        with self.paused():
-            self._stalled = stalled
 
     def unplug(self) -> None:
         """Take the port away. The firmware stands still."""
@@ -368,7 +352,7 @@ class FirmwareHost:
                 self._condition.notify_all()
 
     def _turn(self) -> None:
-        if self._stalled or self._master < 0:
+        if self._master < 0:
             self._wait(None, port=False)
             return
         self._flush()
@@ -398,8 +382,7 @@ class FirmwareHost:
 
     def _receive(self) -> None:
         with contextlib.suppress(BlockingIOError):
-            data = os.read(self._master, 4096)  # first: the hook may be another one by the time that bytes come
-            self.firmware.feed(self.to_board(data))
+            self.firmware.feed(os.read(self._master, 4096))
 
     def _send(self, data: bytes) -> None:
         self._line += data
@@ -411,7 +394,7 @@ class FirmwareHost:
 
     def _to_port(self, line: bytes) -> None:
         if line:
-            self._backlog += self.to_computer(line)
+            self._backlog += line
 
     def _flush(self) -> None:
         if self._backlog and self._master >= 0:

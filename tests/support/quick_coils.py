@@ -2,10 +2,11 @@
 
 import math
 
+from coilarray.design.readout import Readout
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock
 from coilarray.hardware.emulator.conversion import Resonator
 
-NOISE = Conditions().noise
+NOISE = Readout().frequency_noise
 
 
 def series_tank(inductance, capacitance, resistance):
@@ -52,17 +53,15 @@ def plain_board(
     oscillator=None,
     clock=None,
     clkin=None,
-    first_offset=0.0,
+    conditions=None,
     **options,
 ):
     """An emulated board of fixed coils: 50 µH, 51 µH and so on by default."""
     L = {name: (50 + k) * 1e-6 for k, name in enumerate(wiring.coils)} if inductances is None else inductances
     return EmulatedBoard(
-        wiring.coils,
-        wiring.encode(),
+        wiring,
         FixedCoils(L, capacitance, resistance),
         clock=clock or VirtualClock(),
-        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset=first_offset),
-        wired=wiring.channels,
+        conditions=conditions or Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin),
         **options,
     )

@@ -13,9 +13,8 @@ from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.record.recorder import begin_session
 from coilarray.hardware.record.recording_file import sign_row
-from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import parse_wiring
-from support.emulated_reader import reader_of
+from support.emulated_reader import reader_of, settings_of
 from support.first_assumed import first_assumed_document
 from support.quick_coils import FixedCoils, series_tank
 
@@ -122,25 +121,15 @@ def quick_board(*, noise=0.0, seed=0, drift=None, world=None, clock=None):
     wiring = two_coil_wiring()
     conditions = Conditions(noise=noise) if drift is None else Conditions(noise=noise, drift=drift)
     world, clock = world or QuickWorld(), clock or VirtualClock()
-    emulator = EmulatedBoard(wiring.coils, wiring.encode(), world, clock=clock, conditions=conditions, seed=seed)
+    emulator = EmulatedBoard(wiring, world, clock=clock, conditions=conditions, seed=seed)
     return Board(reader_of(emulator, wiring=wiring), "emulator", wiring, emulator)
 
 
 def configured(board, **options):
     """Configure a quick board and return its settings."""
-    settings = scan_settings(board.wiring, **{"quality": 40.0, "drives": 8, **options})
+    settings = settings_of(board.wiring, **{"quality": 40.0, "drives": 8, **options})
     board.reader.configure(settings)
     return settings
 
 
 session_of = begin_session
-
-
-def without_checksums(path):
-    """Make a recording one of schema 1, which had no checksums."""
-    with closing(sqlite3.connect(path)) as connection:
-        for table in ("session", "self_test", "campaign", "position", "scan"):
-            connection.execute(f"ALTER TABLE {table} DROP COLUMN checksum")
-        connection.execute("PRAGMA user_version = 1")
-        connection.commit()
-    return path

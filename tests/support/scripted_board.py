@@ -1,16 +1,16 @@
 """A board in memory, on a clock of its own: as much of the protocol as the tests of the driver need, and its faults.
 
-Written from `hardware/firmware/PROTOCOL.md` for these tests; the real firmware speaks in test_fault_campaign.py.
+Written from `hardware/firmware/PROTOCOL.md` for these tests; the real firmware speaks in test_chip_faults.py.
 """
 
 from collections import deque
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import DeviceLost
 from coilarray.hardware.wire.link import LinkTimes
+from support.emulated_reader import settings_of
 
 SCAN_TIME = 0.3  # s
 
@@ -208,7 +208,7 @@ class ScriptedBoard:
         return ["same" if "readback" in self.capabilities else "none"]
 
 
-SETTINGS = scan_settings(load_wiring("six_coils"))
+SETTINGS = settings_of(load_wiring("six_coils"))
 LONGEST = 0.44  # s: a scan of these settings in which no state ever has a result
 TIMES = LinkTimes()
 REPLY = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up

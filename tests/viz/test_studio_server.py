@@ -16,8 +16,7 @@ from support.patience import PATIENCE, until
 
 from coilarray import load_design
 from coilarray.cli import studio as command
-from coilarray.cli.board.live_source import LiveOptions, tour
-from coilarray.cli.board.live_window import watch_board
+from coilarray.cli.board.live_source import LiveOptions, tour, watch_board
 from coilarray.cli.board.options import BoardOptions
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file
@@ -327,7 +326,7 @@ def test_the_emulated_board_is_watched_until_it_is_stopped(monkeypatch, tmp_path
     document["assumed"] = {key: why for key, why in document["assumed"].items() if not key.startswith("indent")}
     frames = []
     options = LiveOptions(BoardOptions())
-    watch_board(options, None, True, BoardRequest(document, "gast2020", "emulator"), frames.extend, Four(frames))
+    watch_board(options, True, BoardRequest(document, "gast2020", "emulator"), frames.extend, Four(frames))
     assert len(frames) >= 4
     assert all(frame.emulated and frame.line.startswith("[emulator] emulator: ") for frame in frames)
     assert [frame.waiting for frame in frames[:4]] == [9, 8, 7, 6]

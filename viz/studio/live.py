@@ -256,7 +256,7 @@ _LISTED = 50  # number shown in the list
 _MARKED = 12  # number shown on the board
 _TRAIL = 60  # places
 _SPAN = 60.0  # s
-_LOG_SUFFIXES = (".csv", ".nc")
+_LOG_SUFFIXES = (".sqlite",)
 _SPAN_NAMES = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}
 _NOTHING = History(())
 

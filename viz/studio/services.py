@@ -40,7 +40,7 @@ class BoardRequest:
     reference : sequence of str
         States that nothing touches. Their δ is subtracted from δ of all other states.
     log : str or None
-        File of a log to be written.
+        File of a recording to be written.
     """
 
     document: Document
@@ -162,7 +162,7 @@ class Services:
     port : str
         Port of the watched board, if the page does not name another port.
     recording, log : str, optional
-        Files of a recording that is replayed instead, and of a log, for the first reading.
+        Files of a recording that is replayed instead, and of one to be written, for the first reading.
     reference : sequence of str
         States that nothing touches, for the first reading.
     alone : bool

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board.options import all_or_each, print_marked
+from coilarray.cli.board.options import print_marked
 from coilarray.cli.shared import AsJson, check_file, table_text
 from coilarray.compute.display_units import true_minus
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.design.scan_states import Switches
-    from coilarray.hardware.record.baseline_drift import Drift
-    from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel
+    from coilarray.hardware.record.calibration import BoardCalibration, Channel
+    from coilarray.hardware.record.stability import Drift
 
 _HOUR = 3600.0  # s
 
@@ -72,13 +73,12 @@ def calibrate(
     Example: coilarray board calibrate campaign.sqlite --simulated --out board.toml
     """
     check_file("--out", out, (".toml",))
-    given = all_or_each("--inductance-uH", "state", "STATE=VALUE", inductance_uh or (), _inductance)
+    given = _inductances(inductance_uh or ())
     frequency = None if frequency_mhz is None else _pair("--frequency-MHz", frequency_mhz, 1e6)
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
     from coilarray.circuit.impedance import part_switches
-    from coilarray.hardware.record.calibration_file import save_calibration
-    from coilarray.hardware.record.channel_calibration import calibrate_board
+    from coilarray.hardware.record.calibration import calibrate_board, save_calibration
     from coilarray.hardware.record.recording import iso_time, open_recording
 
     with open_recording(recording) as opened:
@@ -105,9 +105,17 @@ def calibrate(
     )
 
 
-def _inductance(text: str) -> tuple[str, float]:
-    """Return a state, whose name is empty for all of them, and its inductance in H."""
-    return _pair("--inductance-uH", text if "=" in text else f"={text}", 1e-6)
+def _inductances(texts: Sequence[str]) -> dict[str, float]:
+    """Read inductances in H by state, or one for all states under an empty name."""
+    found: dict[str, float] = {}
+    for text in texts:
+        state, value = _pair("--inductance-uH", text if "=" in text else f"={text}", 1e-6)
+        if state in found:
+            raise HardwareError(f"--inductance-uH must name a state once; got {text!r} again.")
+        found[state] = value
+    if "" in found and len(found) > 1:
+        raise HardwareError("--inductance-uH must be one value for all states, or STATE=VALUE for each; got both.")
+    return found
 
 
 def _pair(option: str, text: str, unit: float) -> tuple[str, float]:
@@ -122,7 +130,7 @@ def _pair(option: str, text: str, unit: float) -> tuple[str, float]:
 
 
 def _data(result: BoardCalibration) -> dict[str, Any]:
-    from coilarray.hardware.record.calibration_file import channel_record
+    from coilarray.hardware.record.calibration import channel_record
 
     return {
         "emulated": result.emulated,
@@ -152,7 +160,8 @@ def _text(result: BoardCalibration, expected: Switches | None) -> list[str]:
     parts = [f"clock {result.clock:.8g} Hz{error}, from the {result.clock_from}"]
     if result.clock_error is not None:
         parts.append(
-            f"with --clock-MHz {result.clock * 1e-6:.4f} scans are timed by this clock, not by the slowest possible one"
+            f"for the file of --settings: clock_MHz = {result.clock * 1e-6:.4f}; scans are then timed by this clock, "
+            "not by the slowest possible one"
         )
     if result.channels:
         parts.append(table_text(("state", "L (µH)", "C (pF)", "±"), [_channel_row(one) for one in result.channels]))

@@ -10,39 +10,30 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board.info import FORMATS, write_response
 from coilarray.cli.board.measure import RUN, print_recording, recorded_session
-from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, marked, opened_board
-from coilarray.cli.replacing import replacing, require_own
+from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, opened_board
 from coilarray.cli.shared import (
-    AllowViolations,
     AsJson,
-    Depths,
     DesignArgument,
-    PlacesX,
-    PlacesY,
     Resume,
     check_file,
     from_map_origin,
-    lengths,
-    open_design,
     print_result,
     progress_bar,
 )
-from coilarray.errors import HardwareError, OutputError
+from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
+    from coilarray.cli.board.files import StageTable
     from coilarray.compute.threads import Progress
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.board.self_test import SelfTest
     from coilarray.hardware.record.campaign import Campaign
     from coilarray.hardware.record.recorder import Recorder
-    from coilarray.hardware.record.stages import Dialect, Stage
-    from coilarray.hardware.scan.reader import Reader
+    from coilarray.hardware.record.stages import Stage
+    from coilarray.hardware.scan.readings import Reader
     from coilarray.hardware.scan.settings import ScanSettings
 
-_PERSON = "person"
-_DIALECTS = ("grbl", "marlin")
 _PATIENCE = 10.0  # s in which the port of a board that restarted may come back
 
 
@@ -51,37 +42,10 @@ def campaign(
     design: DesignArgument = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Recording to write (SQLite).")] = RUN,
     resume: Resume = False,
-    x_mm: PlacesX = None,
-    y_mm: PlacesY = None,
-    depth_mm: Depths = None,
-    repeats: Annotated[int, typer.Option(help="Number of passes over the whole grid.")] = 1,
-    average: Annotated[int, typer.Option(help="Number of scans at every baseline and every peak.")] = 1,
-    dwell_s: Annotated[float, typer.Option(help="Wait at full depth before the peak is measured.")] = 0.5,
-    speed_mm_s: Annotated[float, typer.Option(help="Speed of the indenter, down and up.")] = 1.5,
-    stage: Annotated[
-        str | None,
-        typer.Option(
-            help="What moves the indenter: person, prompted for every position (the default with a real board); or "
-            "a G-code machine, grbl:PORT or marlin:PORT, with x and y on the board and z = 0 at contact."
-        ),
+    plan: Annotated[
+        Path | None,
+        typer.Option(help="File (TOML) with grid, sequence and stage of the campaign; those of the design by default."),
     ] = None,
-    reach_mm: Annotated[
-        str | None,
-        typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Limits of the travel of a G-code stage, on the board."),
-    ] = None,
-    clearance_mm: Annotated[
-        float | None,
-        typer.Option(
-            help="Height over the sheets at which a G-code stage travels and the baselines are measured; 2 by default."
-        ),
-    ] = None,
-    home: Annotated[
-        bool,
-        typer.Option(
-            "--home",
-            help="Home a G-code stage first, $H of GRBL or G28 of Marlin; needed where it restarts as its port opens.",
-        ),
-    ] = False,
     yes: Annotated[
         bool,
         typer.Option("--yes", help="Move a G-code stage without asking; not at the first use of its port."),
@@ -89,62 +53,58 @@ def campaign(
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue even if the self-test fails.")
     ] = False,
-    plan: Annotated[bool, typer.Option("--plan", help="Only print the grid and how long it would take.")] = False,
-    response: Annotated[
-        Path | None, typer.Option(help="Also write the measured response (.nc or .csv), as coilarray board info does.")
-    ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace a response file that the command did not write itself.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only print the grid and how long it would take.")] = False,
     *,
     options: BoardOptions,
     as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
 ) -> None:
     """Measure while an indenter presses on a grid of positions.
 
     The result is the response of every coil. Steps at every position: measure the baseline, indent, wait, measure the
-    peak, relax. The grid is that of the design unless options change it. Every scan is in the file as soon as it
+    peak, relax. The grid is that of the design unless --plan has another. Every scan is in the file as soon as it
     arrives; --resume measures the positions that are missing. A campaign begins and ends with a self-test of switches
     and coils, since scans alone do not show every fault. Without --port an emulator replaces board and indenter, in
     virtual time, and every line of the output says so.
 
-    A G-code stage begins with a slow move, which a person confirms. One that restarts when its port is opened has
-    forgotten where it is, and is refused without --home.
+    A person moves the indenter of a real board, or a G-code stage that the plan names. The stage begins with a slow
+    move, which a person confirms. One that restarts when its port is opened has forgotten where it is, and is refused
+    unless the plan lets it home itself. `coilarray board info` converts the recording to a response.
 
-    Example: coilarray board campaign gast2020 --out campaign.sqlite --response measured.nc
+    Example: coilarray board campaign gast2020 --out campaign.sqlite
 
-    Example: coilarray board campaign --port COM5 --stage grbl:COM6 --reach-mm -30,30,-10,10,1.2 --resume
+    Example: coilarray board campaign --port /dev/ttyACM0 --plan plan.toml --resume
     """
-    *places, depths = (
-        lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
-    )
+    from coilarray.cli.board.files import read_plan
+
     check_file("--out", out, None)
-    check_file("--response", response, [f".{one}" for one in FORMATS])
-    if response is not None and response.resolve() == out.resolve():
-        raise OutputError(f"--response must be another file than the recording {out}.")
-    written = [] if response is None else [response]
-    require_own("board campaign", written, force=force)
-    opened = open_design(design, allow_violations=allow_violations)
-    x, y = from_map_origin(opened.indentation, *places)
+    file, opened = read_plan(plan), options.design(design)
+    stage = file.stage
+    if stage is not None and is_emulator(options.port):
+        raise HardwareError(f"{plan}: stage is for a real board; the emulator has its own.")
+    if stage is None and yes:
+        raise HardwareError("--yes is for a G-code stage, which --plan must name.")
+    if stage is not None and stage.port == options.port:
+        raise HardwareError(f"{plan}: stage.port and --port must be different ports; got {stage.port} twice.")
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
-    from coilarray.hardware.record.recording import open_recording
     from coilarray.response.dataset import map_origin
 
-    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, map_origin(opened.indentation), home, yes)
+    rows = (file.x, file.y, file.depths)
+    *along, depths = (None if row is None else [value * 1e-3 for value in row] for row in rows)
+    x, y = from_map_origin(opened.indentation, *along)
     grid = design_campaign(
-        opened, x=x, y=y, depths=depths, repeats=repeats, scans=average, dwell=dwell_s, speed=speed_mm_s * 1e-3
-    )
-    if plan:
+        opened, x=x, y=y, depths=depths, repeats=file.repeats, scans=file.average, dwell=file.dwell,
+        speed=file.speed * 1e-3,
+    )  # fmt: skip
+    if dry_run:
         _print_plan(grid, as_json=as_json)
         return
-    asked = not is_emulator(options.port) and stage in (None, _PERSON)
+    asked = not is_emulator(options.port) and stage is None
     with (
         open_recorder(out, resume=resume) as recorder,
         _positions_in_lines() if asked else progress_bar("positions") as progress,
         opened_board(options, opened, real_time=False, progress=progress) as (board, settings),
-        closing(make_stage(board)) as moving,
+        closing(_stage(stage, board, map_origin(opened.indentation), yes=yes)) as moving,
     ):
         moving.check(grid.places)
         before = _tested(board, settings, "before", ignore=ignore_self_test)
@@ -153,12 +113,7 @@ def campaign(
             _run(grid, board, moving, recorder, progress)
             after = _tested(board, settings, "after", ignore=True)
             recorder.add_self_test(after.symptoms, after.findings)
-    summary = print_recording(out, as_json=as_json)
-    if response is not None:
-        with replacing("board campaign", *written, force=force), open_recording(out) as recording:
-            wrote = write_response(recording, response)
-        if not as_json:
-            typer.echo(marked(wrote, emulated=summary.emulated))
+    print_recording(out, as_json=as_json)
 
 
 def _print_plan(grid: Campaign, *, as_json: bool) -> None:
@@ -215,51 +170,22 @@ def _positions_in_lines() -> Iterator[Progress]:
     yield update
 
 
-def _stage_maker(
-    stage: str | None,
-    reach_mm: str | None,
-    clearance_mm: float | None,
-    port: str,
-    origin: tuple[float, float],
-    home: bool,
-    yes: bool,
-) -> Callable[[Board], Stage]:
-    """Return a function that makes the stage once the board is open; options that do not fit are refused at once."""
-    kind, _, stage_port = (stage or _PERSON).partition(":")
-    if stage not in (None, _PERSON) and not (kind in _DIALECTS and stage_port):
-        raise HardwareError(f"--stage must be {_PERSON}, grbl:PORT or marlin:PORT; got {stage!r}.")
-    if stage is not None and is_emulator(port):
-        raise HardwareError("--stage is for a real board; the emulator has its own.")
-    if (kind in _DIALECTS) != (reach_mm is not None):
-        raise HardwareError("--reach-mm must be given with a G-code stage, and only with one.")
-    if clearance_mm is not None and reach_mm is None:
-        raise HardwareError("--clearance-mm is for a G-code stage.")
-    for option, given in (("--home", home), ("--yes", yes)):
-        if given and reach_mm is None:
-            raise HardwareError(f"{option} is for a G-code stage.")
-    if stage_port == port:
-        raise HardwareError(f"--stage and --port must be different ports; got {port} twice.")
+def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], *, yes: bool) -> Stage:
+    """Return the machine of a plan, opened, or a person, or the stage of an emulated board."""
     from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
     from coilarray.hardware.wire.serial_ports import choose_serial_port, open_serial_port
 
-    if reach_mm is None:
-        return lambda board: PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
-    try:
-        x_min, x_max, y_min, y_max, depth = (float(part) * 1e-3 for part in reach_mm.split(","))
-    except ValueError:
-        raise HardwareError(f"--reach-mm must be XMIN,XMAX,YMIN,YMAX,DEPTH; got {reach_mm!r}.") from None
-    limits = StageLimits((x_min, x_max), (y_min, y_max), depth)
-    if clearance_mm is not None:
-        limits = StageLimits(limits.x, limits.y, depth, clearance_mm * 1e-3)
-    dialect: Dialect = "marlin" if kind == "marlin" else "grbl"
-
-    def made(_: Board) -> Stage:
-        found = choose_serial_port(stage_port)
-        opened = open_serial_port(found.name)
-        confirm = None if yes else _agree
-        return GcodeStage(opened, limits, dialect, confirm=confirm, home=home, identity=str(found), origin=origin)
-
-    return made
+    if stage is None:
+        return PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
+    (x_min, x_max), (y_min, y_max), depth, clearance = (
+        stage.x, stage.y, stage.depth * 1e-3, stage.clearance * 1e-3,
+    )  # fmt: skip
+    limits = StageLimits((x_min * 1e-3, x_max * 1e-3), (y_min * 1e-3, y_max * 1e-3), depth, clearance)
+    found = choose_serial_port(stage.port)
+    return GcodeStage(
+        open_serial_port(found.name), limits, stage.machine, confirm=None if yes else _agree, home=stage.home,
+        identity=str(found), origin=origin,
+    )  # fmt: skip
 
 
 def _ask(text: str) -> None:

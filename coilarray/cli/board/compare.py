@@ -47,7 +47,7 @@ def compare(
     largest_shift_mm: Annotated[
         float | None,
         shared.number_option(
-            ("--largest-shift-mm", "--reach-mm"),
+            ("--largest-shift-mm",),
             0,
             1000,
             "Largest shift to try; the spacing of the measured positions by default.",
@@ -98,7 +98,7 @@ def compare(
     second, others = _response(simulated, first, largest_shift, None, allow_violations)
     outlines = outlines or others
     if reference:
-        from coilarray.hardware.record.reference_coil import response_less_reference
+        from coilarray.hardware.record.recorded_response import response_less_reference
 
         first, second = (response_less_reference(one, reference) for one in (first, second))
     with shared.progress_bar("comparison") as progress:
@@ -153,7 +153,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     all capacitance there is.
     """
     from coilarray.errors import ElastomerError
-    from coilarray.hardware.scan.board_network import board_network
+    from coilarray.hardware.scan.design_settings import board_network
     from coilarray.report.figures import map_outlines
     from coilarray.response.map import respond, response_map
     from coilarray.response.setup import indentation_of

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board.noise import show_noise
+from coilarray import viz
 from coilarray.cli.board.options import print_marked
 from coilarray.cli.maps import campaign_response, is_recording
 from coilarray.cli.replacing import replacing
@@ -18,6 +19,8 @@ from coilarray.cli.shared import (
     Force,
     References,
     check_file,
+    design_record,
+    draw,
     plot_option,
     print_result,
     table_text,
@@ -30,10 +33,9 @@ from coilarray.errors import HardwareError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.hardware.record.recording import Recording
-    from coilarray.hardware.record.recording_summary import RecordingSummary
+    from coilarray.hardware.record.recording import Recording, RecordingSummary
 
-FORMATS = ("nc", "csv")
+FORMATS = (".nc", ".csv")
 """Endings of the files that a recording is converted to."""
 _SEALED = (".toml", ".csv")
 
@@ -43,9 +45,8 @@ def info(
         Path,
         typer.Argument(metavar="RUN", help="Recording of a board; with --verify other files."),
     ],
-    to: Annotated[str | None, typer.Option(help="Format to convert to: nc (netCDF) or csv.")] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File to write; RUN with the ending .nc or .csv by default.")
+        Path | None, typer.Option("--out", "-o", help="File to convert to: .nc (netCDF) or .csv; none by default.")
     ] = None,
     series: Annotated[
         bool, typer.Option("--series", help="Convert to a time series of all scans, also for a campaign.")
@@ -83,7 +84,7 @@ def info(
 
     Example: coilarray board info run.sqlite
 
-    Example: coilarray board info campaign.sqlite --to nc --out measured.nc
+    Example: coilarray board info campaign.sqlite --out measured.nc
 
     Example: coilarray board info rest.sqlite --noise --plot noise.png
     """
@@ -91,32 +92,36 @@ def info(
         _verify(run, as_json=as_json)
         return
     if noise:
-        if to is not None or out is not None:
-            raise HardwareError("--noise cannot be given with --to or --out.")
-        show_noise(run, reference or (), plot, as_json=as_json)
+        if out is not None:
+            raise HardwareError("--noise cannot be given with --out.")
+        _show_noise(run, reference or (), plot, as_json=as_json)
         return
     if reference or plot is not None:
         raise HardwareError("--reference and --plot are for --noise.")
-    target = _target(run, to, out)
+    if run.is_dir():
+        raise HardwareError(f"cannot read {run}: it is a folder.")
+    check_file("--out", out, FORMATS)
+    if out is not None and out.resolve() == run.resolve():
+        raise OutputError(f"--out must be another file than the recording {run}.")
     if baseline < 1:
         raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
-    from coilarray.hardware.record.recording import open_recording
-    from coilarray.hardware.record.recording_summary import summarize_recording
+    from coilarray.hardware.record.recorded_response import recorded_series, series_csv
+    from coilarray.hardware.record.recording import open_recording, summarize_recording
 
-    written = [] if target is None else [target]
+    written = [] if out is None else [out]
     with replacing("board info", *written, force=force), open_recording(run) as recording:
         recording.check()
         summary = summarize_recording(recording)
         as_series = series or recording.campaign is None
         if as_series and calibration is not None:
             raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
-        if target is None:
+        if out is None:
             wrote = []
         elif as_series:
-            wrote = [_write_series(recording, target, baseline)]
+            wrote = [_write(recorded_series(recording, baseline=baseline), series_csv, out, "the time series")]
         else:
-            wrote = [write_response(recording, target, calibration, partial=partial)]
-    data = {**summary.to_record(), "wrote": None if target is None else str(target)}
+            wrote = [_write_response(recording, out, calibration, partial=partial)]
+    data = {**summary.to_record(), "wrote": None if out is None else str(out)}
     print_marked(data, [*summary_lines(summary), *wrote], as_json=as_json, emulated=summary.emulated)
 
 
@@ -127,8 +132,7 @@ def _verify(path: Path, *, as_json: bool) -> None:
 
         with open_recording(path) as recording:
             recording.check()
-            scans, checksums = f"{recording.count()} scans, which ", recording.has_checksums
-        without = "can be read; an older version wrote them, without checksums"
+            scans, checksums, without = f"{recording.count()} scans, which ", True, ""
     else:
         from coilarray.compute.checksum import checked_rows, has_checksums, has_seal, unsealed
 
@@ -189,23 +193,7 @@ def _self_test_line(symptoms: Sequence[str]) -> str:
     return f"self-test failed: {symptoms[0]}{more}"
 
 
-def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
-    """Return the file to write, with its format as its ending; None if nothing is converted."""
-    if to is not None and to not in FORMATS:
-        raise OutputError(f"--to must be {' or '.join(FORMATS)}; got {to!r}.")
-    if run.is_dir():
-        raise HardwareError(f"cannot read {run}: it is a folder.")
-    if out is None:
-        out = None if to is None else run.with_suffix(f".{to}")
-    check_file("--out", out, [f".{to}"] if to else [f".{one}" for one in FORMATS])
-    if out is not None and out.resolve() == run.resolve():
-        raise OutputError(f"--out must be another file than the recording {run}.")
-    return out
-
-
-def write_response(
-    recording: Recording, target: Path, calibration: Path | None = None, *, partial: bool = False
-) -> str:
+def _write_response(recording: Recording, target: Path, calibration: Path | None, *, partial: bool) -> str:
     """Write the response of a campaign to a file; return a line for people."""
     from coilarray.hardware.record.recorded_response import response_csv
 
@@ -216,13 +204,54 @@ def write_response(
     return _write(response, response_csv, target, "the response") + note
 
 
-def _write_series(recording: Recording, target: Path, baseline: int) -> str:
-    """Write every scan; return a line for people."""
-    from coilarray.hardware.record.recorded_response import recorded_series, series_csv
-
-    return _write(recorded_series(recording, baseline=baseline), series_csv, target, "the time series")
-
-
 def _write(dataset: xr.Dataset, table: Callable[[xr.Dataset], str], target: Path, what: str) -> str:
     write_numbers(target, dataset, lambda: table(dataset))
     return f"wrote {target}: {what}, {' × '.join(str(n) for n in dataset.delta.shape)} values over {dataset.delta.dims}"
+
+
+def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_json: bool) -> None:
+    """Print the Allan deviations of the longest session of a recording beside its budget."""
+    import numpy as np
+
+    from coilarray.hardware.record.recorded_response import less_reference, recorded_series
+    from coilarray.hardware.record.recording import open_recording
+    from coilarray.hardware.record.stability import at_rest, stability
+    from coilarray.hardware.scan.design_settings import board_budget
+    from coilarray.report.circuit_tables import (
+        allan_table,
+        averages_table,
+        budget_lines,
+        stability_lines,
+        stability_table,
+    )
+
+    with open_recording(path) as recording:
+        series, design, emulated = recorded_series(recording), recording.design, recording.emulated
+        longest = int(np.bincount(series.session.values).argmax())
+        settings = recording.sessions[longest].settings
+    kept = at_rest(series) & (series.session.values == longest)
+    values = series.inductance.values[kept]
+    delta = dict(zip(series.state.values.tolist(), (values / np.nanmean(values, axis=0) - 1).T, strict=True))
+    budget = board_budget(design, settings)
+    if reference:
+        delta, budget = less_reference(delta, reference), budget.referenced(reference)
+    expected = dict(zip(budget.states, budget.scan_noise.tolist(), strict=True))
+    columns = np.stack(list(delta.values()), axis=-1)
+    found = stability(
+        series.time.values[kept], columns, list(delta), expected=[expected.get(name, math.nan) for name in delta]
+    )
+    draw(plot, lambda: viz.plot_stability(found))
+    tables = (stability_table(found), allan_table(found))
+    data = {
+        **design_record(design),
+        "emulated": emulated,
+        "source": str(path),
+        **found.attrs,
+        **{table.name: table.records() for table in tables},
+        "budget": budget.to_record(),
+    }
+    shown = (tables[0], averages_table(found))
+    parts = [f"{table.title}\n{table_text(table.headers, table.cells())}" for table in shown]
+    parts += [*stability_lines(found), *budget_lines(budget)]
+    parts += [] if plot is None else [f"wrote {plot}"]
+    print_marked(data, parts, as_json=as_json, emulated=emulated)

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board.live_source import LiveOptions, live_readings, live_source
-from coilarray.cli.board.live_window import show_window
+from coilarray.cli.board.live_source import LiveOptions, live_readings, live_source, show_window
 from coilarray.cli.board.options import MARK, BoardOptions, board_command, marked
 from coilarray.cli.keyboard import pressed_keys
 from coilarray.cli.maps import kept_table
-from coilarray.cli.shared import AllowViolations, References, check_file, drop_output, open_design_file, progress_bar
+from coilarray.cli.shared import References, drop_output, open_design_file, progress_bar
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.errors import HardwareError
 
@@ -51,45 +50,18 @@ def live(
     recording: Annotated[
         Path | None, typer.Option(help="Replay a recording (.sqlite) instead of reading a board.")
     ] = None,
-    speed: Annotated[float, typer.Option(help="Speed of a replay: 1 as recorded, 0 as fast as possible.")] = 1.0,
-    table: Annotated[
-        Path | None,
-        typer.Option(help="File of the design's response table for positions (.nc); in the user's cache by default."),
-    ] = None,
     locate: Annotated[bool, typer.Option("--locate/--no-locate", help="Find the position of the indentation.")] = True,
-    baseline: Annotated[
-        int,
-        typer.Option(
-            "--baseline-scans", help="Number of first scans, without an indentation, that are the baseline of δ."
-        ),
-    ] = 10,
-    noise: Annotated[
-        float | None,
-        typer.Option(
-            help="Standard deviation of δ in addition to the scatter of the readings, independent for each coil; by "
-            "default that of changes since the baseline in the noise budget, independent and common to all."
-        ),
-    ] = None,
     scans: Annotated[int | None, typer.Option(help="End after this number of scans; never by default.")] = None,
     reference: References = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(help="Log of every scan: .csv, written line by line, or .nc, made from such lines at the end."),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a log that exists.")] = False,
     plot: Annotated[
         bool, typer.Option("--plot", help="Show curves, position and presses on a page in the browser.")
     ] = False,
-    browser: Annotated[
-        bool,
-        typer.Option(
-            "--browser/--no-browser", help="With --plot: open the page in the browser, or only print its address."
-        ),
-    ] = True,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Recording of every scan to write (SQLite); none by default.")
+    ] = None,
     *,
     options: BoardOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON in SI units for each scan.")] = False,
-    allow_violations: AllowViolations = False,
 ) -> None:
     """Show δ of every coil and the position, scan by scan.
 
@@ -97,38 +69,27 @@ def live(
     piped, it has one line for each scan. A press begins when δ exceeds what noise and drift of the baseline can
     explain. Without --port an emulator replaces the board, every line says so, and a finger moves over it unless
     --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the
-    converter asleep.
+    converter asleep. The file of --settings has the number of baseline scans, their noise and the speed of a replay.
 
     Example: coilarray board live gast2020 --port /dev/ttyACM0
 
-    Example: coilarray board live gast2020 --port /dev/ttyACM0 --plot --log touches.csv --reference coil6
+    Example: coilarray board live gast2020 --port /dev/ttyACM0 --plot --out touches.sqlite --reference coil6
 
-    Example: coilarray board live --recording run.sqlite --speed 10
+    Example: coilarray board live --recording run.sqlite
     """
-    check_file("--table", table, (".nc",))
-    asked = LiveOptions(
-        options,
-        recording=recording,
-        speed=speed,
-        baseline=baseline,
-        noise=noise,
-        reference=tuple(reference or ()),
-        scans=scans,
-        log=log,
-        force=force,
-    )
+    asked = LiveOptions(options, recording=recording, reference=tuple(reference or ()), scans=scans, out=out)
     if plot and as_json:
         raise HardwareError("--plot cannot be given with --json.")
-    file = _design_file(design, recording, allow_violations=allow_violations)
+    file = _design_file(design, asked)
     if plot:
-        show_window(asked, file, table, locate=locate, browser=browser)
+        show_window(asked, file, locate=locate)
         return
-    model = _model(file.design, table) if locate and not asked.opens_first else None
+    model = _model(file.design) if locate and not asked.opens_first else None
     with ExitStack() as opened:
         with progress_bar("emulator") as progress:  # over before the first scan is shown
             source = opened.enter_context(live_source(asked, file.design, progress=progress))
         if locate and asked.opens_first:
-            model = _model(file.design, table)
+            model = _model(file.design)
         if not as_json and recording is None:
             typer.echo(source.line)
         if not as_json and asked.reference:
@@ -141,7 +102,7 @@ def live(
             show = opened.enter_context(_screen(source.emulated, asked.reference))
         else:
             show = _lines(lambda reading: marked(plain_line(reading), emulated=source.emulated))
-        readings = live_readings(source, asked, file.design, model, lambda: keys().lower())
+        readings = live_readings(source, asked, model, lambda: keys().lower())
         for reading in opened.enter_context(closing(readings)):
             try:
                 show(reading)
@@ -150,26 +111,26 @@ def live(
                 return
 
 
-def _design_file(design: str | None, recording: Path | None, *, allow_violations: bool) -> DesignFile:
+def _design_file(design: str | None, asked: LiveOptions) -> DesignFile:
     """Return the design that is asked for, or that of the recording."""
-    if recording is None:
-        return open_design_file(design, allow_violations=allow_violations)
+    if asked.recording is None:
+        return asked.board.design_file(design)
     from coilarray.design.model import build_design_file
     from coilarray.hardware.record.recording import open_recording
 
-    with open_recording(recording) as opened:
+    with open_recording(asked.recording) as opened:
         first = opened.sessions[0]
         if design is not None:
             return open_design_file(design, allow_violations=True)
         return build_design_file(first.design_document, first.design)
 
 
-def _model(design: Design, table: Path | None) -> ForwardModel:
+def _model(design: Design) -> ForwardModel:
     """Return the forward model of a design; its table is stored."""
     from coilarray.localize.forward import forward_model
     from coilarray.response.dataset import on_board
 
-    return forward_model(on_board(kept_table(design, table)))
+    return forward_model(on_board(kept_table(design, None)))
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:

@@ -1,14 +1,24 @@
-"""Readings of a live display, of a board or of a recording, evaluated scan by scan and logged."""
+"""Readings of a live display, evaluated scan by scan, for the terminal and for a page.
+
+The page is that of the studio, so that there is one display for both. A browser is on every system, unlike a toolkit
+for windows, and can show a board at another computer.
+"""
 
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager
+import webbrowser
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import typer
 
 from coilarray.cli.board.options import BoardOptions, is_emulator, marked, opened_board
 from coilarray.cli.shared import check_file
@@ -17,18 +27,18 @@ from coilarray.errors import HardwareError
 if TYPE_CHECKING:
     from coilarray.circuit.noise_budget import NoiseBudget
     from coilarray.compute.threads import Progress
-    from coilarray.design.model import Design, Indentation
+    from coilarray.design.model import Design, DesignFile, Indentation
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.live_tracking import LiveReading
     from coilarray.hardware.scan.readings import ScanReading
     from coilarray.hardware.scan.settings import ScanSettings
     from coilarray.localize.forward import ForwardModel
+    from coilarray.viz.studio.services import BoardFrame, BoardRequest, Orders
 
 QUIT, ZERO = "q", "z"
 """Orders to a running display: end, and measure the baseline again."""
 
 _MOST_SCANS = 100_000_000
-_FASTEST = 1000.0  # times the recorded speed
 _LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan
 _LOCATE = 0.05  # s, at least, from position to position of a board
 _TOUR = 3600.0  # s: duration of the path of the emulated finger
@@ -48,34 +58,22 @@ class LiveOptions:
 
     board: BoardOptions
     recording: Path | None = None  # to be replayed instead of reading a board
-    speed: float = 1.0  # of a replay, as multiple of the recorded one; 0 without any waiting
-    baseline: int = 10  # scans
-    noise: float | None = None  # of δ, beside that of the readings; that of the design's budget by default
     reference: tuple[str, ...] = ()  # states that nothing touches
     scans: int | None = None  # after which to end
-    log: Path | None = None
-    force: bool = False  # whether the log may replace a file
+    out: Path | None = None  # recording to write
 
     def __post_init__(self) -> None:
-        from coilarray.hardware.record.live_log import check_log
-        from coilarray.hardware.record.live_tracking import LiveTracker
-
         if self.recording is not None and self.board.given:
             given = self.board.given
             raise HardwareError(
                 f"--recording replays a file; it cannot be given with {' and '.join(given)}, which "
                 f"{'is' if len(given) == 1 else 'are'} for a board."
             )
-        if self.recording is None and self.speed != 1.0:
-            raise HardwareError("--speed is for --recording; a board is read as fast as --rate says.")
         if self.scans is not None and not 1 <= self.scans <= _MOST_SCANS:
             raise HardwareError(f"--scans must be 1 to {_MOST_SCANS}; got {self.scans}.")
-        if not 0 <= self.speed <= _FASTEST:
-            raise HardwareError(f"--speed must be 0 to {_FASTEST:g}; got {self.speed:g}.")
-        LiveTracker(None, baseline_scans=self.baseline, noise=self.noise)  # refuses what is invalid
-        if self.log is not None:
-            check_file("--log", self.log, (".csv", ".nc"))
-            check_log(self.log, force=self.force)
+        if self.out is not None and self.recording is not None:
+            raise HardwareError("--out records a board; it cannot be given with --recording.")
+        check_file("--out", self.out, None)
 
     @property
     def opens_first(self) -> bool:
@@ -94,61 +92,45 @@ class LiveSource:
     line: str  # for people
     emulated: bool
     states: tuple[str, ...]  # of a scan
-    temperature: bool  # whether there is a thermometer
     budget: NoiseBudget | None  # of the board as it is read; None if the design is another one
     begin: Callable[[], None] = lambda: None  # to be called once the baseline is complete
 
 
 def live_readings(
-    source: LiveSource, options: LiveOptions, design: Design, model: ForwardModel | None, orders: Callable[[], str]
+    source: LiveSource, options: LiveOptions, model: ForwardModel | None, orders: Callable[[], str]
 ) -> Generator[LiveReading]:
-    """Evaluate scan after scan, and log it; `orders` returns those of `QUIT` and `ZERO` given since its last call.
+    """Evaluate scan after scan; `orders` returns those of `QUIT` and `ZERO` given since its last call.
 
     A position is computed at most twenty times a second, so that it never delays the scans of a board.
     """
     from coilarray.hardware.record.live_tracking import LiveTracker
 
+    file = options.board.file
     tracker = LiveTracker(
-        model, baseline_scans=options.baseline, budget=source.budget, noise=options.noise, reference=options.reference
+        model,
+        baseline_scans=file.baseline_scans,
+        budget=source.budget,
+        noise=file.noise,
+        reference=options.reference,
     )
-    limited = options.recording is None or options.speed > 0
+    limited = options.recording is None or file.replay_speed > 0
     located, begun = -math.inf, False
-    with _logged(source, options, design) as log:
-        for count, (scan, at_rest) in enumerate(source.readings, start=1):
-            asked = orders()
-            if QUIT in asked:
-                return
-            if ZERO in asked:
-                tracker.rezero()
-            wanted = not limited or time.monotonic() - located >= _LOCATE
-            reading = tracker.take(scan, at_rest=at_rest, want_location=wanted)
-            if reading.location is not None:
-                located = time.monotonic()
-            if not (begun or reading.waiting):
-                begun = True
-                source.begin()
-            log(reading)
-            yield reading
-            if count == options.scans:
-                return
-
-
-@contextmanager
-def _logged(source: LiveSource, options: LiveOptions, design: Design) -> Iterator[Callable[[LiveReading], None]]:
-    """Yield a function that writes a reading into the log of the options, if there is one."""
-    if options.log is None:
-        yield lambda reading: None
-        return
-    from coilarray.hardware.record.live_log import open_log
-
-    attributes = {"design": design.name, "design_hash": design.digest, "board": source.line}
-    if options.reference:
-        attributes["reference_coils"] = ", ".join(options.reference)
-    with open_log(
-        options.log, source.states, emulated=source.emulated, temperature=source.temperature, attributes=attributes,
-        force=options.force,
-    ) as log:  # fmt: skip
-        yield log.add
+    for count, (scan, at_rest) in enumerate(source.readings, start=1):
+        asked = orders()
+        if QUIT in asked:
+            return
+        if ZERO in asked:
+            tracker.rezero()
+        wanted = not limited or time.monotonic() - located >= _LOCATE
+        reading = tracker.take(scan, at_rest=at_rest, want_location=wanted)
+        if reading.location is not None:
+            located = time.monotonic()
+        if not (begun or reading.waiting):
+            begun = True
+            source.begin()
+        yield reading
+        if count == options.scans:
+            return
 
 
 @contextmanager
@@ -168,20 +150,26 @@ def live_source(options: LiveOptions, design: Design, *, progress: Progress) -> 
 
 @contextmanager
 def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
+    from coilarray.hardware.record.recorder import begin_session, open_recorder
     from coilarray.hardware.scan.readings import read_scan
 
     options = asked.board
     lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
     with ExitStack() as opened:
+        recorder = None if asked.out is None else opened.enter_context(open_recorder(asked.out))
         board, settings = opened.enter_context(opened_board(lifted, design, real_time=True, progress=progress))
         begin = _finger(board, design, options)
         budget = _budget(asked, design, settings)
         capacitance = design.circuit.switches.tank_capacitance
         scans = opened.enter_context(closing(board.reader.scans()))
         thermometer = board.thermometer
+        if recorder is not None:
+            recorder.start(begin_session(board, settings, design), thermometer=thermometer)
 
         def readings() -> Iterator[tuple[ScanReading, bool]]:
             for scan in scans:
+                if recorder is not None:
+                    recorder.add(scan, "stream")
                 temperature = None if thermometer is None else thermometer()
                 yield read_scan(scan, settings, capacitance, temperature=temperature), True
 
@@ -190,7 +178,6 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
             marked(board.line, emulated=board.emulated),
             board.emulated,
             tuple(state.name for state in settings.states),
-            thermometer is not None,
             budget,
             begin,
         )
@@ -198,16 +185,18 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
 
 def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
     """Return the noise budget of a board with these settings; None if the noise is given, or the states differ."""
-    if asked.noise is not None or not {one.name for one in settings.states} <= {one.name for one in design.plan}:
+    if asked.board.file.noise is not None or not {one.name for one in settings.states} <= {
+        one.name for one in design.plan
+    }:
         return None
-    from coilarray.hardware.scan.board_network import board_budget
+    from coilarray.hardware.scan.design_settings import board_budget
 
-    return board_budget(design, settings, baseline_scans=asked.baseline)
+    return board_budget(design, settings, baseline_scans=asked.board.file.baseline_scans)
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
     """Return a function that moves the finger of an emulator after the baseline; what it needs is computed here."""
-    from coilarray.hardware.emulator.indenter import Place
+    from coilarray.hardware.emulator.conditions import Place
 
     emulator, setup = board.emulator, design.indentation
     if emulator is None:
@@ -235,7 +224,7 @@ def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
 
-    path, speed = options.recording or Path(), options.speed
+    path, speed = options.recording or Path(), options.board.file.replay_speed
     with open_recording(path) as recording:
 
         def readings() -> Generator[tuple[ScanReading, bool]]:
@@ -256,7 +245,6 @@ def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
                 marked(line, emulated=recording.emulated),
                 recording.emulated,
                 recording.states,
-                recording.has_temperatures,
                 _budget(options, design, recording.sessions[0].settings),
             )
 
@@ -272,3 +260,157 @@ def tour(setup: Indentation, start: float) -> list[tuple[float, float, float, fl
         depth = setup.depths[-1] * (1.0 - 0.4 * (k % 3) / 2)
         path += [(at + 0.5, x, y, 0.0), (at + 1.0, x, y, depth), (at + 2.7, x, y, depth), (at + 3.0, x, y, 0.0)]
     return path
+
+
+_TOLD = 0.1  # s from message to message to the page
+_MOST_WAITING = 20_000  # scans that wait for a page that does not take them; the oldest are dropped, not read later
+_LINGER = 5.0  # s to load the page again before the window counts as closed
+
+
+def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None:
+    """Serve a page with only the live display until it is closed, or Ctrl-C; the board is at rest afterwards.
+
+    HardwareError if the reading of the board failed.
+    """
+    from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, serve
+    from coilarray.viz.studio.services import Services
+    from coilarray.viz.studio.work import Shelf, work_on
+
+    check_studio()
+    failures: list[str] = []
+
+    def ready(url: str) -> None:
+        typer.echo(f"live display: {url}  (Ctrl-C, or closing the page, ends it)")
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+    services = Services(
+        watch_board=partial(watch_board, options, locate),
+        port=options.board.port,
+        recording=None if options.recording is None else str(options.recording),
+        reference=options.reference,
+        log=None if options.out is None else str(options.out),
+        alone=True,
+        failed=failures.append,
+    )
+    with bind(Address(LOOPBACK, 0)) as listening, suppress(KeyboardInterrupt):
+        work = work_on(file, file.design.name)
+        serve(work, Shelf(Path.cwd()), services, Address(LOOPBACK, 0), listening, linger=_LINGER, ready=ready)
+    if failures:
+        raise HardwareError(failures[-1])
+
+
+# This runs in a process of its own, and is therefore a function of a module with plain arguments.
+
+
+def watch_board(
+    base: LiveOptions,
+    locate: bool,
+    request: BoardRequest,
+    send: Callable[[Sequence[BoardFrame]], None],
+    orders: Orders,
+) -> None:
+    """See `coilarray.viz.studio.services.WatchBoard`; `base` has all options that the page does not offer."""
+    from coilarray.design.model import build_design
+
+    design = build_design(request.document, request.name)
+    options = _options(base, request)
+    with _sender(send) as tell:
+        name = request.recording or request.port
+        emulated = request.recording is None and is_emulator(request.port)
+        wait = partial(_wait, tell, name, emulated)
+        locates = locate and design.indentation is not None
+        model = _model(design, wait) if locates and not options.opens_first else None
+        with live_source(options, design, progress=wait) as source:
+            if locates and options.opens_first:
+                model = _model(design, wait)
+
+            def asked() -> str:
+                return QUIT if orders() else "".join(orders.take())
+
+            with closing(live_readings(source, options, model, asked)) as readings:
+                for reading in readings:
+                    tell(_frame(reading, source.line, emulated=source.emulated))
+
+
+def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
+    """Return the options with the choices of the page, without those for another kind of board."""
+    board = base.board
+    if request.recording is not None:
+        board = replace(BoardOptions(), settings=board.settings)
+    elif request.port != board.port:
+        board = replace(board, port=request.port, emulate=board.emulate if is_emulator(request.port) else None)
+    return replace(
+        base,
+        board=board,
+        recording=None if request.recording is None else Path(request.recording),
+        reference=tuple(request.reference),
+        out=None if request.log is None or request.recording is not None else Path(request.log),
+    )
+
+
+def _model(design: Design, wait: Progress) -> ForwardModel:
+    from coilarray.cli.maps import stored_table
+    from coilarray.localize.forward import forward_model
+    from coilarray.response.dataset import on_board
+
+    return forward_model(on_board(stored_table(design, progress=wait)))
+
+
+def _wait(tell: Callable[[BoardFrame], None], name: str, emulated: bool, done: int, total: int) -> None:
+    from coilarray.viz.studio.services import BoardFrame
+
+    part = f" {100 * done / total:.0f} %" if total else ""
+    tell(BoardFrame(f"{name}; response of the design{part} …", emulated, 0, {}))
+
+
+def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
+    from coilarray.viz.studio.services import BoardFrame
+
+    return BoardFrame(
+        line=line,
+        emulated=emulated,
+        sequence=reading.sequence,
+        delta={state.name: state.delta for state in reading.states},
+        reasons={
+            state.name: f"{state.verdict}: {', '.join(state.reasons)}" for state in reading.states if state.reasons
+        },
+        waiting=reading.waiting,
+        location=reading.location,
+        problem=reading.problem,
+        rate=reading.rate,
+        lost=reading.lost,
+        time=reading.elapsed,
+        press=reading.press,
+        temperature=reading.temperature,
+    )
+
+
+@contextmanager
+def _sender(send: Callable[[Sequence[BoardFrame]], None]) -> Iterator[Callable[[BoardFrame], None]]:
+    """Yield a function that passes frames to a thread, which sends those that wait ten times a second.
+
+    So a slow page never delays the scans.
+    """
+    waiting: deque[BoardFrame] = deque(maxlen=_MOST_WAITING)
+    ended = threading.Event()
+
+    def flush() -> None:
+        frames = [waiting.popleft() for _ in range(len(waiting))]
+        if frames:
+            send(frames)
+
+    def work() -> None:
+        from coilarray.viz.studio.job import Cancelled
+
+        with suppress(Cancelled):
+            while not ended.wait(_TOLD):
+                flush()
+            flush()
+
+    thread = threading.Thread(target=work, daemon=True, name="frames")
+    thread.start()
+    try:
+        yield waiting.append
+    finally:
+        ended.set()
+        thread.join(timeout=2 * _TOLD)

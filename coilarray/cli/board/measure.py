@@ -12,12 +12,10 @@ import typer
 from coilarray.cli.board.info import reading_cells, summary_lines
 from coilarray.cli.board.options import BoardOptions, board_command, marked, opened_board, print_marked
 from coilarray.cli.shared import (
-    AllowViolations,
     AsJson,
     DesignArgument,
     Resume,
     check_file,
-    open_design,
     progress_bar,
     table_text,
 )
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.recorder import Recorder
-    from coilarray.hardware.record.recording_summary import RecordingSummary
+    from coilarray.hardware.record.recording import RecordingSummary
     from coilarray.hardware.scan.settings import ScanSettings
 
 RUN = Path("run.sqlite")
@@ -55,19 +53,9 @@ def measure(
         bool, typer.Option("--single", help="Print one scan; write a file only where --out names one.")
     ] = False,
     resume: Resume = False,
-    campaign: Annotated[bool, typer.Option("--campaign", "--ignore-self-test", hidden=True)] = False,
-    of_campaign: Annotated[
-        list[str] | None,
-        typer.Option(
-            *("--x-mm", "--y-mm", "--depth-mm", "--repeats", "--average", "--dwell-s", "--speed-mm-s"),
-            *("--stage", "--reach-mm", "--clearance-mm"),
-            hidden=True,
-        ),
-    ] = None,
     *,
     options: BoardOptions,
     as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
 ) -> None:
     """Measure with a board and record every scan.
 
@@ -78,10 +66,8 @@ def measure(
 
     Example: coilarray board measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
 
-    Example: coilarray board measure starter --port "i2c:1?board=grove-ldc1612" --coils coil1,coil2 --single
+    Example: coilarray board measure starter --port "i2c:1?board=grove-ldc1612" --settings board.toml --single
     """
-    if campaign or of_campaign:
-        raise HardwareError("use the command coilarray board campaign, which has the same options, for a campaign.")
     modes = {"--single": single, "--scans": scans is not None, "--seconds": seconds is not None}
     given = [name for name, is_given in modes.items() if is_given]
     if len(given) > 1:
@@ -94,7 +80,7 @@ def measure(
         raise HardwareError("--resume is not for --single.")
     path = out or RUN
     check_file("--out", path, None)
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = options.design(design)
     if single:
         _single(options, opened, out, as_json=as_json)
         return
@@ -133,8 +119,7 @@ def recorded_session(
 
 def print_recording(path: Path, *, as_json: bool) -> RecordingSummary:
     """Print a summary of a recording, and return it."""
-    from coilarray.hardware.record.recording import open_recording
-    from coilarray.hardware.record.recording_summary import summarize_recording
+    from coilarray.hardware.record.recording import open_recording, summarize_recording
 
     with open_recording(path) as recording:
         summary = summarize_recording(recording)

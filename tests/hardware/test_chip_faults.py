@@ -1,6 +1,6 @@
 """Faults of converter and switches in the emulator's registers, nets and oscillators, behind the compiled firmware.
 
-Truth is the inductance that the coils of the emulator have. The ten thousand faults are in test_fault_campaign.py.
+Truth is the inductance that the coils of the emulator have.
 
 A switch that does not ground another coil than the measured one changes a value by what the two share, here 0.25 %, and
 no scan shows that: the self-test must name it, and does.
@@ -8,26 +8,51 @@ no scan shows that: the self-test must name it, and does.
 
 import random
 import sys
+import time
 
 import pytest
+from support import patience
 from support.coupled_coils import coupled_board
 from support.emulated_reader import WIRING, plain, quick_settings
 
 if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
 
-from support.fault_bench import COMMAND, TIMES, DriverClock, lasting
 from support.firmware_host import FirmwareHost, needs_compiler
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.scan.readings import judge, read_scan
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, CommandRefused, SwitchFault
+from coilarray.hardware.wire.link import LinkTimes
 from coilarray.hardware.wire.serial_ports import open_serial_port
 
 pytest.importorskip("serial")
 pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 OTHERS = 8  # faults of each kind but stuck switches
+LONGEST = 0.05  # s: a scan in which no state has a result
+TIMES = LinkTimes(reply=0.04, attempts=14, opening=0.1, gap=3.0, least_gap=1.6, heartbeat=2.0, ping=0.05, foreign=200)
+COMMAND = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up
+SLACK = 2.0  # s in which this process runs and computes instead of waiting
+_COUNTED = 0.05  # s between two looks at the clock that count at most; a port is waited for in steps of 0.02 s
+
+
+class DriverClock:
+    """Real time for a driver whose board is a thread of the same process.
+
+    What a busy computer takes away does not count: the board had no time to answer then either.
+    """
+
+    sleep = staticmethod(time.sleep)
+
+    def __init__(self):
+        self._seconds, self._last = 0.0, time.monotonic()
+
+    def now(self):
+        now = time.monotonic()
+        self._seconds += min(now - self._last, _COUNTED)
+        self._last = now
+        return self._seconds
 
 
 class Emulated:
@@ -63,7 +88,7 @@ def test_every_value_is_the_inductance_of_its_coil():
     stuck = [("stick", *place, state) for place in places for state in ("open", "closed")]
     others = {
         "hold": bus.hold, "refuse": lambda: bus.refuse(noise.randint(1, 60)),
-        "brown-out": chip.brown_out, "shut": lambda: chip.shut_down(True),
+        "brown-out": chip.brown_out,
         "loss": lambda: setattr(world, "resistance", noise.choice([200.0, 400.0])),
         "broken": lambda: setattr(bench.board.switches, "broken", True),
     }  # fmt: skip
@@ -79,7 +104,7 @@ def test_every_value_is_the_inductance_of_its_coil():
         named = False
         try:
             for _ in range(2):
-                with lasting(COMMAND + 1.0):
+                with patience.lasting(COMMAND + 1.0 + SLACK):
                     bench.look(bench.reader.scan())
         except (BoardRestarted, BusFault, SwitchFault, CommandRefused):
             named = True
@@ -87,7 +112,6 @@ def test_every_value_is_the_inductance_of_its_coil():
             chain.heal()
             bus.clear()
             bus.refuse(0)
-            chip.shut_down(False)
             world.resistance = resistance
             bench.board.switches.broken = False
             bench.board.clock.sleep(0.01)  # the converter starts again

@@ -1,14 +1,20 @@
-"""Converter and switches on an FT232H (or FT2232H) at USB.
+"""Converter and switches on the buses of a Linux computer, or on an FT232H at USB.
 
-The chip has a single engine for serial buses, which I²C uses. Therefore the switches get clock and data from pins of
-the second port, C0 to C7, level by level. All levels of a transfer go over USB at once.
+Both are a `RegisterBus` and a `SwitchChain` of `coilarray.hardware.wire.buses`. A Linux computer, such as a Raspberry
+Pi, has /dev/i2c-N and /dev/spidevN.M. An FT232H (or FT2232H) has a single engine for serial buses, which I²C uses.
+Therefore its switches get clock and data from pins of the second port, C0 to C7, level by level. All levels of a
+transfer go over USB at once.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import importlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from coilarray.compute.extras import import_extra
@@ -16,9 +22,156 @@ from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 
+DEVICES = Path("/dev")
+"""Folder of the system's devices."""
+SYSTEM = Path("/sys/class/i2c-adapter")
+"""Folder with the system's data about its I²C buses."""
+_LINUX_PURPOSE = "boards on this computer's own buses"
+_GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
+_HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}
+_START_BYTE = 0x00  # as a read: nine clocks that no chip may acknowledge
+
+
+def linux_buses() -> tuple[str, ...]:
+    """Return the names of the buses of this computer."""
+    i2c = [f"i2c:{path.name.removeprefix('i2c-')}" for path in DEVICES.glob("i2c-*")]
+    spi = [f"spi:{path.name.removeprefix('spidev')}" for path in DEVICES.glob("spidev*")]
+    return (*sorted(i2c), *sorted(spi))
+
+
+def i2c_clock(bus: int) -> float | None:
+    """Return the clock of a computer's I²C bus in Hz.
+
+    It is read from the device tree, and None if it is not set there. The property is a 32-bit number, most significant
+    byte first, as every number in a device tree.
+    """
+    for node in ("of_node", "device/of_node"):
+        with contextlib.suppress(OSError):
+            held = (SYSTEM / f"i2c-{bus}" / node / "clock-frequency").read_bytes()
+            if len(held) == 4 and any(held):
+                return float(int.from_bytes(held, "big"))
+    return None
+
+
+class LinuxRegisterBus:
+    """A `RegisterBus` through the kernel's I²C, /dev/i2c-N."""
+
+    def __init__(self, bus: int, address: int) -> None:
+        self._library = import_extra("smbus2", _LINUX_PURPOSE, package="smbus2", extra="linux")
+        self._address = address
+        self._path = DEVICES / f"i2c-{bus}"
+        with _opening(self._path):
+            self._bus: Any = self._library.SMBus(str(self._path))
+        try:
+            with _opening(self._path):
+                _lock(self._bus.fd)
+            if not self._bus.funcs & self._library.I2cFunc.I2C:
+                raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is not a full I²C bus.")
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self, register: int) -> int:
+        """Return a register."""
+        message = self._library.i2c_msg
+        answer = message.read(self._address, 2)
+        self._transfer(message.write(self._address, [register]), answer)
+        return int.from_bytes(bytes(answer), "big")
+
+    def write(self, register: int, value: int) -> None:
+        """Write a register."""
+        self._transfer(self._library.i2c_msg.write(self._address, [register, *value.to_bytes(2, "big")]))
+
+    def clear(self) -> None:
+        """Send nine clocks and a stop."""
+        with contextlib.suppress(BusFault):  # no chip answers to this
+            self._transfer(self._library.i2c_msg.read(_START_BYTE, 1))
+
+    def close(self) -> None:
+        """Close the bus. Never raises."""
+        with contextlib.suppress(Exception):
+            self._bus.close()
+
+    def _transfer(self, *messages: Any) -> None:
+        """Transfer messages and translate the system's errors."""
+        try:
+            self._bus.i2c_rdwr(*messages)
+        except OSError as error:
+            where = f"the converter at {self._address:#04x} on {self._path}"
+            if error.errno in _GONE:
+                raise DeviceLost(f"{self._path} is gone: {error.strerror}.") from None
+            if error.errno in _HELD_UP:
+                raise BusTimeout(f"{where} holds up the bus: {error.strerror}.") from None
+            raise BusFault(f"{where} does not answer: {error.strerror}.") from None
+
+
+class SpiSwitchChain:
+    """A `SwitchChain` through the kernel's SPI, /dev/spidevN.M."""
+
+    def __init__(self, bus: int, device: int, settings: ShiftSettings) -> None:
+        library: ModuleType = import_extra("spidev", _LINUX_PURPOSE, package="spidev", extra="linux")
+        self._settings = settings
+        self._path = DEVICES / f"spidev{bus}.{device}"
+        self._port: Any = library.SpiDev()
+        try:
+            with _opening(self._path):
+                self._port.open_path(str(self._path))
+                self._port.mode, self._port.bits_per_word = settings.mode, 8
+                self._port.max_speed_hz = round(settings.speed)
+        except BaseException:
+            self.close()
+            raise
+
+    def shift(self, words: bytes) -> bytes | None:
+        """Send the words while SYNC is low."""
+        try:
+            returned = self._port.xfer2(list(self._settings.ordered(words)))
+        except OSError as error:
+            if error.errno in _GONE:
+                raise DeviceLost(f"{self._path} is gone: {error.strerror}.") from None
+            raise SwitchFault(f"{self._path} could not send to the switches: {error.strerror}.") from None
+        return self._settings.ordered(bytes(returned)) if self._settings.readback else None
+
+    def close(self) -> None:
+        """Close the port. Never raises."""
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+def _lock(descriptor: int) -> None:
+    """Lock out a second program of this package."""
+    fcntl = importlib.import_module("fcntl")  # missing on Windows, which has no such bus either
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@contextlib.contextmanager
+def _opening(path: Path) -> Iterator[None]:
+    """Translate the system's errors about a device into one line."""
+    try:
+        yield
+    except FileNotFoundError:
+        there = ", ".join(linux_buses()) or "none at all"
+        raise HardwareError(f"there is no {path}; ports of this kind: {there}.") from None
+    except PermissionError:
+        raise HardwareError(
+            f"{path} may not be opened by this user; add the user to the group {_group(path)}."
+        ) from None
+    except BlockingIOError:
+        raise HardwareError(f"{path} is used by another program.") from None
+    except OSError as error:
+        raise HardwareError(f"{path} cannot be used: {error.strerror}.") from None
+
+
+def _group(path: Path) -> str:
+    try:
+        return path.group()
+    except (OSError, KeyError, NotImplementedError):
+        return "that owns it"
+
+
 I2C_SPEED = 100e3
 """Clock of the I²C bus in Hz. The converter allows 400 kHz if the pull-ups are strong enough."""
-_PURPOSE = "boards on an FT232H"
+_FTDI_PURPOSE = "boards on an FT232H"
 _PINS = 8
 _WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
 _SECOND_PORT = 8  # its pins follow the pins of the first port, which has the I²C
@@ -72,13 +225,6 @@ def open_ft232h(
 
     The adapter has a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, and the converter an I²C address. The clock of
     its bus is `speed` in Hz. Use `open_ft232h_bus` without switches.
-
-    Raises
-    ------
-    HardwareError
-        No such adapter, no permission to open it, or an adapter without the second port.
-    MissingDependencyError
-        pyftdi or libusb is not installed.
     """
     pins, settings = pins or SwitchPins(), settings or ShiftSettings()
     idle = pins.levels(clock=settings.idle_high, data=False, sync=True)
@@ -91,21 +237,14 @@ def open_ft232h(
 
 
 def open_ft232h_bus(url: str, address: int, *, speed: float = I2C_SPEED) -> Ft232hRegisterBus:
-    """Open the adapter of a pyftdi URL without switches.
-
-    Any adapter with a serial engine, such as the FT4232H, suits the converter alone. HardwareError and
-    MissingDependencyError are raised as by `open_ft232h`.
-    """
+    """Open the adapter of a pyftdi URL without switches."""
     with _opened(url, speed) as controller:
         return _register_bus(controller, url, address)
 
 
 @contextlib.contextmanager
 def _opened(url: str, speed: float, **pins: int) -> Iterator[Any]:
-    """Open an adapter.
-
-    It is closed again if the block fails.
-    """
+    """Open an adapter."""
     controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
     try:
         controller.configure(url, frequency=speed, **pins)
@@ -130,10 +269,7 @@ def _register_bus(controller: Any, url: str, address: int) -> Ft232hRegisterBus:
 
 
 def ft232h_adapters() -> tuple[str, ...]:
-    """Return the URLs of the adapters at this computer.
-
-    The result is empty if pyftdi or the library for USB is not installed.
-    """
+    """Return the URLs of the adapters at this computer."""
     try:
         found = _library("pyftdi.ftdi").Ftdi.list_devices()
     except Exception:  # a list of adapters does not report missing libraries
@@ -173,10 +309,7 @@ class Ft232hRegisterBus:
             self._controller.ftdi.write_data(_low_port([_SDA | _SCL, *levels, _SDA, 0, _SCL, _SDA | _SCL]))
 
     def close(self) -> None:
-        """Close the adapter, whose pins keep their levels.
-
-        The method never raises.
-        """
+        """Close the adapter, whose pins keep their levels."""
         _close(self._controller)
 
     @contextlib.contextmanager
@@ -198,10 +331,7 @@ class Ft232hSwitchChain:
         self._pins, self._settings = pins, settings
 
     def shift(self, words: bytes) -> bytes | None:
-        """Send the words while SYNC is low.
-
-        The rise of SYNC latches them.
-        """
+        """Send the words while SYNC is low."""
         sent = self._settings.ordered(words)
         bits = [bool(byte >> bit & 1) for byte in sent for bit in reversed(range(8))]
         try:
@@ -244,7 +374,7 @@ class Ft232hSwitchChain:
 
 
 def _library(module: str) -> Any:
-    return import_extra(module, _PURPOSE, package="pyftdi", extra="ftdi")
+    return import_extra(module, _FTDI_PURPOSE, package="pyftdi", extra="ftdi")
 
 
 def _low_port(levels: Iterable[int]) -> bytes:

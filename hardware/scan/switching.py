@@ -37,10 +37,7 @@ class WiredSwitch(NamedTuple):
 
     @property
     def code(self) -> int:
-        """Byte of the switch in an encoded wiring.
-
-        It is 4·(2·coil + end) + net.
-        """
+        """Byte of the switch in an encoded wiring."""
         coil, end = self.terminal
         return 4 * (2 * coil + end) + NETS.index(self.net)
 
@@ -56,9 +53,8 @@ Drains = tuple[tuple[int, ...], ...]
 def check_drains(switches: Sequence[WiredSwitch | None], drains: Drains, names: Sequence[str], device: str) -> None:
     """Refuse switches that cannot share their common pin.
 
-    The HardwareError names the two switches and the reason. All switches on a common pin must connect the same end of a
-    coil, or the same net, because the pin is one side of the switches. `switches` are the switches of the device by
-    bit, and `names` are their names.
+    All switches on a common pin must connect the same end of a coil, or the same net, because the pin is one side of
+    the switches. `switches` are the switches of the device by bit, and `names` are their names.
     """
     for bits in drains:
         wired = [(names[bit], switch) for bit in bits if (switch := switches[bit]) is not None]
@@ -75,7 +71,7 @@ def switch_table(wiring: bytes) -> SwitchTable:
     """Decode a wiring.
 
     It has eight bytes for each device in the order of the words, bit 0 first, as `WiredSwitch.code` encodes them. A
-    byte is 4·terminal + net, or 0xFF for a switch that is not wired. Any other number of bytes raises a HardwareError.
+    byte is 4·terminal + net, or 0xFF for a switch that is not wired.
 
     >>> switch_table(bytes([0x05, *[0xFF] * 7]))[0][0]
     WiredSwitch(terminal=(0, 1), net='INA')
@@ -131,10 +127,7 @@ class Closure:
         return self.group(first) == self.group(second)
 
     def conducts(self, first: Node, second: Node) -> bool:
-        """Check whether direct current flows between two nodes.
-
-        It flows through switches and coils.
-        """
+        """Check whether direct current flows between two nodes."""
         return _path_exists(self.branches, self.group(first), self.group(second))
 
     def _join(self, first: Node, second: Node) -> None:
@@ -202,10 +195,7 @@ def _path_exists(branches: Sequence[Branch], start: Node, goal: Node) -> bool:
 
 
 def _between_pins(closure: Closure) -> tuple[Literal["series", "parallel"], tuple[tuple[int, Sense], ...]] | None:
-    """Coils between the pins with their sense.
-
-    They are in series or all in parallel. The result is None for any other circuit.
-    """
+    """Coils between the pins with their sense."""
     pin_a, pin_b = closure.group("INA"), closure.group("INB")
     direct = [branch for branch in closure.branches if set(branch.ends) == {pin_a, pin_b}]
     others = [branch for branch in closure.branches if branch not in direct and branch.ends[0] != branch.ends[1]]
@@ -229,10 +219,7 @@ def _between_pins(closure: Closure) -> tuple[Literal["series", "parallel"], tupl
 
 
 def _carries_current(branch: Branch, branches: Sequence[Branch], pin_a: Node, pin_b: Node) -> bool:
-    """Check whether pin-to-pin current can pass a branch.
-
-    It cannot pass a branch with only one end connected.
-    """
+    """Check whether pin-to-pin current can pass a branch."""
     rest = [other for other in branches if other is not branch]
     return any(
         _path_exists(rest, pin_a, first) and _path_exists(rest, second, pin_b)
@@ -257,10 +244,9 @@ def _passive(branch: Branch, ground: Node) -> Passive:
 def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str, bytes]]) -> None:
     """Refuse words that make a forbidden connection.
 
-    They raise a HardwareError. The safe words, used between two states, must ground every end of every coil and close
-    nothing else. A state, given by name and words, must not close a switch that is not wired. It must not connect an
-    end to two nets at once, or a pin of the converter to two ends, to a single end alone, or to another coil than the
-    other pin.
+    The safe words, used between two states, must ground every end of every coil and close nothing else. A state, given
+    by name and words, must not close a switch that is not wired. It must not connect an end to two nets at once, or a
+    pin of the converter to two ends, to a single end alone, or to another coil than the other pin.
     """
     if not states:
         raise HardwareError("a scan must have at least one state; got none.")
@@ -291,10 +277,7 @@ def _check_state(nets: Mapping[Terminal, Sequence[Net]], where: str) -> None:
 
 
 def _nets(table: SwitchTable, words: bytes, where: str) -> dict[Terminal, list[Net]]:
-    """Nets that the words connect to every end.
-
-    They are in the order of `NETS`.
-    """
+    """Nets that the words connect to every end."""
     for device, (switches, word) in enumerate(zip(table, words, strict=True)):
         for bit, switch in enumerate(switches):
             if switch is None and word >> bit & 1:

@@ -1,16 +1,21 @@
-"""Messages of the board.
+"""Protocol between computer and microcontroller: lines, messages and scans of a stream.
 
-Every field is checked against its exact form, because a port may send anything.
+It is defined in `hardware/firmware/PROTOCOL.md`. The module converts bytes to messages and opens no port. Every field
+is checked against its exact form, because a port may send anything.
 """
 
 from __future__ import annotations
 
+import binascii
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from coilarray.hardware.scan.reader import RawSample, SampleFault
+from coilarray.hardware.scan.readings import RawSample, SampleFault
+from coilarray.hardware.scan.settings import ScanSettings
+from coilarray.hardware.scan.switching import SWITCHES
+from coilarray.hardware.wire.faults import BoardRestarted
 
 VERSION = (2, 0)
 """Major and minor version of this package's protocol."""
@@ -55,10 +60,7 @@ class ScanMessage:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Message of a board that has nothing else to send.
-
-    Its fields have the same meaning as in `ScanMessage`.
-    """
+    """Message of a board that has nothing else to send."""
 
     boot: int
     time: int
@@ -68,10 +70,7 @@ class Heartbeat:
 
 @dataclass(frozen=True)
 class StreamEnd:
-    """Message of a board that ended the stream by itself.
-
-    The coils are grounded, and the converter sleeps.
-    """
+    """Message of a board that ended the stream by itself."""
 
     reason: StreamEndReason
     configuration: int
@@ -81,10 +80,7 @@ class StreamEnd:
 
 @dataclass(frozen=True)
 class Answer:
-    """Reply to a command that was carried out.
-
-    It has the fields of the reply.
-    """
+    """Reply to a command that was carried out."""
 
     command: int
     fields: tuple[str, ...]
@@ -92,10 +88,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Reply to a command that was not carried out.
-
-    It has the number of the error and a text.
-    """
+    """Reply to a command that was not carried out."""
 
     command: int
     code: int
@@ -106,33 +99,21 @@ Message = ScanMessage | Heartbeat | StreamEnd | Answer | Refusal
 
 
 def hexadecimal(field: str, digits: int) -> int:
-    """Return the number of a hexadecimal field.
-
-    The field must have exactly `digits` upper-case digits. Otherwise a MessageError is raised.
-    """
+    """Return the number of a hexadecimal field."""
     if not _HEX[digits].fullmatch(field):
         raise MessageError(f"a field must be {digits} hexadecimal digits; got {field!r}.")
     return int(field, 16)
 
 
 def decimal(field: str) -> int:
-    """Return the number of a decimal field.
-
-    The field must have 1 to 10 digits. Otherwise a MessageError is raised.
-    """
+    """Return the number of a decimal field."""
     if not _DECIMAL.fullmatch(field):
         raise MessageError(f"a field must be a decimal number; got {field!r}.")
     return int(field)
 
 
 def parse_message(text: str) -> Message:
-    """Read the text of an intact line.
-
-    Another kind of line, or a field of another form, raises a MessageError.
-
-    >>> parse_message("H1234ABCD,000F4240,0000,u").mode
-    <Mode.UNCONFIGURED: 'u'>
-    """
+    """Read the text of an intact line."""
     kind, fields = text[:1], text[1:].split(",")
     if kind not in _KINDS:
         raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
@@ -140,10 +121,7 @@ def parse_message(text: str) -> Message:
 
 
 def read_scan(fields: Sequence[str]) -> ScanMessage:
-    """Read the fields of a scan.
-
-    A field of another form raises a MessageError.
-    """
+    """Read the fields of a scan."""
     if len(fields) < 5:
         raise MessageError(f"a scan must have at least 5 fields; got {len(fields)}.")
     sequence, time, configuration, boot, *words = fields
@@ -251,10 +229,7 @@ class Pong:
 
 
 def read_version(fields: Sequence[str]) -> tuple[int, int]:
-    """Read major and minor version of a reply to HELLO.
-
-    The other fields of the reply may differ in another major version.
-    """
+    """Read major and minor version of a reply to HELLO."""
     major, dot, minor = (fields[0] if fields else "").partition(".")
     if not dot:
         raise MessageError(f"a version must be two numbers with a dot; got {major!r}.")
@@ -262,10 +237,7 @@ def read_version(fields: Sequence[str]) -> tuple[int, int]:
 
 
 def read_greeting(fields: Sequence[str]) -> Greeting:
-    """Read the fields of a reply to HELLO.
-
-    A field of another form raises a MessageError.
-    """
+    """Read the fields of a reply to HELLO."""
     if len(fields) < 8:  # a later minor version may have more
         raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
     _, firmware, boot, manufacturer, device, states, devices, capabilities = fields[:8]
@@ -282,11 +254,171 @@ def read_greeting(fields: Sequence[str]) -> Greeting:
 
 
 def read_pong(fields: Sequence[str]) -> Pong:
-    """Read the fields of a reply to PING.
-
-    A field of another form raises a MessageError.
-    """
+    """Read the fields of a reply to PING."""
     if len(fields) < 4:
         raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
     boot, time, mode, dropped = fields[:4]
     return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), _mode(mode), decimal(dropped))
+
+
+MAX_LINE = 512
+"""Characters of a line with its checksum, without the line feed."""
+IDS = 0x100
+"""Commands are numbered 00 to FF and then from 00 again."""
+_PRINTABLE = bytes(range(0x20, 0x7F))
+_CHECKSUM = 5  # characters: an asterisk and four digits
+
+
+def seal(text: str) -> bytes:
+    r"""Return a line with its checksum and line feed.
+
+    The line has 1 to 507 characters from 0x20 to 0x7E. The checksum is CRC-16/CCITT-FALSE.
+
+    >>> seal(">00,STOP")
+    b'>00,STOP*3783\n'
+    """
+    data = text.encode("ascii", errors="replace") if text.isascii() else b""
+    if not 0 < len(data) <= MAX_LINE - _CHECKSUM or data.translate(None, _PRINTABLE):
+        raise ValueError(f"a line must be 1 to {MAX_LINE - _CHECKSUM} printable ASCII characters; got {text!r}.")
+    return b"%b*%04X\n" % (data, binascii.crc_hqx(data, 0xFFFF))
+
+
+def intact(line: bytes) -> bool:
+    """Check whether a line ends in its checksum."""
+    return line[-_CHECKSUM:] == b"*%04X" % binascii.crc_hqx(line[:-_CHECKSUM], 0xFFFF)
+
+
+class LineParser:
+    r"""Parser from bytes to the texts of intact lines.
+
+    It never keeps more than one line.
+
+    >>> parser = LineParser()
+    >>> parser.feed(b"noise\n>00,STOP*37")
+    []
+    >>> parser.feed(b"83\r\n")
+    ['>00,STOP']
+    """
+
+    def __init__(self) -> None:
+        self._begun = bytearray()  # of the line that has not ended yet
+        self._overrun = False  # this line is already too long, and its bytes are no longer kept
+
+    def feed(self, data: bytes) -> list[str]:
+        """Take bytes in pieces of any size."""
+        *ended, rest = data.split(b"\n")
+        texts = []
+        for piece in ended:
+            self._keep(piece)
+            if (text := self._end()) is not None:
+                texts.append(text)
+        self._keep(rest)
+        return texts
+
+    def _keep(self, piece: bytes) -> None:
+        room = MAX_LINE + 1 - len(self._begun)  # one more byte for a carriage return
+        self._overrun = self._overrun or len(piece) > room
+        self._begun += piece[:room]
+
+    def _end(self) -> str | None:
+        """Return the text of the finished line if intact."""
+        line, overrun = bytes(self._begun).removesuffix(b"\r"), self._overrun
+        self._begun.clear()
+        self._overrun = False
+        if overrun or len(line) > MAX_LINE or line.translate(None, _PRINTABLE):
+            return None
+        return line[:-_CHECKSUM].decode("ascii") if len(line) > _CHECKSUM and intact(line) else None
+
+
+def command_line(number: int, verb: str, *arguments: str) -> bytes:
+    r"""Return the line of a command."""
+    return seal(",".join((f">{number:02X}", verb, *arguments)))
+
+
+def draft_commands(settings: ScanSettings) -> tuple[tuple[str, ...], ...]:
+    """Return the commands that send a board its settings."""
+    wiring = settings.wiring
+    devices = [wiring[first : first + SWITCHES] for first in range(0, len(wiring), SWITCHES)]
+    return (
+        ("BEGIN", f"{len(devices):02X}", f"{len(settings.states):02X}"),
+        *(("WIRE", f"{index:02X}", switches.hex().upper()) for index, switches in enumerate(devices)),
+        ("SAFE", settings.safe_words.hex().upper()),
+        *(("REG", f"{address:02X}", f"{value:04X}") for address, value in settings.registers),
+        (
+            "WAIT",
+            *(f"{time:08X}" for time in (settings.wait_us, settings.timeout_us)),
+            f"{settings.discard:02X}",
+            f"{settings.again_us:08X}",
+        ),
+        *(
+            ("STATE", f"{index:02X}", state.words.hex().upper(), f"{settings.drive_register(state):04X}")
+            for index, state in enumerate(settings.states)
+        ),
+        ("COMMIT", f"{settings.hash:04X}"),
+    )
+
+
+_WRAP = 1 << 32  # µs of the board's clock, 71.6 minutes
+
+
+class BoardTime:
+    """Unwrapped time of a board with a 32-bit clock.
+
+    The computer's clock is the guide. The two clocks may differ by half a wrap (35 minutes) between two readings, so
+    pauses of any length are bridged. A board whose clock is off by 1 % may be silent for 59 hours.
+
+    Examples
+    --------
+    >>> time = BoardTime()
+    >>> time.unwrap(0xFFFFFFFF, now=100.0), time.unwrap(9, now=100.1)
+    (4294967295, 4294967305)
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+        self._then = 0.0
+
+    def unwrap(self, microseconds: int, now: float) -> int:
+        """Return the board's time without wraps in µs.
+
+        `microseconds` is the time from the board, 0 to 2³² − 1, perhaps older than a previous time. `now` is the time
+        of the computer in s, which never steps back.
+        """
+        if self._newest is None:
+            self._newest, self._then = microseconds, now
+            return microseconds
+        expected = self._newest + (now - self._then) * 1e6
+        unwrapped = microseconds + _WRAP * round((expected - microseconds) / _WRAP)
+        if unwrapped > self._newest:
+            self._newest, self._then = unwrapped, now
+        return unwrapped
+
+
+class ScanGate:
+    """Filter of the scans of one stream.
+
+    It uses the hash of the settings and the number of their states. The stream began after `start`, an unwrapped time
+    of the board in µs.
+    """
+
+    def __init__(self, *, configuration: int, states: int, start: int) -> None:
+        self._configuration, self._states = configuration, states
+        self._newest = start
+        self._sequence = -1
+
+    def passes(self, scan: ScanMessage, time: int) -> bool:
+        """Decide whether to accept a scan.
+
+        `time` is its unwrapped time in µs.
+        """
+        if time < self._newest:
+            return False
+        if scan.configuration != self._configuration:
+            raise BoardRestarted(
+                f"the board measures with the settings {scan.configuration:04X}, not with {self._configuration:04X}; "
+                "configure it again."
+            )
+        if len(scan.samples) != self._states or scan.sequence <= self._sequence:
+            return False
+        self._sequence, self._newest = scan.sequence, time
+        return True

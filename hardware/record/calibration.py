@@ -1,25 +1,34 @@
-"""Constants of a board: clock, tank capacitances and drift.
+"""Constants of a board: clock, tank capacitances and drift, from a recording, and their TOML file.
 
 The drift belongs to a recording. δ, a ratio of frequencies, depends only on the drift. Clock and capacitance give L its
-scale.
+scale. The keys of the file have units in their names. A file of `save_calibration` ends in a checksum of the whole
+file. A file that a person wrote has ``checksum = "none"`` instead.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import tomli_w
 import xarray as xr
+from pydantic import Field
 
-from coilarray.errors import HardwareError, require_positive
+from coilarray.compute.checksum import sealed, unsealed
+from coilarray.compute.files import write_bytes
+from coilarray.design.keys import Table
+from coilarray.design.toml_file import TomlFiles
+from coilarray.errors import DamagedError, HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
-from coilarray.hardware.record.baseline_drift import Drift, at_rest, fit_drifts
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recording import Recording
+from coilarray.hardware.record.stability import HIGHEST_ORDER, Drift, at_rest, fit_drifts
 from coilarray.response.map import response_map
 
 ClockFrom = Literal["settings", "known frequency"]
@@ -61,9 +70,8 @@ class Channel:
 class BoardCalibration:
     """Constants of a board.
 
-    An implausible clock, or a state that occurs twice, raises a HardwareError. The capacitances follow from known
-    inductances or from the simulated design. With the latter, measured and simulated L agree by construction, which is
-    not a test.
+    The capacitances follow from known inductances or from the simulated design. With the latter, measured and simulated
+    L agree by construction, which is not a test.
     """
 
     source: str  # for readers
@@ -116,34 +124,7 @@ def calibrate_board(
     source: str = "",
     made: str = "",
 ) -> BoardCalibration:
-    """Calibrate a board with a recording's scans at rest.
-
-    They are baselines, and scans of a stream.
-
-    Parameters
-    ----------
-    inductances : mapping of str to float, optional
-        Known inductances in H by state, of reference inductors in place of the coils, or measured with another
-        instrument.
-    inductance_error : float
-        Relative standard error of the known inductances.
-    from_design : bool
-        Whether to take the inductances of the simulated design instead.
-    known_frequency : (str, float), optional
-        State that was measured while a known frequency in Hz replaced its tank, and that frequency. It gives the clock.
-    frequency_error : float
-        Relative standard error of the known frequency.
-    order : int, optional
-        Order of the polynomial of the drift, 1 to 3. By default the lowest order with random residuals.
-    source, made
-        Origin and date of the calibration, see `BoardCalibration`.
-
-    Raises
-    ------
-    HardwareError
-        States that the recording does not have, inductances both known and simulated, invalid values, a state with
-        fewer than two scans at rest, a damaged file.
-    """
+    """Calibrate a board with a recording's scans at rest."""
     if inductances is not None and from_design:
         raise HardwareError("inductances must be either known or simulated, not both.")
     for name, value in (("inductances", inductance_error), ("frequency", frequency_error)):
@@ -189,9 +170,6 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
     addition ``drift_removed`` (state) and two attributes. ``calibration`` is the source of the calibration, and
     ``calibration_board`` is the calibrated board. If the calibration has capacitances, ``capacitance_from`` is their
     origin. If the drift was removed, ``delta_std`` follows from it.
-
-    A HardwareError is raised for a calibration of an emulated board for a real board or vice versa, or of another
-    design, and in the cases of `recorded_response`.
     """
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")
@@ -231,8 +209,7 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
     """Return the simulated L_0 in H of every recorded state.
 
-    The design is in an ideal circuit, so that all strays count as capacitance. A design without an indentation has no
-    simulated response and raises a HardwareError.
+    The design is in an ideal circuit, so that all strays count as capacitance.
     """
     design, setup = recording.design, recording.design.indentation
     if setup is None:
@@ -248,10 +225,7 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
 def _remove_drift(
     response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
 ) -> bool:
-    """Replace δ of a state by δ from its drift.
-
-    The response is changed in place. False is returned if a session has no drift.
-    """
+    """Replace δ of a state by δ from its drift."""
     peaks = (series.stage.values == "peak") & series.finished.values
     peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]
@@ -276,10 +250,7 @@ def _remove_drift(
 
 
 def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the mean frequencies at rest in Hz.
-
-    Their standard errors are returned with them. States without a mean are left out.
-    """
+    """Return the mean frequencies at rest in Hz."""
     rest = at_rest(series)
     means, errors = {}, {}
     for k, state in enumerate(series.state.values.tolist()):
@@ -292,19 +263,13 @@ def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, f
 
 
 def _with_inductances(series: xr.Dataset, capacitances: Mapping[str, float], ratio: float) -> xr.Dataset:
-    """Return a series with other capacitances and clock.
-
-    The inductances are converted to the capacitances and to a clock that is faster by a ratio.
-    """
+    """Return a series with other capacitances and clock."""
     C = np.array([capacitances[state] for state in series.state.values.tolist()])
     return series.assign(inductance=1 / ((2 * np.pi * series.frequency * ratio) ** 2 * xr.DataArray(C, dims="state")))
 
 
 def _sessions(recording: Recording) -> list[tuple[int, float]]:
-    """Return the board's number and start of every session.
-
-    The start is in s since the epoch.
-    """
+    """Return the board's number and start of every session."""
     return [(session.identity.boot, session.started) for session in recording.sessions]
 
 
@@ -320,3 +285,187 @@ def _known(name: str, unit: str, value: float) -> float:
     if not (math.isfinite(value) and value > 0):
         raise HardwareError(f"a known {name} must be positive and finite; got {value:g} {unit}.")
     return value
+
+
+SCHEMA = 1
+"""Version of the format."""
+
+_KIND = "coilarray board calibration"
+_CALIBRATIONS = TomlFiles("calibration", HardwareError)
+_BY_HAND = re.compile(r'^checksum\s*=\s*"none"', re.MULTILINE)
+
+
+def calibration_to_toml(calibration: BoardCalibration) -> str:
+    """Return the constants of a board as TOML."""
+    document = {
+        "schema": SCHEMA,
+        "kind": _KIND,
+        "source": calibration.source,
+        "made": calibration.made,
+        "board": calibration.board,
+        "emulated": calibration.emulated,
+        "design_hash": calibration.design_hash,
+        "clock": {
+            "frequency_Hz": calibration.clock,
+            "from": calibration.clock_from,
+            "standard_error_Hz": calibration.clock_error,
+        },
+        "capacitances_from": calibration.inductances_from,
+        "channel": [channel_record(channel) for channel in calibration.channels],
+        "drift": [_keyed(_DriftTable, {**asdict(drift), "boot": f"{drift.boot:08X}"}) for drift in calibration.drifts],
+    }
+    return tomli_w.dumps(_without_nothing(document))
+
+
+def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibration:
+    """Read the constants of a board from TOML."""
+    document = _CALIBRATIONS.parse(text, origin)
+    if document.get("kind") != _KIND:
+        raise HardwareError(f'{origin} is not a calibration of a board: it must have kind = "{_KIND}".')
+    file = _CALIBRATIONS.check(_File, document, origin)
+    try:
+        return file.build()
+    except HardwareError as error:
+        raise HardwareError(f"{origin}: {error}") from None
+
+
+def save_calibration(calibration: BoardCalibration, path: Path) -> None:
+    """Write the constants of a board with a checksum."""
+    write_bytes(path, sealed(calibration_to_toml(calibration).encode()))
+
+
+def load_calibration(path: str | Path) -> BoardCalibration:
+    """Read a file with the constants of a board."""
+    text = _CALIBRATIONS.text(path)
+    try:
+        unsealed(text.encode(), path)
+    except DamagedError as error:
+        if _BY_HAND.search(text) is None:
+            raise HardwareError(f'{error} Where a person wrote it, checksum = "none" must be its first line.') from None
+    return calibration_from_toml(text, str(path))
+
+
+def channel_record(channel: Channel) -> dict[str, Any]:
+    """Return a channel under the keys of the file."""
+    return _keyed(_ChannelTable, asdict(channel))
+
+
+def _keyed(table: type[Table], values: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a table under the file's keys."""
+    return {field.alias or name: values[name] for name, field in table.model_fields.items()}
+
+
+def _without_nothing(document: dict[str, Any]) -> dict[str, Any]:
+    """Leave out keys without a value, and empty tables."""
+    return {
+        key: _without_nothing(value) if isinstance(value, dict) else value
+        for key, value in document.items()
+        if value is not None and value != []
+    }
+
+
+_Name = Annotated[str, Field(min_length=1, max_length=200)]
+_Text = Annotated[str, Field(max_length=2000)]
+_Positive = Annotated[float, Field(gt=0)]
+_Count = Annotated[int, Field(ge=0, le=1_000_000)]
+
+
+class _Clock(Table):
+    """``[clock]``: the frequency that the converter counts with."""
+
+    frequency: _Positive = Field(alias="frequency_Hz")
+    """Clock of the converter."""
+    standard_error: Annotated[float, Field(ge=0)] | None = Field(alias="standard_error_Hz", default=None)
+    """Its standard error."""
+    origin: ClockFrom = Field(alias="from")
+    """Where it is from."""
+
+
+class _ChannelTable(Table):
+    """``[[channel]]``: the tank of one state of the scan."""
+
+    state: _Name
+    """State of the scan."""
+    capacitance: _Positive = Field(alias="capacitance_F")
+    """Capacitance of its tank."""
+    standard_error: Annotated[float, Field(ge=0)] = Field(alias="standard_error_F")
+    """Its standard error."""
+    inductance: _Positive = Field(alias="inductance_H")
+    """Inductance with which it was found."""
+
+
+class _DriftTable(Table):
+    """``[[drift]]``: how the inductance of one state moved in one session while nothing pressed."""
+
+    session: _Count
+    """Session of the recording."""
+    boot: Annotated[str, Field(pattern=r"^[0-9A-F]{8}$")]
+    """Number of the board's session."""
+    started: float = Field(alias="started_s")
+    """When the session began, in seconds since the epoch."""
+    state: _Name
+    """State of the scan."""
+    start: float = Field(alias="start_s")
+    """Time of the first scan at rest, from the first scan of the recording."""
+    stop: float = Field(alias="stop_s")
+    """Time of the last one."""
+    gap: Annotated[float, Field(ge=0)] = Field(alias="gap_s")
+    """Longest time between two of them; by so much the curve may be extrapolated."""
+    inductance: _Positive = Field(alias="inductance_H")
+    """Inductance at rest in the middle of that time."""
+    coefficients: Annotated[list[float], Field(min_length=1, max_length=HIGHEST_ORDER)]
+    """Coefficients of the polynomial of its relative change, over −1 to 1."""
+    covariance: Annotated[list[list[float]], Field(max_length=HIGHEST_ORDER + 1)]
+    """Their covariance, with the inductance's."""
+    scatter: Annotated[float, Field(ge=0)]
+    """Relative standard deviation of one scan about the curve."""
+    smooth: bool
+    """Whether the scans scatter about the curve randomly; else no such curve describes the drift."""
+
+    def build(self) -> Drift:
+        """Return the drift."""
+        covariance = tuple(tuple(row) for row in self.covariance)
+        own = {"boot": int(self.boot, 16), "coefficients": tuple(self.coefficients), "covariance": covariance}
+        return Drift(**{**self.model_dump(), **own})
+
+
+class _File(Table):
+    """The whole file."""
+
+    schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    """Version of the file format."""
+    kind: Literal["coilarray board calibration"]
+    """What the file is."""
+    checksum: Literal["none"] | None = None
+    """Given where a person wrote or changed the file, which then needs no last line with a checksum."""
+    source: _Text
+    """Recording that it is from."""
+    made: _Text
+    """When it was made."""
+    board: _Text
+    """Board that was measured."""
+    emulated: bool
+    """Whether the board was emulated."""
+    design_hash: _Text
+    """Hash of the design that was measured."""
+    clock: _Clock
+    capacitances_from: InductancesFrom | None = None
+    """Inductances with which the capacitances were found."""
+    channel: Annotated[list[_ChannelTable], Field(max_length=1000)] = Field(default_factory=list)
+    drift: Annotated[list[_DriftTable], Field(max_length=100_000)] = Field(default_factory=list)
+
+    def build(self) -> BoardCalibration:
+        """Return the constants."""
+        return BoardCalibration(
+            source=self.source,
+            made=self.made,
+            board=self.board,
+            emulated=self.emulated,
+            design_hash=self.design_hash,
+            clock=self.clock.frequency,
+            clock_error=self.clock.standard_error,
+            clock_from=self.clock.origin,
+            inductances_from=self.capacitances_from,
+            channels=tuple(Channel(**channel.model_dump()) for channel in self.channel),
+            drifts=tuple(drift.build() for drift in self.drift),
+        )
