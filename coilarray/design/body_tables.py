@@ -162,7 +162,7 @@ class FlatTable(MaterialTable):
     def _sizes_of_its_shape(self) -> Self:
         """Refuse missing or extra keys of a shape."""
         needed = _SIZES[self.shape]
-        for key in {key for keys in _SIZES.values() for key in keys}:
+        for key in dict.fromkeys(key for keys in _SIZES.values() for key in keys):
             if (getattr(self, key) is not None) != (key in needed):
                 raise ValueError(f'{"needs" if key in needed else "has no"} {key} for shape = "{self.shape}"')
         if self.holes_mm and self.shape != "polygon":

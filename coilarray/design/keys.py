@@ -300,6 +300,12 @@ def keys_of(table: type[Table]) -> list[Key]:
     ]
 
 
+def tags_of(table: type[BaseModel], key: str, tag: str) -> list[str]:
+    """Shapes or lattices of the tables that a key may hold, by which its `tag` chooses."""
+    held = _tables(table.model_fields[key].annotation)
+    return [value for one in held for value in typing.get_args(one.model_fields[tag].annotation)]
+
+
 def meaning_of(table: type[Table], key: str) -> str:
     """Return the text beneath a key in the class of its table, or of a class above it."""
     above = (base for base in table.__mro__ if issubclass(base, Table) and base is not Table)

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from coilarray.compute.files import text_of_file
+from coilarray.design.keys import tags_of
 from coilarray.errors import CoilarrayError, shown
 
 _LONGEST_NAME = 200  # characters shown of a file name
@@ -98,7 +99,7 @@ class TomlFiles:
         try:
             return model.model_validate(document)
         except ValidationError as error:
-            message = first_error(error, document)
+            message = first_error(error, document, model)
             whole = f"the {self.kind}" if message.startswith(" ") else ""  # a mistake that concerns no single key
             raise self.error(f"{origin[:_LONGEST_NAME]}: {whole}{message}") from None
 
@@ -121,14 +122,14 @@ def _unusable(tables: dict[str, Any]) -> str:
     return f"{level[0][0][:_LONGEST_KEY]} is nested too deeply."
 
 
-def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
+def first_error(error: ValidationError, document: Mapping[str, Any], model: type[BaseModel] = BaseModel) -> str:
     """Describe the first mistake of a document with its key, the allowed and the given value."""
     errors = error.errors(include_url=False)
     more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
-    return f"{_describe(errors[0], document)}{more}"
+    return f"{_describe(errors[0], document, model)}{more}"
 
 
-def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
+def _describe(details: ErrorDetails, document: Mapping[str, Any], model: type[BaseModel]) -> str:
     """Describe one mistake of a document."""
     where: list[str | int] = []
     table: Any = document
@@ -155,12 +156,8 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         return f"{key} is missing."
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         tag = str(details["ctx"]["discriminator"]).strip("'")
-        allowed = {
-            "coils": "'polygon', 'circle', 'rectangle', 'racetrack' or 'path'",
-            "array": "'single', 'linear', 'square', 'hexagonal', 'triangle', 'rings' or 'free'",
-            "target": "'plate', 'disc', 'rectangle', 'ring', 'polygon' or 'sphere'",
-            "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
-        }[str(where[0])]
+        *most, last = map(repr, tags_of(model, str(where[0]), tag))
+        allowed = f"{', '.join(most)} or {last}"
         value = got.get(tag) if isinstance(got, Mapping) else None
         return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else shown(value)}."
     if kind == "value_error":

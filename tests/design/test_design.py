@@ -217,7 +217,7 @@ BAD = {
     "no indentation": (without("[indentation]", "[circuit]"), r"\[indenter\] needs the table \[indentation\] too"),
     "no sheet to press on": (without("[[elastomer]]", "# What presses", *ASSUMED), r"\[indentation\] needs at least one \[\[elastomer\]\] to press on"),
     "edge of a punch": (changed('shape = "hemisphere"', 'shape = "flat_punch"\nedge_radius_mm = 5'), "edge radius of a flat punch must be positive and at most its radius, 2 mm; got 5 mm"),
-    "wrong indenter": (changed('shape = "hemisphere"', 'shape = "needle"'), "indenter.shape must be 'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'; got 'needle'"),
+    "wrong indenter": (changed('shape = "hemisphere"', 'shape = "needle"'), "indenter.shape must be 'hemisphere', 'paraboloid', 'cylinder_edge', 'flat_punch' or 'cone'; got 'needle'"),
     "no shape of the indenter": (changed('shape = "hemisphere"', ""), "indenter.shape must be 'hemisphere', .*; got nothing"),
     "indenter without radius": (changed("radius_mm = 2.0", ""), "indenter.radius_mm is missing"),
     "indenter of no size": (changed("radius_mm = 2.0", "radius_mm = 0"), "indenter.radius_mm must be greater than 0; got 0"),
