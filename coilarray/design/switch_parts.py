@@ -26,28 +26,12 @@ _FROM_MEMORY = "not verified: the table of the data sheet was not read"
 
 @dataclass(frozen=True)
 class SwitchPart:
-    """A package of eight switches, each closed by one bit.
+    """A package of eight switches, each closed by one bit; values are typical.
 
-    Parameters
-    ----------
-    name : PartName
-        Part number.
-    title : str
-        Topology of the switches in the package.
-    bits : tuple of str
-        Names of the switches from bit 0 to bit 7.
-    drains : mapping of str to tuple of str
-        Common pins, each with the switches that share it. Empty if no switch shares a pin.
-    on_resistance : float
-        Typical resistance of a closed switch in Ω.
-    off_isolation : float
-        Typical attenuation by an open switch in dB, at 10 MHz into 50 Ω.
-    source_capacitance, drain_capacitance : float
-        Typical capacitance to ground in F of the own pin of an open switch, and of the other (common) pin.
-    on_capacitance : float
-        Typical capacitance to ground in F of both pins of a closed switch together.
-    unverified : mapping of str to str
-        Fields that no public source confirmed, with the reason.
+    `bits` are the names of the switches from bit 0 to bit 7, and `drains` the common pins, each with the switches that
+    share it. The resistance of a closed switch is in Ω, and the attenuation by an open one in dB, at 10 MHz into 50 Ω.
+    Capacitances to ground are in F: of the own pin and of the other (common) pin of an open switch, and of both pins of
+    a closed one together. `unverified` has the fields that no public source confirmed, with the reason.
     """
 
     name: PartName

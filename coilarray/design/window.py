@@ -29,36 +29,14 @@ def array_window(
     within: tuple[float, float, float, float] | None = None,
     table: str = "indentation",
 ) -> Positions:
-    """Return an even grid over the outlines of all coils.
+    """Return an even grid over the outlines of all coils, in m from an `origin` on the board.
 
-    x and y are in m from an origin on the board.
-
-    Parameters
-    ----------
-    array : Array
-        The coils that are to be covered.
-    origin : tuple of float
-        x and y in m on the board from which positions count.
-    step : float, optional
-        Distance of the positions in m. By default it is a twelfth of the narrowest coil, and a thirty-second of a
-        single coil. To avoid more than 2000 positions it is up to a sixth, and to avoid more than 500 positions of a
-        target up to a quarter. For a single coil it is up to a twelfth. On a board of thousands of coils it is wider,
-        until 100000 positions suffice.
-    within : tuple of float, optional
-        Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves. If no other position is left,
-        their middle is the only position.
-    table : str
-        Table of the design file that has the step, for messages.
-
-    Returns
-    -------
-    tuple of tuple of float
-        Multiples of the step.
-
-    Raises
-    ------
-    DesignError
-        A given step that makes more than 100000 positions.
+    The positions are multiples of the step, in m. By default it is a twelfth of the narrowest coil, and a thirty-second
+    of a single coil. To avoid more than 2000 positions it is up to a sixth, and to avoid more than 500 positions of a
+    target up to a quarter; for a single coil it is up to a twelfth. On a board of thousands of coils it is wider, until
+    100000 positions suffice. A given step that makes more raises a DesignError, which names its `table`. No position
+    leaves the edges `within` (x_min, y_min, x_max, y_max), also from the origin; if no other is left, their middle is
+    the only position.
     """
     bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
     chosen = _default_step(array, np.ptp(bounds, axis=0), table) if step is None else step

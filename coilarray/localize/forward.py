@@ -406,33 +406,13 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
 def table_grid(
     design: Design, *, spacing: float | None = None, deepest: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose positions of a response for a forward model.
+    """Choose positions of a response that are close enough together for the splines of a forward model.
 
-    They are close enough together for its splines.
-
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    spacing : float, optional
-        Largest distance of positions in m. By default a fifth of the thickness of all sheets, which leaves errors of
-        less than 1e-6 in δ between the positions (gast2020).
-    deepest : float, optional
-        Greatest depth in m. By default 1.7 times the greatest depth of the design, since noise must not push a reading
-        out of the table.
-
-    Returns
-    -------
-    depths, x, y : ndarray, shape (n,)
-        Coordinates in m. x and y count from the map's origin and cover the outlines of all coils, as far as the contact
-        at the greatest depth stays on the sample.
-
-    Raises
-    ------
-    ElastomerError
-        A design without an indentation.
-    LocalizeError
-        A spacing or depth that is not positive, or a sample that leaves no room over the coils.
+    By default `spacing`, the largest distance in m, is a fifth of the thickness of all sheets, which leaves errors of
+    less than 1e-6 in δ between the positions (gast2020), and `deepest` is 1.7 times the greatest depth of the design,
+    since noise must not push a reading out of the table. Returns depths, x and y (n,) in m. x and y count from the
+    map's origin and cover all coils, as far as the contact at the greatest depth stays on the sample. Raises
+    ElastomerError without an indentation, and LocalizeError for a sample that leaves no room over the coils.
     """
     setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing

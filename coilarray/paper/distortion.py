@@ -66,9 +66,7 @@ def distortion(
     draws: Sequence[tuple[Design, Imperfections]] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Predict x0(δ), A(δ), B(δ) and the causes of their distortion.
-
-    The difference x0 − centre is split into its causes.
+    """Predict x0(δ), A(δ), B(δ) and the causes of their distortion, into which x0 − centre is split.
 
     Parameters
     ----------
@@ -81,32 +79,19 @@ def distortion(
     imperfections : Imperfections, optional
         Deviations of the experiment, in every map. They may come from a calibration.
     draws : sequence of (Design, Imperfections)
-        Other possible designs, as `coilarray.studies.calibrate.calibration.posterior_draws` returns them. Their scatter
-        is the error of x0 and of the effect of the neighbours. At least two, or none.
+        None, or at least two other possible designs, as `coilarray.studies.calibrate.calibration.posterior_draws`
+        returns them. Their scatter is the error of x0 and of the effect of the neighbours.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
     Returns
     -------
     xarray.Dataset
-        ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as in the design's scan)
-        and ``open``. ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for other
-        states. ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state, delta) mark levels of
-        which the window leaves too little. ``effect`` (cause, state, delta) in m is the part of x0 that is lost without
-        the cause. ``indenter_x0``, ``indenter_A``, ``indenter_B`` (indenter, state, delta) in m and ``indenter_peak``
-        (indenter, state), the largest δ of the map, are for an indenter ``without`` a material and for indenters of
-        steel, aluminium and ferrite. ``centre`` (state) is in m. ``rms`` (cause, state) of the effects and
-        ``rms_residual`` (state) of predicted − published x0 are in m. Values are NaN at levels that a map does not
-        reach. Effects and root mean squares leave undetermined levels out. With draws there are also their standard
-        deviations ``x0_std``, ``effect_std`` and ``rms_std`` of the same shapes, NaN for causes other than the
-        neighbours and for a draw without a value.
-
-    Raises
-    ------
-    LocalizeError
-        A state that is not named after a coil, or a single draw.
-    ElastomerError, NetworkError
-        Arguments that `coilarray.response.map.response_map` refuses.
+        See `DISTORTION`. The neighbours are ``grounded`` (as in the design's scan) and ``open``. Published values are
+        those of Table A1, NaN for other states. ``effect`` is the part of x0 that is lost without the cause. An
+        indenter is ``without`` a material, or of steel, aluminium or ferrite; ``indenter_peak`` is the largest δ of its
+        map. Values are NaN at levels that a map does not reach. Effects and root mean squares leave undetermined levels
+        out. Standard deviations come from draws.
 
     Notes
     -----
@@ -115,9 +100,9 @@ def distortion(
     wide and fine map), ``winding and leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all
     coils at one height), ``tilt`` and ``noise``. Tilt and noise are switched on, since the computed map has neither.
     For noise the effect is the standard deviation of x0, for the noise of δ in the noise budget of the design: each
-    coil's own, the attribute ``noise``, and the common noise, once a map. ``indenter of steel``, ``… aluminium`` and
-    ``… ferrite`` are also switched on, if the design's indenter is a hemisphere without a material. They are the eddy
-    currents and the magnetisation of a ball, with L_0 read as it just touches the sheets.
+    coil's own, the attribute ``noise``, and the common noise, once a map. Materials of the indenter are also switched
+    on, if it is a hemisphere without one: eddy currents and magnetisation of a ball, with L_0 read as it just touches
+    the sheets.
     """
     names = design.array.names
     for state in states:

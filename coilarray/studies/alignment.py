@@ -33,23 +33,13 @@ _CLOSE = 1e-14  # relative, convergence to rounding
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Scale and shift of one map onto another.
+    """Scale and shift of one map onto another, with their standard deviations by the given noise.
 
-    Parameters
-    ----------
-    scale : float
-        Factor of the other map's δ. NaN if that map is flat.
-    shift : tuple of float
-        Shift of the other map along x and y in m. NaN along an axis without a search, or if its standard deviation is
-        greater than the largest shift. Then the map does not determine it, and it is taken as 0.
-    scale_std, shift_std
-        Standard deviations by the given noise. NaN with the value.
-    used : ndarray of bool, shape (places,)
-        True for each place that was used.
-    at_limit : bool
-        True if a shift is at the end of the searched range. The true shift is beyond.
-    scatter : float
-        Root of the residuals' sum of squares over the degrees of freedom, in δ. NaN without degrees of freedom.
+    The scale is the factor of the other map's δ, NaN if that map is flat. The shift along x and y in m is NaN along an
+    axis without a search, or if its standard deviation is greater than the largest shift: the map does not determine
+    it, and it is taken as 0. `used` (places,) marks the places that were used. A shift that is `at_limit` is at the end
+    of the searched range, and the true shift beyond. `scatter` is the root of the residuals' sum of squares over the
+    degrees of freedom, in δ, NaN without any.
     """
 
     scale: float
@@ -88,33 +78,13 @@ def align(
     largest_shift: tuple[float, float],
     noise: npt.ArrayLike | None = None,
 ) -> Alignment:
-    """Fit the scale and shift of a map to measurements.
+    """Fit the scale and shift that bring the map of a model of one state onto values measured at places (n, 3).
 
-    They bring the map of a model onto the measured values.
-
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of the other map, of one state.
-    places : array_like, shape (n, 3)
-        x, y and depth in m.
-    measured : array_like, shape (n,)
-        δ there.
-    largest_shift : tuple of float
-        Largest shift to either side along x and y in m. Only places that stay in the model's table under this shift are
-        used. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0.
-    noise : array_like, scalar or shape (n,), optional
-        Standard deviation of every measured δ. By default it follows from the scatter of the residuals.
-
-    Raises
-    ------
-    LocalizeError
-        A model of several states, shapes that differ, values that are not finite, a negative shift or noise.
-
-    Notes
-    -----
-    All places have the same weight. The standard deviations belong to this estimate under the given noise, (JᵀJ)⁻¹ Jᵀ
-    diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
+    Places are x, y and depth in m. Only those are used that stay in the model's table under the `largest_shift` along x
+    and y in m. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0. All
+    places have the same weight. The standard deviations belong to this estimate under the given noise of δ, by default
+    the scatter of the residuals, (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
+    Raises LocalizeError for arguments that are not finite or do not fit each other.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
