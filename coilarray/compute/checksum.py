@@ -25,7 +25,6 @@ from coilarray.errors import DamagedError
 
 COLUMN = "checksum"
 """Name of the last column of a CSV whose lines have checksums."""
-
 _LAST_LINE = "# coilarray checksum of "
 _SEAL = re.compile(rb"\n# coilarray checksum ([0-9a-f]{32})\n")
 _LENGTH = len("\n# coilarray checksum \n") + 32

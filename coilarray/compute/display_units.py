@@ -71,13 +71,7 @@ def number_text(number: float, digits: int, sign: str = "-") -> str:
 
 
 def value_text(value: object) -> str:
-    """Return an entry of a design or a quantity as text, with up to six digits.
-
-    Examples
-    --------
-    >>> value_text(13.0), value_text(-1 / 3), value_text("L1"), value_text([["L1"], ["L2"]]), value_text(None)
-    ('13', '−0.333333', 'L1', '[["L1"], ["L2"]]', '–')
-    """
+    """Return an entry of a design or a quantity as text, with up to six digits."""
     if value is None:
         return "–"
     if isinstance(value, float):
@@ -121,7 +115,6 @@ PERCENT = DisplayUnit("%", 100.0, 2)
 """Shares and relative changes."""
 PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)
 """Relative changes of inductance, δ."""
-
 _UNITS = {
     "1": DisplayUnit(), "A": DisplayUnit("µA", 1e6, 0), "A/A": DisplayUnit("A/A", 1.0, 5),
     "F": DisplayUnit("pF", 1e12, 2), "H": DisplayUnit("µH", 1e6, 4), "Hz": DisplayUnit("MHz", 1e-6, 4),

@@ -17,7 +17,6 @@ from coilarray.errors import CoilarrayError, OutputError
 
 MOST_BYTES = 1_000_000_000
 """Largest size in bytes of a file that is read into memory."""
-
 _LEFT = re.compile(r"\..*-coilarray-(\d+)-[a-z0-9_]{8}(\..*)?", re.DOTALL)
 _TOLD: list[Callable[[Path, Path], None]] = []
 

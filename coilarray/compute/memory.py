@@ -10,10 +10,8 @@ from coilarray.errors import CoilarrayError
 
 LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
 """Environment variable that sets the allowed memory in GB, in place of a share of the free memory."""
-
 SHARE = 0.75
 """Share of the free memory that one array and its computation may use."""
-
 _GB = 1e9
 _OBJECTS_A_COLLECTION = 100_000
 _SMALL = 50e6  # bytes; less is never refused, so that small arrays cost no look at the system

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 _ROOT = Path(__file__).parent.parent
 _COMPUTES_WITH = ("numpy", "scipy", "numba")
 _SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without influence on results
-
 Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]
 """Returns the dataset kept for some parts, as in `content_key`, or computes and keeps it."""
 FOLDER_VARIABLE = "COILARRAY_CACHE"

@@ -22,10 +22,8 @@ from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
 Progress = Callable[[int, int], None]
 """Called with (done, total) as work goes on."""
-
 Value = TypeVar("Value")
 
 
@@ -45,13 +43,7 @@ def part_of(progress: Progress | None, number: int, parts: int) -> Progress | No
 
 
 def ranges(count: int, size: int) -> list[tuple[int, int]]:
-    """Cut 0..count into consecutive (start, stop) of at most `size`.
-
-    Examples
-    --------
-    >>> ranges(5, 2)
-    [(0, 2), (2, 4), (4, 5)]
-    """
+    """Cut 0..count into consecutive (start, stop) of at most `size`."""
     return [(start, min(start + size, count)) for start in range(0, count, size)]
 
 

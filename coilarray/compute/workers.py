@@ -52,7 +52,6 @@ MOST_WORKERS = 1024
 """Largest number of local processes."""
 ANSWER_WITHIN = 10.0
 """Time in s within which a scheduler must answer and have a worker."""
-
 _IN_FLIGHT = 2  # tasks for each worker: the task that it computes and a task that waits
 _MANY_IN_FLIGHT = 1000  # the same for all workers, if their number is unknown
 _LOOK = 1.0  # s between looks at a cluster

@@ -18,7 +18,6 @@ from coilarray.errors import DesignError
 from coilarray.studies.quantities import canonical, evaluate
 
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no quantity
-
 Outcome = dict[str, float] | str
 """Quantities of a point by name, or one line with the reason why it has none."""
 

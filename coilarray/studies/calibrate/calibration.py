@@ -33,7 +33,6 @@ from coilarray.studies.points import run_cached
 
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no response
 _GUESSED_STEPS = 6  # of a fit, for a progress bar
-
 CALIBRATION = Schema(
     GoalError, "value, posterior and entries over combination, draw and unknown",
     {

@@ -39,7 +39,6 @@ _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %
 _SAME = 1e-3  # m: largest distance of a coil in the design from the same coil in the data
 _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not determine the peak
-
 COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
 """Mesh that is accurate to 1e-3 of δ, and twice as fast."""
 

@@ -21,7 +21,6 @@ from coilarray.errors import GoalError
 
 Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
 """Generator that yields points (unknowns,), gets the model's numbers or an error at each, and returns the fit."""
-
 _MOST_STEPS = 40
 _STEP = 0.02  # of an unknown's range, for the first slopes
 _STEPS = (1e-3, 0.1)  # the same for later ones: outside the noise of meshes and levels, and not far away

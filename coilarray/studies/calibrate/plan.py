@@ -41,25 +41,19 @@ from coilarray.errors import GoalError, listed, shown
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
 """Files of calibration plans, and the plans that come with the package."""
-
 Parameter = Literal["A", "B", "x0", "peak"]
 """Parameters of ellipses that may be fitted."""
-
 MOST_COMBINATIONS = 200
 """Largest number of combinations of choices that are fitted."""
-
 FITTED: tuple[Parameter, ...] = ("A", "B", "peak")
 """Parameters of ellipses that are fitted by default."""
-
 LEVELS = tuple(k * 1e-4 for k in range(1, 11))
 """δ of the ellipses that are fitted by default."""
-
 IMPERFECTIONS = {
     "depth_error_mm": 1e-3, "tilt_x_mrad": 1e-3, "tilt_y_mrad": 1e-3, "offset_x_mm": 1e-3, "offset_y_mm": 1e-3,
     "drift": 1.0, "column_drift": 1.0,
 }  # fmt: skip
 """Unknowns of the experiment, named ``imperfections.…``, and the SI value of their unit."""
-
 IMPERFECTION = "imperfections."
 """Prefix of unknowns of the experiment."""
 

@@ -27,7 +27,6 @@ from coilarray.studies.calibrate.fit import Fit, Problem, at_bound, gradient, in
 from coilarray.studies.calibrate.plan import Choice, Plan, Unknown, separated
 
 _DRAWS = 4096  # of a scrambled Sobol sequence
-
 DRAWS = 1000
 """Number of draws from the posterior of every combination of choices."""
 _FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
@@ -56,12 +55,6 @@ def bounded_normal(
     Returns draws (count, n), and the logarithm of the probability of the box before it was cut out. With a finite
     `freedom` it is Student's distribution, whose scale is only estimated. The probability always belongs to the normal
     distribution.
-
-    Examples
-    --------
-    >>> draws, probability = bounded_normal(np.zeros(1), np.eye(1), np.zeros(1), np.full(1, np.inf), 1000)
-    >>> round(probability, 6), bool((draws >= 0).all()), round(float(draws.mean()), 1)
-    (-0.693147, True, 0.8)
     """
     n = len(mean)
     lower = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)

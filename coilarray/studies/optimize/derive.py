@@ -243,14 +243,7 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
-    """Return the names of goals that do not fit, each with the reason in one line.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> list(unfit_goals(load_design("starter"))), unfit_goals(load_design("gast_fem"))["decouple"]
-    (['range', 'resolution'], 'the design gast_fem has only one coil, and so no coupling.')
-    """
+    """Return the names of goals that do not fit, each with the reason in one line."""
     file, reasons = as_file(design), dict[str, str]()
     for name, named in _NAMED.items():
         try:

@@ -21,12 +21,10 @@ from coilarray.studies.sweep import UNREAD, Sweep, is_read, keeps_rules
 
 GOALS = TomlFiles("goal", GoalError)
 """Goal files. Goals that fit any design are in `coilarray.studies.optimize.derive`."""
-
 _POLISH = 60  # evaluations of the local solver by default
 _WHOLE_STEPS = 1e-9  # of a step: tolerance of a range for a whole number of steps
 _MOST_STEPS = 1e9
 _ROUNDING = 1e-9  # of a bound: less is not a violation
-
 Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
 _SCORE_ROUNDING = 1e-9  # of a score: less is not a gain
@@ -264,15 +262,7 @@ class Goal(Table):
 
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
-    """Read a goal from the text of a TOML file, which messages call `origin`. Raises GoalError.
-
-    Examples
-    --------
-    >>> pitch = "variable = [{ entry = 'array.pitch_mm', low = 12, high = 14 }]"
-    >>> least = "objective = [{ quantity = 'worst_k', direction = 'minimize' }]"
-    >>> parse_goal(chr(10).join(["schema = 1", pitch, least])).objectives[0].wish
-    'minimize worst_k'
-    """
+    """Read a goal from the text of a TOML file, which messages call `origin`. Raises GoalError."""
     return check_goal(GOALS.parse(text, origin), origin)
 
 

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 
 FILE = "study.db"
 """Name of the database in the folder of the results. Any tool for Optuna reads it."""
-
 Outcome: TypeAlias = Mapping[str, float] | str
 """Quantities of a point by name, or the reason why it has none."""
 Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]

@@ -28,7 +28,6 @@ from coilarray.studies.optimize.space import Axis, distributions_of
 
 LEAST_POINTS = 30
 """Smallest number of feasible points for an importance. The best tenth of fewer would be two points."""
-
 _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 

@@ -18,7 +18,6 @@ from coilarray.studies.quantities.responses import RESPONSES
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType({one.name: one for one in (*COILS, *RESPONSES)})
 """Every quantity by its name, the cheap quantities first."""
-
 _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 

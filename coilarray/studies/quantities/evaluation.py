@@ -21,7 +21,6 @@ from coilarray.response.setup import no_indentation, target_of
 from coilarray.response.target import target_map
 
 Rectangle = tuple[float, float, float, float]
-
 _CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it never touches (coilarray.elastomer.contact)
 
 

@@ -20,7 +20,6 @@ Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response
 It is shapes alone, inductances, the circuit of every state, a target at some distances, an indentation at some places,
 or an indentation at a whole table of places and depths.
 """
-
 _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in the form used in brackets
 
 

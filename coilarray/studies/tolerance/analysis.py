@@ -82,14 +82,8 @@ class Outputs:
 
     def item(self, document: Mapping[str, Any], errors: Mapping[str, float]) -> dict[str, Any]:
         """Return one board as plain data, for `evaluate_board`."""
-        at = self.positions
-        return {
-            "document": document,
-            "errors": dict(errors),
-            "quantities": list(self.quantities),
-            "positions": None if at is None else {"x": list(at.x), "y": list(at.y), "depth": at.depth},
-            "accuracy": self.accuracy,
-        }
+        at = self.positions and replace(self.positions, noise=None)  # which matters only for locating
+        return {"document": document, "errors": dict(errors), "outputs": replace(self, positions=at)}
 
 
 def wanted_outputs(
@@ -116,18 +110,15 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     `UNREAD` is the number of values among them that no converter can read. Raises GoalError if the errors leave no
     board or the board does not have a quantity, and CoilarrayError if the physics cannot be solved.
     """
-    document = item["document"]
+    document, outputs = item["document"], item["outputs"]
     board = perturb(build_design(document, document["name"]), item["errors"])
-    evaluation = Evaluation(board, item["accuracy"])
-    values = {name: request(name).value(evaluation) for name in item["quantities"]}
-    at = item["positions"]
-    if at is None:
-        return {**values, UNREAD: float(evaluation.unread)}
-    positions = Positions(tuple(at["x"]), tuple(at["y"]), at["depth"])
-    response = evaluation.response(np.array([positions.depth]), np.array(positions.x), np.array(positions.y))
-    names = Outputs((), positions).names(board)
-    deltas = dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))
-    return {**values, **deltas, UNREAD: float(evaluation.unread)}
+    evaluation = Evaluation(board, outputs.accuracy)
+    values = {name: request(name).value(evaluation) for name in outputs.quantities}
+    if (at := outputs.positions) is not None:
+        response = evaluation.response(np.array([at.depth]), np.array(at.x), np.array(at.y))
+        names = outputs.names(board)[len(outputs.quantities) :]
+        values |= dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))
+    return {**values, UNREAD: float(evaluation.unread)}
 
 
 def _mm(length: float) -> str:

@@ -47,12 +47,6 @@ def error_names(design: Design) -> tuple[str, ...]:
 
     Layers without copper of a coil have neither etch nor registration. A design without an indentation has no
     placement, without magnetic sheets no permeability, and without metal no conductivity.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> [name for name in error_names(load_design("gast_fem")) if name.startswith(("etch", "diel", "elast"))]
-    ['etch.L1', 'etch.L2', 'dielectric.L1-L2', 'elastomer.base', 'elastomer.magnetic']
     """
     layers = design.array.stackup.names
     used = {layer for place in design.array.placements for layer in place.layers}

@@ -23,13 +23,11 @@ from coilarray.studies.tolerance.tolerances import Contributor, Limit
 
 Sampling = Literal["sobol", "random"]
 """Scrambled Sobol points, which fill the range of every error evenly and are paired again, or independent points."""
-
 MOST_SAMPLES = 1_000_000
 _LEAST_TAIL = 2.0**-40  # a probability of 0 or 1 would lie at infinity
 _BLOCK, _MOST_PAIRED = 64, 4096  # boards that are paired at once at first, and from which Sobol's own pairing is good
 _WELL_PAIRED = 6  # errors of which 64 Sobol points correlate by 0.2 at the most
 _MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be uncorrelated to all before
-
 STEPS = (1.0, 0.5)
 """Half widths of the central differences in standard deviations. The second gives the derivative, both its check."""
 BoolArray = npt.NDArray[np.bool_]
@@ -46,13 +44,6 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     Equal seeds give equal boards, and a larger count begins with the same boards. A power of 2 from 64 on suits Sobol
     points best. Raises GoalError if the count or the seed is not allowed, or there are more contributors than
     dimensions of Sobol points.
-
-    Examples
-    --------
-    >>> one = Contributor("etch, board", "etch", "board", ("etch.L1",), "uniform", 1e-6)
-    >>> boards = draw([one], 1024)
-    >>> bool(abs(boards).max() < 3**0.5 * 1e-6), round(float(boards.std()) * 1e6, 3)
-    (True, 1.0)
     """
     if not 0 <= count <= MOST_SAMPLES:
         raise GoalError(f"samples must be 0 to {MOST_SAMPLES}; got {count}.")
@@ -103,15 +94,7 @@ def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
 
 
 def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dict[str, float]:
-    """Add up contributions (contributors,) in SI to every error of one board, by name.
-
-    Examples
-    --------
-    >>> board = Contributor("etch, board", "etch", "board", ("etch.L1", "etch.L2"), "normal", 1e-6)
-    >>> layer = Contributor("etch, layer L2", "etch", "layer", ("etch.L2",), "normal", 1e-6)
-    >>> errors_of([board, layer], [2.0, 0.5])
-    {'etch.L1': 2.0, 'etch.L2': 2.5}
-    """
+    """Add up contributions (contributors,) in SI to every error of one board, by name."""
     errors: dict[str, float] = {}
     for one, value in zip(contributors, np.asarray(values, dtype=np.float64).tolist(), strict=True):
         for target in one.targets:

@@ -19,20 +19,17 @@ from coilarray.errors import GoalError
 from coilarray.studies.tolerance.perturb import error_names
 
 Distribution = Literal["normal", "uniform"]
-
 UNITS: Mapping[str, str] = {
     "etch": "m", "registration": "m", "rotation": "rad", "dielectric": "1", "copper": "1", "placement": "m",
     "permeability": "1", "elastomer": "m", "capacitance": "1", "plate_distance": "m", "plate_thickness": "1",
     "conductivity": "1", "target_tilt": "rad",
 }  # fmt: skip
 """SI units of the errors by the tables of a file."""
-
 KINDS: Mapping[str, tuple[str, ...]] = {
     table: (f"{table}_x", f"{table}_y") if table in ("registration", "placement", "target_tilt") else (table,)
     for table in UNITS
 }
 """Errors of `coilarray.studies.tolerance.perturb` by the tables of a file."""
-
 SCHEMA = 1
 """Version of the tolerance file format."""
 _TOLERANCES = TomlFiles("tolerance", GoalError)
@@ -118,13 +115,6 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
 
     The board part and the layer part stay separate even for a single layer or sheet. Raises GoalError if there are
     none.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> alone = Tolerances({"dielectric": Spread(board=0.02, layer=0.03)})
-    >>> [one.name for one in contributors(load_design("gast_fem"), alone)]
-    ['dielectric, board', 'dielectric, layer L1-L2']
     """
     names = error_names(design)
     found = []
