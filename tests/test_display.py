@@ -13,8 +13,7 @@ import xarray as xr
 
 from coilarray import Readout, load_design_file
 from coilarray.circuit.noise_budget import Cause, NoiseBudget
-from coilarray.compute.html import html_table
-from coilarray.compute.table import Column, Table
+from coilarray.compute.table import Column, Table, html_table
 from coilarray.geometry import Lattice, lattice_array
 from coilarray.geometry.rules import Margin
 from coilarray.localize.inverse import Location, Mode

@@ -19,8 +19,8 @@ from coilarray.circuit.converter_limits import broken_limit
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import variables
+from coilarray.compute.table import html_card, html_table
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.design.scan_states import ScanState, Switches, referenced_names

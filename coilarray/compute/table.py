@@ -5,34 +5,62 @@ Numbers are in SI in rows and files, and in customary units where people read th
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import math
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Union
 
 from coilarray.compute.display_units import DisplayUnit, display_unit
-from coilarray.compute.html import html_table
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
     import xarray as xr
 
+_MANY_COLUMNS = 13  # from which a page prints them smaller
+# notebooks set all cells to the right
+_STYLE = "<style>.coilarray th, .coilarray td { text-align: left; } .coilarray img { max-width: 100%; }</style>"
 Value = str | float | bool
 """Cell of a table: text, number in SI, or truth. "" for none."""
-
 _POSITION = ("x", "y")  # columns that are kept even if they have equal numbers
 _TRUTH = {True: "yes", False: "no"}
 _GAP = 2  # blanks between columns
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
 _KEYS = 0.4  # part of the width for columns that are repeated in every block
 _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
+
+
+def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str | None = None) -> str:
+    """Return a table as HTML, with all text escaped.
+
+    `headers` may be empty. Rows with a cell of the text `mark` get the class ``mark``.
+    """
+    many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
+    head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
+    body = [(' class="mark"' if mark is not None and mark in row else "", _cells("td", row)) for row in rows]
+    lines = "".join(f"<tr{kind}>{cells}</tr>\n" for kind, cells in body)
+    return f"<table{many}>{head}\n<tbody>\n{lines}</tbody></table>"
+
+
+def html_card(title: str, *parts: str) -> str:
+    """Return the display of a value in a notebook: a title and parts as HTML."""
+    return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
+
+
+def png_url(png: bytes) -> str:
+    """Return a PNG file as a data URL."""
+    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+
+
+def _cells(tag: str, texts: Sequence[str]) -> str:
+    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from coilarray.compute.display_units import MM, display_unit
-from coilarray.compute.html import html_card, html_table
+from coilarray.compute.table import html_card, html_table
 from coilarray.design.model import Design, DesignFile
 from coilarray.fabrication.drawings import array_picture
 from coilarray.geometry.array import array_facts

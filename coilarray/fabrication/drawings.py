@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import require_suffix, write_atomically, write_text
-from coilarray.compute.html import html_card, html_table
+from coilarray.compute.table import html_card, html_table
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import Array, array_facts

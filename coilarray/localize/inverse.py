@@ -19,7 +19,7 @@ from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
-from coilarray.compute.html import html_card, html_table
+from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError, listed
 from coilarray.localize.forward import ForwardModel, Whitening, checked_noise, require_states, whitening_of

@@ -16,8 +16,7 @@ from coilarray import viz
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import writing
-from coilarray.compute.html import png_url
-from coilarray.compute.table import Picture
+from coilarray.compute.table import Picture, png_url
 from coilarray.design.model import Design
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Indenter

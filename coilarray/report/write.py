@@ -12,9 +12,8 @@ import xarray as xr
 from coilarray import viz
 from coilarray.circuit.coupling import provenance, terminations_of
 from coilarray.compute.files import make_folder, write_bytes, write_text
-from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import netcdf_of
-from coilarray.compute.table import Group, Section, Table, Warn
+from coilarray.compute.table import Group, Section, Table, Warn, html_card, html_table
 from coilarray.compute.threads import Progress, threads
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.words import metal_words

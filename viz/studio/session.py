@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.circuit.network import Network
-from coilarray.compute.html import png_url
+from coilarray.compute.table import png_url
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.job import PATIENCE, Calculator, Job, Outcome, Task, time_left

@@ -11,7 +11,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from PIL import Image
 
-from coilarray.compute.html import png_url
+from coilarray.compute.table import png_url
 from coilarray.design.model import Design, build_design
 from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
 from coilarray.viz.scenes.draw import bar_of, draw_parts, gradient, set_camera, text_name

@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import Entry, Schema
 from coilarray.compute.store import Store, store_to_keep
+from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile, build_design, build_design_file
