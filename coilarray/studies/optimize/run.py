@@ -21,7 +21,6 @@ from coilarray.studies.optimize.goal import Goal, Trial, best_of, better_than, t
 from coilarray.studies.optimize.search import (
     Evaluate,
     Outcome,
-    StudyFile,
     open_study,
     polish,
     polish_problem,
@@ -127,7 +126,12 @@ def optimize_design(
             points = evaluate_points(file, changes, goal.quantities, executor, cache, accuracy=accuracy)
             for index, outcome in points:
                 if isinstance(outcome, str) and not changes[index]:
-                    _require_quantities(file.design, goal)
+                    try:
+                        quantities.evaluate(file.design, goal.quantities)
+                    except GoalError:  # the start lacks a coil or an indentation
+                        raise
+                    except CoilarrayError:  # it may disappear in the search
+                        pass
                 yield index, outcome
 
         return optimize_with(design, goal, folder, evaluate, progress=progress)
@@ -153,14 +157,27 @@ def optimize_with(
             goal = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
         ((_, outcome),) = evaluate([{}], "full")
         start = trial_of(goal, "start", 0, {}, outcome)
-        count = _Count(goal, progress)
-        tried = search(goal, axes, outcome, store, evaluate, count)
         single = len(goal.objectives) == 1
+        total = goal.search.trials + (goal.polish if single else 0)
+        seen: list[Trial] = []
+        best: Trial | None = None
+
+        def count(trial: Trial) -> None:
+            nonlocal best
+            seen.append(trial)
+            if single:
+                best = best_of([trial] if best is None else [best, trial], goal)
+            if progress is not None:
+                progress(len(seen), total, best)
+
+        tried = search(goal, axes, outcome, store, evaluate, count)
         best = best_of(tried, goal) if single else None
         problem = polish_problem(goal, axes, best)
         if not problem and best is not None:
             polish(goal, axes, best, store, evaluate, count)
-        tried = _confirmed(goal, start, tried + _polished(goal, axes, store), evaluate)
+        stored = (stored_trial(goal, axes, frozen) for frozen in store.trials())  # also of runs with another start
+        polished = sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
+        tried = _confirmed(goal, start, tried + polished, evaluate)
     return Optimization(file, goal, axes, start, inside, tuple(tried), better_than(start, tried, goal), found, problem)
 
 
@@ -170,12 +187,6 @@ def require_coils(design: Design, goal: Goal) -> None:
     for key in goal.quantities:
         for coil in quantities.request(key).coils:
             evaluation.coil(coil)
-
-
-def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]:
-    """Return every point of the local solver, also of earlier runs with another start."""
-    stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
-    return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
 
 
 def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
@@ -192,31 +203,3 @@ def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Eval
             known[old.name] = trial_of(goal, old.kind, old.place, old.changes, outcome)
             full.add(old.name)
     return list(known.values())
-
-
-def _require_quantities(design: Design, goal: Goal) -> None:
-    """Refuse a goal if the start lacks a coil or indentation; others may disappear."""
-    try:
-        quantities.evaluate(design, goal.quantities)
-    except GoalError:
-        raise
-    except CoilarrayError:
-        return
-
-
-class _Count:
-    """Counter of points for a progress bar, with the best point."""
-
-    def __init__(self, goal: Goal, progress: SearchProgress | None) -> None:
-        self._goal, self._progress = goal, progress
-        self._total = goal.search.trials + (goal.polish if len(goal.objectives) == 1 else 0)
-        self._done = 0
-        self._best: Trial | None = None
-
-    def __call__(self, trial: Trial) -> None:
-        self._done += 1
-        if len(self._goal.objectives) == 1:
-            known = [trial] if self._best is None else [self._best, trial]
-            self._best = best_of(known, self._goal)
-        if self._progress is not None:
-            self._progress(self._done, self._total, self._best)
