@@ -29,9 +29,7 @@ Termination = Literal["short", "open"]
 def design_circuit(
     design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> Network:
-    """Make the network of a design.
-
-    It consists of the coils, the switches and the tank.
+    """Make the network of a design: its coils, switches and tank.
 
     Parameters
     ----------
@@ -49,12 +47,8 @@ def design_circuit(
     -------
     Network
         Its ``left_out`` lists the effects that it lacks. The resistance matrix is interpolated around the resonances of
-        the design's scan plan. The network is kept in memory, so a second call for the same design costs nothing.
-
-    Raises
-    ------
-    NetworkError
-        A state of the design's scan plan without a resonance.
+        the design's scan plan, and a state of it without a resonance raises a NetworkError. A second call for the same
+        design costs nothing.
 
     Notes
     -----

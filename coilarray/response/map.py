@@ -189,16 +189,12 @@ def response_map(
     ------
     ElastomerError
         A design without an indentation, grids that are not finite and rising, a contact that is outside the sample or
-        lost on a tilted sample, a `reach` outside its limits or together with `dielectric` or a material, and the
-        errors of `indent` and `dent_inductance`.
+        lost on a tilted sample, a `reach` outside its limits or together with `dielectric` or a material.
     MetalError
-        A `rest` below 0, plates above the sheets, and the errors of `ball_inductance` and
-        `coilarray.metal.finite_plates.eddy_currents`.
+        A `rest` below 0, or plates above the sheets.
     NetworkError
         A state without a resonance. With `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
-    MemoryLimitError
-        More values than fit into memory.
 
     Notes
     -----

@@ -150,12 +150,9 @@ def target_map(
     Raises
     ------
     MetalError
-        A design without a target, axes that are not finite and rising, a distance that is not positive, and the errors
-        of `coilarray.metal.target.target_inductance`.
+        A design without a target, axes that are not finite and rising, or a distance that is not positive or too small.
     NetworkError
         A state without a resonance, also with the target.
-    MemoryLimitError
-        More values than fit into memory.
 
     Notes
     -----

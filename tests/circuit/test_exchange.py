@@ -487,12 +487,6 @@ def test_bad_touchstone(tmp_path, changes, message):
     assert not path.exists()
 
 
-@needs_skrf
-def test_touchstone_that_cannot_be_written(tmp_path):
-    with pytest.raises(OutputError, match="cannot write"):
-        touchstone(["A"], [[[1j]]], [1e6], tmp_path / "nowhere" / "coil.s1p")
-
-
 def test_touchstone_without_scikit_rf(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "skrf", None)
     with pytest.raises(MissingDependencyError, match=r'need scikit-rf, .* -m pip install .*\[rf\]"') as caught:

@@ -165,12 +165,6 @@ def test_a_reference_that_is_not_there_is_refused():
     refused(NetworkError, "a reference coil must be one of coil1, .*; got 'far'", budget().referenced, ["far"])
 
 
-def test_values_of_the_design_are_not_called_assumed():
-    assumed = of(budget(), "expansion")
-    given = of(budget(Readout(board_per_kelvin=16e-6)), "expansion")
-    assert (assumed.assumed, given.assumed, given.source) == (True, False, "[readout] of the design")
-
-
 def test_the_table_of_a_design_file_is_read_and_written():
     entries = {"rcount": 2048, "clock_MHz": 40.0, "external_clock": True, "resolution_ppm": 1.2, "clock_ppm_per_K": 0.7}
     design = build_design({**design_document(PAPER), "readout": entries})
@@ -197,12 +191,6 @@ def test_another_read_out_is_another_design():
 )
 def test_a_read_out_that_cannot_be_is_refused(values, message):
     refused(DesignError, message, Readout, **values)
-
-
-def test_an_unknown_key_is_refused_by_name():
-    refused(
-        DesignError, "readout has no key 'rcounts'", build_design, {**design_document(PAPER), "readout": {"rcounts": 8}}
-    )
 
 
 def test_a_circuit_is_not_needed_for_the_states():
