@@ -1,10 +1,10 @@
 from .circuit.coupling import couple_design as couple_design
 from .circuit.coupling import design_circuit as design_circuit
+from .circuit.coupling import operating_currents as operating_currents
+from .circuit.coupling import operating_field as operating_field
 from .circuit.impedance import scan_design as scan_design
 from .circuit.impedance import sweep_design as sweep_design
 from .circuit.noise_budget import noise_budget as noise_budget
-from .circuit.operating_field import operating_currents as operating_currents
-from .circuit.operating_field import operating_field as operating_field
 from .compute.memory import MemoryLimitError as MemoryLimitError
 from .design.export import export as export
 from .design.model import Circuit as Circuit

@@ -242,8 +242,7 @@ def _write_field(
     if active not in design.array.names:
         raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")
     axes = _axes(design, heights, spacing_mm)
-    from coilarray.circuit.coupling import couple_design
-    from coilarray.circuit.operating_field import operating_field
+    from coilarray.circuit.coupling import couple_design, operating_field
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.viz import field_grid

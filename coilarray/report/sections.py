@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
+from coilarray.circuit.coupling import couple_design, design_inductance, operating_field, provenance, terminations_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
-from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from coilarray import load_design
-from coilarray.circuit.coupling import couple_design, design_circuit
+from coilarray.circuit.coupling import couple_design, design_circuit, operating_field
 from coilarray.circuit.network import resonate
-from coilarray.circuit.operating_field import operating_field
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError, ElastomerError, GeometryError, LocalizeError
 from coilarray.localize.forward import forward_model

@@ -100,7 +100,7 @@ def field_grid(
 def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
     """Put the flux density of a field on its grid.
 
-    The field is a result of `coilarray.circuit.operating_field.operating_field`.
+    The field is a result of `coilarray.circuit.coupling.operating_field`.
 
     Parameters
     ----------

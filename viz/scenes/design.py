@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import couple_design
-from coilarray.circuit.operating_field import operating_currents, operating_field, require_endless
+from coilarray.circuit.coupling import couple_design, operating_currents, operating_field, require_endless
 from coilarray.compute.display_units import MM
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.operating_field import operating_currents
+from coilarray.circuit.coupling import operating_currents
 from coilarray.compute.arrays import ComplexArray
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.compute.threads import Progress
