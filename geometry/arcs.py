@@ -44,8 +44,6 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
     With n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil of arcs
     too small.
 
-    Examples
-    --------
     >>> points = arc_points((1e-3, 0.0), (0.0, 1e-3), (-1e-3, 0.0))
     >>> len(points), bool((abs(np.hypot(*points.T) - 1e-3) < 0.9e-6).all())
     (39, True)
@@ -60,10 +58,7 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
 
 
 def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
-    """Angle in rad of a chord of given sagitta.
-
-    The sagitta `error` is in m.
-    """
+    """Angle in rad of a chord of given sagitta. The sagitta `error` is in m."""
     # the arc sine keeps it above 0 for the largest radius
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
@@ -103,19 +98,13 @@ def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
 
 
 def _inner_radius(pieces: int, angle: float) -> float:
-    """Ratio of the inner points' radius to the arc's.
-
-    It is the positive root of the equation in `arc_points`.
-    """
+    """Ratio of the inner points' radius to the arc's. It is the positive root of the equation in `arc_points`."""
     middle, area = pieces - 2, pieces * angle / math.sin(angle)
     return (math.sqrt(1 + middle * area) - 1) / middle
 
 
 def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
-    """Centre in m of an arc, shape (2,).
-
-    None if the three points lie on a line.
-    """
+    """Centre in m of an arc, shape (2,). None if the three points lie on a line."""
     a, b, c = (np.array(point) for point in (start, middle, end))
     if np.array_equal(a, c):
         return None if np.array_equal(a, b) else (a + b) / 2
@@ -185,23 +174,10 @@ def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
 def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: float = 0.0) -> tuple[FloatArray, IntArray]:
     """Replace the arcs of a line by larger pieces.
 
-    Parameters
-    ----------
-    line : ndarray, shape (n, 2)
-        Vertices in m.
-    arcs : sequence of Arc
-        Its arcs in order.
-    step : float
-        Largest angle of a piece in rad.
-    small : float
-        Radius in m up to which an arc has the smallest possible number of pieces.
+    `line` (n, 2): vertices in m. `step`: largest angle of a piece in rad. `small`: radius in m up to which an arc has
+    the smallest possible number of pieces.
 
-    Returns
-    -------
-    points : ndarray, shape (m, 2)
-        Vertices in m.
-    pieces : ndarray of int, shape (m − 1,)
-        For each piece, the index of a piece of the original line for which it stands.
+    Returns vertices in m, shape (m, 2).
     """
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:
@@ -217,24 +193,12 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: floa
 def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArray, tuple[Arc, ...]]:
     """Round the corners of a line.
 
-    Parameters
-    ----------
-    corners : ndarray, shape (n, 2)
-        Ends and corners of the line in m.
-    radii : sequence of float, length n − 2
-        Radius in m of every inner corner, small enough that neighbouring arcs do not overlap. 0 leaves the corner
-        sharp.
+    `corners` (n, 2): ends and corners of the line in m. `radii`: radius in m of every inner corner, small enough that
+    neighbouring arcs do not overlap; 0 leaves the corner sharp.
 
-    Returns
-    -------
-    points : ndarray, shape (m, 2)
-        The line in m, with arcs as pieces like in `arc_points`. All pieces have the angle that the largest arc needs.
-        The pieces of concentric arcs are therefore parallel and as far apart as the arcs.
-    arcs : tuple of Arc
-        The runs of pieces that stand for arcs.
+    Returns the line in m, with arcs as pieces like in `arc_points`. All pieces have the angle that the largest arc
+    needs. The pieces of concentric arcs are therefore parallel and as far apart as the arcs, shape (m, 2).
 
-    Examples
-    --------
     >>> points, (arc,) = rounded_line(np.array([[0, 0], [2e-3, 0], [2e-3, 2e-3]]), [1e-3])
     >>> (points[[0, arc.first, arc.last, -1]] * 1e3).round(6).tolist()
     [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [2.0, 2.0]]

@@ -385,10 +385,7 @@ class Array(SeveralCoils):
 
     @property
     def unrouted(self) -> Array:
-        """The array before its leads were routed to a connector.
-
-        It is the array itself if no leads were routed.
-        """
+        """The array before its leads were routed to a connector. It is the array itself if no leads were routed."""
         return self if self.routing is None else self.routing.array
 
     @property
@@ -403,10 +400,7 @@ class Array(SeveralCoils):
 
     @property
     def least_distance(self) -> float:
-        """Smallest distance in m between two coils.
-
-        It is infinite for a single coil.
-        """
+        """Smallest distance in m between two coils. It is infinite for a single coil."""
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
 
@@ -441,10 +435,7 @@ class Array(SeveralCoils):
 
     @property
     def outline_bounds(self) -> tuple[float, float, float, float]:
-        """Bounds in m of all coil outlines, without leads.
-
-        They are given as x_min, y_min, x_max, y_max.
-        """
+        """Bounds in m of all coil outlines, without leads. They are given as x_min, y_min, x_max, y_max."""
         outlines = np.vstack([placement.to_board(placement.coil.outline) for placement in self.placements])
         x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
         return x_min, y_min, x_max, y_max
@@ -573,23 +564,8 @@ def lattice(
 ) -> tuple[FloatArray, IntArray]:
     """Points of a regular lattice about the origin.
 
-    Parameters
-    ----------
-    kind, pitch, columns, rows, rings, direction
-        As in `Lattice`.
-
-    Returns
-    -------
-    points : ndarray, shape (n, 2)
-        Lattice points in m, centred on the origin, row by row or ring by ring.
-    indices : ndarray of int, shape (n, 2)
-        Lattice coordinates (i, j). For the hexagonal lattice they are axial: the six neighbours are ±(1, 0),
-        ±(0, 1) and ±(1, −1), so that (i − j) mod 3 differs between all neighbours.
-
-    Raises
-    ------
-    GeometryError
-        If the pitch is not positive and finite, a count is below 1, or the kind does not have rows, columns or rings.
+    Returns lattice points in m, centred on the origin, row by row or ring by ring, shape (n, 2). Raises GeometryError
+    if the pitch is not positive and finite, a count is below 1, or the kind does not have rows, columns or rings.
     """
     if pitch is None and (columns > 1 or rows > 1 or rings > 0):
         raise GeometryError("a lattice of more than one coil must have a pitch; got none.")
@@ -644,8 +620,6 @@ def array_words(array: Array) -> str:
     Ways to a connector are left out. The spacing is the distance of the nearest coils. Circles, and windings that step
     in at every corner, have the size of their copper added.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> array_words(load_design("proximity").array)
     '1 round coil of 29 × 29 mm (copper 28.848 × 28.848 mm)'
@@ -680,10 +654,7 @@ def copper_words(coil: Coil) -> str:
 
 
 def array_facts(array: Array) -> list[tuple[str, str]]:
-    """Return facts about a board as rows.
-
-    A row has a name and a value.
-    """
+    """Return facts about a board as rows. A row has a name and a value."""
     names, layers = array.names, array.stackup.names
     shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
     x_min, y_min, x_max, y_max = array.bounds
@@ -695,10 +666,7 @@ def array_facts(array: Array) -> list[tuple[str, str]]:
 
 
 def _shape(coil: Coil) -> str:
-    """Return the word for a coil's shape.
-
-    A blank follows the word. It is empty for a path.
-    """
+    """Return the word for a coil's shape. A blank follows the word. It is empty for a path."""
     if coil.wound is None:
         return ""
     spiral = coil.wound

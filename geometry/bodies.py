@@ -160,10 +160,7 @@ class Disc:
 
     @property
     def exterior(self) -> tuple[Point, ...]:
-        """Corners in m of a polygon of the same area.
-
-        It lies about the centre, anticlockwise.
-        """
+        """Corners in m of a polygon of the same area. It lies about the centre, anticlockwise."""
         return _circle(self.radius)
 
     @property
@@ -218,18 +215,12 @@ class Ring:
 
     @property
     def exterior(self) -> tuple[Point, ...]:
-        """Polygon corners in m for the outer circle, anticlockwise.
-
-        Polygon and circle have the same area.
-        """
+        """Polygon corners in m for the outer circle, anticlockwise. Polygon and circle have the same area."""
         return _circle(self.radius)
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """Polygon corners in m for the inner circle.
-
-        Polygon and circle have the same area.
-        """
+        """Polygon corners in m for the inner circle. Polygon and circle have the same area."""
         return (_circle(self.inner_radius),)
 
 
@@ -450,10 +441,7 @@ class Target:
 
     @property
     def extent(self) -> float:
-        """Height of the body in m.
-
-        It is measured from the lowest to the highest point.
-        """
+        """Height of the body in m. It is measured from the lowest to the highest point."""
         if isinstance(self.body, Plate | FinitePlate):
             low, high = self.body.heights
             return high - low

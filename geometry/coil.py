@@ -243,10 +243,7 @@ class Coil(SingleCoil):
 
     @cached_property
     def trace_width(self) -> float:
-        """Trace width in m of most of the path's length.
-
-        Of several widths with the same length it is the smallest.
-        """
+        """Trace width in m of most of the path's length. Of several widths with the same length it is the smallest."""
         widths, which = np.unique(np.concatenate(self.widths), return_inverse=True)
         lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in self.lines])
         share = np.bincount(which, weights=lengths) / lengths.sum()
@@ -254,18 +251,12 @@ class Coil(SingleCoil):
 
     @property
     def via_points(self) -> FloatArray:
-        """Positions in m of the vias between consecutive lines.
-
-        The array has the shape (lines − 1, 2).
-        """
+        """Positions in m of the vias between consecutive lines. The array has the shape (lines − 1, 2)."""
         return np.array([line[-1] for line in self.lines[:-1]]).reshape(-1, 2)
 
     @property
     def terminal_points(self) -> FloatArray:
-        """First and last point of the path, in m.
-
-        The array has the shape (2, 2).
-        """
+        """First and last point of the path, in m. The array has the shape (2, 2)."""
         return np.array([self.lines[0][0], self.lines[-1][-1]])
 
 
@@ -359,10 +350,7 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
-    """Find the first two segments that meet.
-
-    The place in m is returned too.
-    """
+    """Find the first two segments that meet. The place in m is returned too."""
     segments = [shapely.LineString(pair) for pair in np.stack((line[:-1], line[1:]), axis=1)]
     tree = shapely.STRtree(segments)
     i, j = tree.query(segments, predicate="intersects")

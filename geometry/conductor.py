@@ -126,10 +126,7 @@ class Conductor:
 
 
 def _per_segment(value: npt.ArrayLike, n: int, key: str, name: str) -> FloatArray:
-    """Broadcast a value to one number per segment.
-
-    The numbers are checked.
-    """
+    """Broadcast a value to one number per segment. The numbers are checked."""
     try:
         array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (n,)), order="C")
     except (TypeError, ValueError):

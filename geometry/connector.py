@@ -117,14 +117,8 @@ def _routed(
 class NoWayError(GeometryError):
     """No way leads from a coil to its pad.
 
-    The pad belongs to a connector.
-
-    Attributes
-    ----------
-    coil : int
-        Index of the coil, which should better be routed first.
-    routed : int
-        Number of coils that were routed before it.
+    The pad belongs to a connector. `coil`: index of the coil, which should better be routed first. `routed`: number of
+    coils that were routed before it.
     """
 
     def __init__(self, coil: int, message: str) -> None:
@@ -139,10 +133,7 @@ def _to_bottom(side: Side) -> int:
 
 
 def _turn(quarters: int) -> FloatArray:
-    """Matrix of counter-clockwise quarter turns, free of rounding.
-
-    It turns rows of points.
-    """
+    """Matrix of counter-clockwise quarter turns, free of rounding. It turns rows of points."""
     c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
     return np.array([[c, s], [-s, c]], dtype=np.float64)
 
@@ -172,10 +163,7 @@ def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
 
 
 def _pads(array: Array, connector: Connector, order: Sequence[int]) -> FloatArray:
-    """Positions in m of the pads of all coil ends.
-
-    The array has the shape (coils, 2, 2).
-    """
+    """Positions in m of the pads of all coil ends. The array has the shape (coils, 2, 2)."""
     largest = max(place.coil.terminal.pad for place in array.placements if place.coil.terminal)
     if connector.pitch <= largest:
         raise GeometryError(
@@ -198,10 +186,7 @@ def _pads(array: Array, connector: Connector, order: Sequence[int]) -> FloatArra
 
 
 class _Grid:
-    """Grid of nodes and edges for leads.
-
-    Each layer records its occupied edges.
-    """
+    """Grid of nodes and edges for leads. Each layer records its occupied edges."""
 
     def __init__(self, array: Array, connector: Connector, pads: FloatArray) -> None:
         self.array, self.connector, self.pads = array, connector, pads
@@ -327,10 +312,7 @@ class _Grid:
         return pieces
 
     def _way(self, coil: int, end: int) -> FloatArray:
-        """Find the shortest way from coil to pad.
-
-        The way belongs to one end of the coil.
-        """
+        """Find the shortest way from coil to pad. The way belongs to one end of the coil."""
         from scipy.sparse import coo_array  # loaded for boards with a connector only
         from scipy.sparse.csgraph import dijkstra
 
@@ -370,10 +352,7 @@ class _Grid:
         )
 
     def _ahead(self, coil: int, end: int) -> FloatArray:
-        """Direction in which the own lead of a coil arrives.
-
-        Its way may not turn back on it.
-        """
+        """Direction in which the own lead of a coil arrives. Its way may not turn back on it."""
         place = self.array.placements[coil]
         line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
         direction: FloatArray = line[-1] - line[-2]
@@ -409,10 +388,7 @@ class _Grid:
         return _straightened(np.array(short))
 
     def _hops(self, place: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> IntArray:
-        """Nodes reached from a place by a straight piece.
-
-        The place is in m. Nodes behind the place are left out.
-        """
+        """Nodes reached from a place by a straight piece. The place is in m. Nodes behind the place are left out."""
         apart = self.nodes - place
         close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
         hops = np.asarray(shapely.linestrings([(place, node) for node in self.nodes[close]]))
@@ -474,10 +450,7 @@ class _Taken(NamedTuple):
 
 
 def _straightened(way: FloatArray) -> FloatArray:
-    """Leave out repeated points, and points without a turn.
-
-    The way has the shape (n, 2).
-    """
+    """Leave out repeated points, and points without a turn. The way has the shape (n, 2)."""
     step = np.diff(way, axis=0)
     way = way[np.append(True, np.hypot(*step.T) > 1e-9 * np.ptp(way))]
     along = np.diff(way, axis=0)

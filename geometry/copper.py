@@ -26,16 +26,8 @@ _QUADRANT = 32
 class CopperFeature:
     """Piece of copper on one layer.
 
-    Parameters
-    ----------
-    layer : str
-        Name of the copper layer.
-    net : str
-        Name of the coil it belongs to.
-    kind : {"trace", "via", "terminal"}
-        One line of a coil, or one pad.
-    shape : shapely.Polygon
-        Outline in m, in the frame of the board. The drilled hole is not cut out.
+    `layer`: name of the copper layer. `net`: name of the coil it belongs to. `kind`: one line of a coil, or one pad.
+    `shape`: outline in m, in the frame of the board; the drilled hole is not cut out.
     """
 
     layer: str
@@ -48,24 +40,11 @@ class CopperFeature:
 class Drill:
     """Plated hole with pads, or a bare pad.
 
-    The latter is a terminal that reaches a single layer.
-
-    Parameters
-    ----------
-    net : str
-        Name of the coil it belongs to.
-    kind : {"via", "terminal"}
-        Purpose.
-    x, y : float
-        Position in m, in the frame of the board.
-    diameter, pad : float
-        Diameter of the hole and of its pads in m.
-    layers : tuple of str
-        Copper layers that it pierces, top to bottom. Each has a pad.
-    plating : float
-        Thickness of the copper barrel inside the hole in m.
-    drilled : bool
-        False for a terminal that reaches one layer of several. It has a pad on this layer and no hole.
+    The latter is a terminal that reaches a single layer. `net`: name of the coil it belongs to. `kind`: purpose. `x`,
+    `y`: position in m, in the frame of the board. `diameter`, `pad`: diameter of the hole and of its pads in m.
+    `layers`: copper layers that it pierces, top to bottom; each has a pad. `plating`: thickness of the copper barrel
+    inside the hole in m. `drilled`: false for a terminal that reaches one layer of several; it has a pad on this layer
+    and no hole.
     """
 
     net: str
@@ -84,18 +63,6 @@ def copper_features(array: Array) -> tuple[CopperFeature, ...]:
 
     There is a trace for each line of a coil, and a pad for each hole and pierced layer.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-
-    Returns
-    -------
-    tuple of CopperFeature
-        First all traces, coil by coil, then all pads.
-
-    Examples
-    --------
     >>> from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
     >>> board = Stackup(("top", "bottom"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
     >>> coil = path_coil([[(0, 0), (1e-2, 0)], [(1e-2, 0), (0, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
@@ -122,18 +89,12 @@ def _pads_of(array: Array, placement: Placement) -> Iterator[CopperFeature]:
 
 
 def drills(array: Array) -> tuple[Drill, ...]:
-    """Return every hole and pad, coil by coil.
-
-    The vias along the path come first, then the two terminals.
-    """
+    """Return every hole and pad, coil by coil. The vias along the path come first, then the two terminals."""
     return tuple(drill for placement in array.placements for drill in drills_of(array, placement))
 
 
 def drills_of(array: Array, placement: Placement) -> list[Drill]:
-    """Return the holes and pads of one coil.
-
-    They are as in `drills`. `placement` need not belong to the array.
-    """
+    """Return the holes and pads of one coil. They are as in `drills`. `placement` need not belong to the array."""
     coil, stackup, name = placement.coil, array.stackup, placement.name
     holes = []
     for (x, y), first, last in zip(
@@ -156,11 +117,8 @@ def drills_of(array: Array, placement: Placement) -> list[Drill]:
 def copper_by_layer(array: Array) -> dict[str, dict[str, BaseGeometry]]:
     """Unite the copper of every net on every layer.
 
-    Returns
-    -------
-    dict of str to dict of str to Polygon or MultiPolygon
-        By layer, from top to bottom, the copper of each net in m, in the order of the coils. Nets without copper on a
-        layer are left out.
+    Returns by layer, from top to bottom, the copper of each net in m, in the order of the coils. Nets without copper on
+    a layer are left out.
     """
     copper: dict[str, dict[str, BaseGeometry]] = {layer: {} for layer in array.stackup.names}
     united: dict[tuple[int, tuple[str, ...]], dict[str, BaseGeometry]] = {}  # of equal coils once, in their frame
@@ -174,10 +132,7 @@ def copper_by_layer(array: Array) -> dict[str, dict[str, BaseGeometry]]:
 
 
 def _united(array: Array, placement: Placement) -> dict[str, BaseGeometry]:
-    """Unite the copper of a coil on every layer.
-
-    Layers without copper are left out.
-    """
+    """Unite the copper of a coil on every layer. Layers without copper are left out."""
     shapes: dict[str, list[shapely.Polygon]] = {}
     for feature in (*_traces_of(placement), *_pads_of(array, placement)):
         shapes.setdefault(feature.layer, []).append(feature.shape)
@@ -190,10 +145,7 @@ def board_outline(array: Array) -> shapely.Polygon:
 
 
 def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
-    """Polygon with 128 corners on a circle, in m.
-
-    `x` and `y` are the centre of the circle.
-    """
+    """Polygon with 128 corners on a circle, in m. `x` and `y` are the centre of the circle."""
     return shapely.Point(x, y).buffer(diameter / 2, quad_segs=_QUADRANT)
 
 
@@ -221,10 +173,7 @@ def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
 
 
 def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
-    """Lowest index connected with each index through the pairs.
-
-    There are `count` indices.
-    """
+    """Lowest index connected with each index through the pairs. There are `count` indices."""
     from scipy.sparse import coo_array  # slow to import, and needed only to read a board
     from scipy.sparse.csgraph import connected_components
 
@@ -265,8 +214,6 @@ def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
 def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
     """Outline of a trace of one width.
 
-    Notes
-    -----
     Built from the offset corners themselves. The general buffer of GEOS simplifies its input by up to 1 % of the
     distance, which shows in the area of a finely divided circle.
     """
@@ -298,10 +245,7 @@ def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArr
 
 
 def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: FloatArray) -> shapely.Polygon:
-    """Unite the segment rectangles and corner wedges of a trace.
-
-    It is needed for traces that overlap themselves.
-    """
+    """Unite the segment rectangles and corner wedges of a trace. It is needed for traces that overlap themselves."""
     side = half * left
     rectangles = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
     turn = np.sign(left[:-1, 0] * left[1:, 1] - left[:-1, 1] * left[1:, 0])[

@@ -110,25 +110,13 @@ Base: TypeAlias = RigidBase | Seat
 class Unevenness:
     """Deviation of a sample's seat from an even, clamped seat.
 
-    Parameters
-    ----------
-    stiffness_slope : tuple of float
-        Relative change of the seat's stiffness along x and y in 1/m. The stiffness at a position is 1 + slope ·
-        position times the stiffness at the origin of the map. The shear stiffness changes by the same factor.
-    gap_slope : tuple of float
-        Rise of the gap between the seat and a flat sample along x and y in m per m, from the origin of the map. A
-        negative gap is set to zero, because the sample would tilt with a seat that is flat everywhere. The gap has an
-        effect only if the sample can lift: a seat that also pulls is a linear spring, whose length at rest changes
-        nothing.
-    lifts : bool
-        Whether the sample can lift off its seat.
-    weight : float
-        Pressure in Pa by which its weight holds a sample that can lift.
-
-    Raises
-    ------
-    GeometryError
-        If a value is not finite, or the weight is below zero.
+    `stiffness_slope`: relative change of the seat's stiffness along x and y in 1/m; the stiffness at a position is 1 +
+    slope · position times the stiffness at the origin of the map; the shear stiffness changes by the same factor.
+    `gap_slope`: rise of the gap between the seat and a flat sample along x and y in m per m, from the origin of the
+    map; a negative gap is set to zero, because the sample would tilt with a seat that is flat everywhere; the gap has
+    an effect only if the sample can lift: a seat that also pulls is a linear spring, whose length at rest changes
+    nothing. `lifts`: whether the sample can lift off its seat. `weight`: pressure in Pa by which its weight holds a
+    sample that can lift. Raises GeometryError if a value is not finite, or the weight is below zero.
     """
 
     stiffness_slope: tuple[float, float] = (0.0, 0.0)
@@ -153,10 +141,7 @@ Symmetry = Literal["axial", "plane"]
 
 
 class _Tip:
-    """Common base of all indenters.
-
-    Subclasses define `profile` and `radius_at`.
-    """
+    """Common base of all indenters. Subclasses define `profile` and `radius_at`."""
 
     radius: float
     name: ClassVar[str]
@@ -198,10 +183,7 @@ class _Round(_Body):
         return self.radius
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m.
-
-        It is R − √(R² − r²). `r` are distances in m. The height is inf beyond R.
-        """
+        """Height above the tip in m. It is R − √(R² − r²). `r` are distances in m. The height is inf beyond R."""
         distance = np.asarray(r, dtype=float)
         inside = distance <= self.radius
         square = np.where(inside, distance, 0.0) ** 2
@@ -287,10 +269,7 @@ EDGE = 0.1
 
 
 class _Edged(_Tip):
-    """Indenter with an edge, rounded for large deformations.
-
-    A sharp edge would cut the sheet.
-    """
+    """Indenter with an edge, rounded for large deformations. A sharp edge would cut the sheet."""
 
     edge_radius: float | None
 

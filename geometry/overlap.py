@@ -68,8 +68,6 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
     µm, which is also the tolerance of the rules. The end of a path may meet its beginning. Bars that are not flat, such
     as the bars of vias, are left out. With the `stackup` the error names the layer instead of the height.
 
-    Examples
-    --------
     >>> bars = [Conductor([[0, y, 0], [1e-2, y, 0]], 2e-4, 35e-6, name=name) for name, y in (("A", 0), ("B", 1.5e-4))]
     >>> require_apart(bars)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -88,10 +86,7 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
 
 
 def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
-    """Yield the flat runs of a path.
-
-    Their shapes are recorded.
-    """
+    """Yield the flat runs of a path. Their shapes are recorded."""
     vertices, z = conductor.vertices, conductor.vertices[:, 2]
     flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
     ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
@@ -106,10 +101,7 @@ def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iter
 
 
 def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
-    """Express vectors in small fractions of a line's size.
-
-    The vectors are in m. Adding 0.0 avoids −0.
-    """
+    """Express vectors in small fractions of a line's size. The vectors are in m. Adding 0.0 avoids −0."""
     return np.asarray(np.round(way / (_ALIKE * np.abs(line - line[0]).max())) + 0.0)
 
 

@@ -161,10 +161,7 @@ class Margin:
 
     @property
     def at_most(self) -> bool:
-        """Whether the limit is a largest value.
-
-        Otherwise it is a smallest value.
-        """
+        """Whether the limit is a largest value. Otherwise it is a smallest value."""
         return self.rule in ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
 
 
@@ -290,8 +287,6 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
 
     It describes the worst place.
 
-    Examples
-    --------
     >>> board = Margin("board size", "", "board", -0.01, 0.3, 0.31, None, None)
     >>> copper = Margin("clearance", "L2", "coil7 – coil12", -0.3e-3, 0.15e-3, -0.15e-3, 0.0, 0.0)
     >>> for sentence in broken_rules([board, copper]):
@@ -360,10 +355,7 @@ def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Ite
 
 
 def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
-    """Margins of the narrowest traces.
-
-    There is one for each coil and layer.
-    """
+    """Margins of the narrowest traces. There is one for each coil and layer."""
     for placement in array.placements:
         coil = placement.coil
         for layer in dict.fromkeys(placement.layers):
@@ -376,10 +368,7 @@ def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
 
 
 def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Worst margins of drill, annular ring and hole spacing.
-
-    They are given for each net or pair of nets.
-    """
+    """Worst margins of drill, annular ring and hole spacing. They are given for each net or pair of nets."""
     if not holes:
         return
     for net in array.names:
@@ -440,10 +429,7 @@ def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> 
 
 
 def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | None]:
-    """Diameter in m and centre of the overlap's largest circle.
-
-    They are 0 and None if the shapes only touch.
-    """
+    """Diameter in m and centre of the overlap's largest circle. They are 0 and None if the shapes only touch."""
     parts = shapely.get_parts(shapely.intersection(a, b))
     parts = parts[shapely.area(parts) > 0]
     if parts.size == 0:
@@ -458,10 +444,7 @@ Gap = tuple[float, FloatArray]
 
 
 def _gap_within(array: Array, placement: Placement, layer: str, limit: float) -> Gap | None:
-    """Smallest gap between separate pieces of one net.
-
-    The pieces lie on one layer. None if no pieces are near.
-    """
+    """Smallest gap between separate pieces of one net. The pieces lie on one layer. None if no pieces are near."""
     coil = placement.coil
     holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
@@ -481,10 +464,7 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 def trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
 ) -> Gap | None:
-    """Smallest gap of two traces up to `within` (m).
-
-    Each trace is a centre line with half its widths.
-    """
+    """Smallest gap of two traces up to `within` (m). Each trace is a centre line with half its widths."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
     if not len(i):
@@ -496,10 +476,7 @@ def trace_to_trace(
 
 
 def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Smallest gap of a trace to itself.
-
-    Gaps up to `within` (m) are searched.
-    """
+    """Smallest gap of a trace to itself. Gaps up to `within` (m) are searched."""
     near = min(float(4 * half.max()), within)
     while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
         near = min(4 * near, within)  # a wide search costs the square of the number of segments
@@ -507,10 +484,7 @@ def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: fl
 
 
 def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Search the smallest gap of a trace to itself.
-
-    Gaps up to `within` (m) are found in one search.
-    """
+    """Search the smallest gap of a trace to itself. Gaps up to `within` (m) are found in one search."""
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
     r = 2 * half.max() + within
@@ -582,10 +556,7 @@ def _nearest_beyond(
 
 
 def _end_at(line: FloatArray, hole: Drill) -> str | None:
-    """End of a line at a pad.
-
-    It is "first", "last" or None.
-    """
+    """End of a line at a pad. It is "first", "last" or None."""
     for end, point in (("first", line[:1]), ("last", line[-1:])):
         if len(point) and np.hypot(point[0, 0] - hole.x, point[0, 1] - hole.y) < 1e-9:
             return end
@@ -593,10 +564,7 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
 
 
 def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps between pads and other traces.
-
-    Traces that lead into a pad have no gap to it.
-    """
+    """Gaps between pads and other traces. Traces that lead into a pad have no gap to it."""
     for hole in holes:
         end = _end_at(line, hole)
         points, radius = (line[::-1], half[::-1]) if end == "last" else (line, half)
@@ -616,10 +584,7 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
 
 
 def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps between every two pads of one net.
-
-    Pads joined by a short trace are one piece.
-    """
+    """Gaps between every two pads of one net. Pads joined by a short trace are one piece."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
     for a, b in itertools.combinations(holes, 2):
         copper = (a.pad + b.pad) / 2

@@ -26,32 +26,15 @@ def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trim
 
     Raises GeometryError if two sheets have the same name.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-    sheets : sequence of Sheet
-        Sheets from the board upwards, each as large as the board. All names differ.
+    Returns meshes in m, z = 0 at the top face of the top copper. The keys: - ``copper/<layer>/<coil>``: trace and pads
+    as one solid, with the holes cut out, as thick as the layer. - ``barrel/<coil>/<n>``: hollow cylinder in the coil's
+    n-th hole, from the top of the uppermost to the bottom of the lowest layer it pierces. n counts from 0 in the order
+    of `drills`, without pads that have no hole. - ``board``: the laminate as a whole, from the bottom of the top copper
+    to the top of the bottom copper, without the holes through the whole board. Inner copper and blind holes lie inside
+    it. A board of one copper layer has no laminate. - ``sheet/<name>``: stacked upwards from z = 0.
 
-    Returns
-    -------
-    dict of str to trimesh.Trimesh
-        Meshes in m, z = 0 at the top face of the top copper. The keys:
-
-        - ``copper/<layer>/<coil>``: trace and pads as one solid, with the holes cut out, as thick as the layer.
-        - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole, from the top of the uppermost to the bottom of
-          the lowest layer it pierces. n counts from 0 in the order of `drills`, without pads that have no hole.
-        - ``board``: the laminate as a whole, from the bottom of the top copper to the top of the bottom copper, without
-          the holes through the whole board. Inner copper and blind holes lie inside it. A board of one copper layer has
-          no laminate.
-        - ``sheet/<name>``: stacked upwards from z = 0.
-
-    Notes
-    -----
     Every solid is watertight, and its volume is the area of its outline times its height. Circles have 128 corners.
 
-    Examples
-    --------
     >>> from coilarray.geometry import Array, Placement, PlatedHole, Sheet, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
@@ -72,10 +55,7 @@ def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Tri
 
 
 def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
-    """Build the solid of a metal plate in m.
-
-    An infinite plate gets the rectangle x_min, y_min, x_max, y_max in m.
-    """
+    """Build the solid of a metal plate in m. An infinite plate gets the rectangle x_min, y_min, x_max, y_max in m."""
     if isinstance(plate, Plate):
         return _extruded(Prism(shapely.box(*within), *plate.heights))
     outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
@@ -192,10 +172,7 @@ def board_prisms(array: Array) -> dict[str, Prism]:
 
 
 def _copper(array: Array) -> Iterator[tuple[str, str, Prism]]:
-    """Yield layer, net and prism of all copper.
-
-    The holes are not cut out.
-    """
+    """Yield layer, net and prism of all copper. The holes are not cut out."""
     holes = _holes(array)
     for layer, nets in copper_by_layer(array).items():
         through = [hole for hole in holes if layer in hole.layers]
@@ -253,10 +230,7 @@ def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
 
 
 def _near(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
-    """Return the holes near a prism.
-
-    They may meet its outline.
-    """
+    """Return the holes near a prism. They may meet its outline."""
     at = np.asarray(shapely.points(np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)))
     radius = max((hole.diameter / 2 for hole in holes), default=0.0)
     return [holes[k] for k in np.flatnonzero(shapely.dwithin(prism.shape, at, radius)).tolist()]

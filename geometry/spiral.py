@@ -142,10 +142,7 @@ class Winding(Construction, SingleCoil):
     @property
     @abstractmethod
     def inner_apothem(self) -> float:
-        """Apothem in m of the centre line's inner end.
-
-        It is the distance from the centre to the nearest side there.
-        """
+        """Apothem in m of the centre line's inner end. It is the distance from the centre to the nearest side there."""
 
     @abstractmethod
     def centre_line(self, layer: int = 0) -> FloatArray:
@@ -215,10 +212,7 @@ class Winding(Construction, SingleCoil):
         return (self.steps - 1) // self.sides if self.is_parallel else self.turns
 
     def _insets(self, inwards: IntArray) -> FloatArray:
-        """Distances in m of sides from the enclosing shape.
-
-        The sides are given by their numbers from the outer end.
-        """
+        """Distances in m of sides from the enclosing shape. The sides are given by their numbers from the outer end."""
         turns = inwards // self.sides if self.is_parallel else inwards / self.sides
         return np.asarray(self.width / 2 + self.pitch * turns)
 
@@ -230,10 +224,7 @@ class Winding(Construction, SingleCoil):
         return np.zeros(len(inset) - 1)
 
     def _corners(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Intersections in m of successive sides moved in by `inset`.
-
-        The array has the shape (n − 1, 2).
-        """
+        """Intersections in m of successive sides moved in by `inset`. The array has the shape (n − 1, 2)."""
         normal, distance = self._normals(sides)
         (a, b), p = (normal[:-1], normal[1:]), distance - inset
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -283,10 +274,7 @@ class Winding(Construction, SingleCoil):
             sides, inset = sides[kept], inset[kept]
 
     def _turned(self, steps: npt.ArrayLike) -> FloatArray:
-        """Angle in rad after a number of steps.
-
-        It has the sign of the winding.
-        """
+        """Angle in rad after a number of steps. It has the sign of the winding."""
         # the whole number of steps keeps corners of different turns and layers on the same rays
         angle = 2 * math.pi * (np.asarray(steps) % self.sides) / self.sides
         return np.asarray(angle if self.winding == "ccw" else -angle)
@@ -396,10 +384,7 @@ class Spiral(Winding):
 
     @property
     def inner_apothem(self) -> float:
-        """Apothem in m of the line's inner end.
-
-        The line is the centre line.
-        """
+        """Apothem in m of the line's inner end. The line is the centre line."""
         return self.diameter / 2 - self.width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
@@ -471,10 +456,7 @@ class Spiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), np.full(len(sides), self.diameter / 2)
 
     def _on_rays(self, steps: IntArray, apothem: FloatArray) -> FloatArray:
-        """Points on polygons of given apothems.
-
-        The points are at given steps. Apothems are in m.
-        """
+        """Points on polygons of given apothems. The points are at given steps. Apothems are in m."""
         radius = apothem / math.cos(math.pi / self.sides)
         angle = self.first_corner + self._turned(steps)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
@@ -553,10 +535,7 @@ class RoundedSpiral(Winding):
 
     @property
     def is_parallel(self) -> bool:
-        """Whether each turn is parallel to the enclosing shape.
-
-        This is never so for a circle.
-        """
+        """Whether each turn is parallel to the enclosing shape. This is never so for a circle."""
         return super().is_parallel and not self.is_circle
 
     @property
@@ -566,10 +545,7 @@ class RoundedSpiral(Winding):
 
     @property
     def inner_apothem(self) -> float:
-        """Apothem in m of the centre line's inner end.
-
-        It is the distance from the centre to the nearest side there.
-        """
+        """Apothem in m of the centre line's inner end. It is the distance from the centre to the nearest side there."""
         return min(self.extent, self.breadth) / 2 - self.width / 2 - self.pitch * self._turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
@@ -662,10 +638,7 @@ class RoundedSpiral(Winding):
         return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
 
     def _rounded(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
-        """Centre line of one layer, and its arcs.
-
-        The line has the shape (n, 2), in m.
-        """
+        """Centre line of one layer, and its arcs. The line has the shape (n, 2), in m."""
         k = np.arange(self.steps + 1)
         inset = self._insets(k if layer % 2 == 0 else self.steps - k)
         sides = layer * self.steps + k
@@ -687,9 +660,6 @@ class RoundedSpiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), distance
 
     def _foot(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Points in m of sides nearest to the centre.
-
-        The sides are moved in by `inset`.
-        """
+        """Points in m of sides nearest to the centre. The sides are moved in by `inset`."""
         normal, distance = self._normals(sides)
         return np.asarray((distance - inset)[:, None] * normal)

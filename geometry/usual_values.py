@@ -71,8 +71,6 @@ def slip(key: str, value: float) -> str:
 
     The range is taken by the last name of a key.
 
-    Examples
-    --------
     >>> slip("target.distances_mm.0", 0.001), slip("coils.c.gap_mm", 0.15)
     ('0.001 mm is unusual: 1 mm?', '')
     """

@@ -108,10 +108,7 @@ def _remedy(spiral: Winding) -> str:
 
 
 def _lead(end: FloatArray, outwards: FloatArray, leads: Leads, side: float) -> FloatArray:
-    """Knee and terminal of one lead, shape (2, 2).
-
-    `side` is +1 to the left seen outwards, −1 to the right.
-    """
+    """Knee and terminal of one lead, shape (2, 2). `side` is +1 to the left seen outwards, −1 to the right."""
     tangent = np.array([-outwards[1], outwards[0]])
     half = leads.spacing / 2
     knee = end + half * (outwards + side * tangent)

@@ -49,19 +49,8 @@ class FlatPath:
     def of_lines(cls, lines: Sequence[FloatArray], widths: Sequence[FloatArray]) -> FlatPath:
         """Join lines to a path.
 
-        Each line begins at the end of the line before.
-
-        Parameters
-        ----------
-        lines : sequence of ndarray, each of shape (n, 2)
-            Lines between two vias in m.
-        widths : sequence of ndarray, each of shape (n − 1,)
-            Widths of their pieces in m.
-
-        Returns
-        -------
-        FlatPath
-            The path, with lines numbered from 0.
+        Each line begins at the end of the line before. `lines` (n, 2): lines between two vias in m. `widths` (n − 1,):
+        widths of their pieces in m.
         """
         numbers = [np.full(len(width), k) for k, width in enumerate(widths)]
         via = [np.zeros(1)], [np.full(1, -1)]
@@ -78,36 +67,24 @@ class FlatPath:
 
     @property
     def along(self) -> FloatArray:
-        """Length in m up to every point.
-
-        It is measured along the path, shape (n + 1,).
-        """
+        """Length in m up to every point. It is measured along the path, shape (n + 1,)."""
         return np.append(0.0, np.cumsum(np.hypot(*self.steps.T)))
 
     def between(self, begin: float, end: float) -> FloatArray:
-        """Points in m between two places along the path.
-
-        The array has the shape (m, 2).
-        """
+        """Points in m between two places along the path. The array has the shape (m, 2)."""
         along = self.along
         inside = (along > begin) & (along < end)
         return np.vstack((self.at(np.array([begin])), self.points[inside], self.at(np.array([end]))))
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Points in m at places along the path.
-
-        The points have the shape (n, 2), the places `s` in m (n,).
-        """
+        """Points in m at places along the path. The points have the shape (n, 2), the places `s` in m (n,)."""
         along = self.along
         return np.column_stack([np.interp(s, along, axis) for axis in self.points.T])
 
 
 @dataclass(frozen=True)
 class Pole:
-    """Place about which a path winds, with its turns.
-
-    `x` and `y` are in m. Turns are positive anticlockwise.
-    """
+    """Place about which a path winds, with its turns. `x` and `y` are in m. Turns are positive anticlockwise."""
 
     x: float
     y: float
@@ -143,18 +120,7 @@ class Turns:
     poles: tuple[Pole, ...]
 
     def cuts(self, rays: int) -> list[Cut]:
-        """Cut the turns by rays from every pole.
-
-        Parameters
-        ----------
-        rays : int
-            Number of rays from each pole, at equal angles.
-
-        Returns
-        -------
-        list of Cut
-            Cuts that cross at least one turn.
-        """
+        """Cut the turns by rays from every pole."""
         return [cut for pole in self.poles for cut in self.about(pole, rays) if len(cut.piece)]
 
     def enough_cuts(self, least: int, most: int, crossings: float) -> list[Cut]:
@@ -177,10 +143,7 @@ class Turns:
         return turns_about(self.path.between(along.min(), along.max()), (pole.x, pole.y)) if len(along) else pole.turns
 
     def about(self, pole: Pole, rays: int) -> list[Cut]:
-        """Cut the turns by rays from one pole.
-
-        In contrast to `cuts`, cuts without turns are included.
-        """
+        """Cut the turns by rays from one pole. In contrast to `cuts`, cuts without turns are included."""
         inset = _WITHIN * (self.end - self.begin)
         places = self.path.at(np.array([self.begin + inset, self.end - inset])) - (pole.x, pole.y)
         away = np.hypot(*places.T)
@@ -222,16 +185,6 @@ def find_turns(path: FlatPath) -> Turns | None:
     It does not include the leads. From either end, a path is a lead up to the first place beside which another part of
     it runs in the same direction about a pitch away, or above it on another layer. The turns are the same however far
     the leads go.
-
-    Parameters
-    ----------
-    path : FlatPath
-        The path with its leads.
-
-    Returns
-    -------
-    Turns or None
-        None if no part of the path runs beside another, or if it winds about nothing.
     """
     steps = path.steps
     length = np.hypot(*steps.T)
@@ -292,10 +245,7 @@ def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatA
 
 
 def _lead(path: FlatPath, pitch: float) -> float | None:
-    """Length in m of a path's first lead.
-
-    None if the whole path is a lead.
-    """
+    """Length in m of a path's first lead. None if the whole path is a lead."""
     along = path.along
     total = float(along[-1])
     step = pitch / 2
@@ -352,19 +302,7 @@ def _poles(points: FloatArray) -> tuple[Pole, ...]:
 def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
     """Count how often a path runs around a place.
 
-    Turns are positive anticlockwise.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-        Path in m.
-    place : tuple of float
-        x and y in m.
-
-    Returns
-    -------
-    Number of turns, with their fraction.
-        Turns, with their fraction.
+    Turns are positive anticlockwise. `points` (n, 2): path in m. `place`: x and y in m.
     """
     about = points - np.array(place)
     a, b = about[:-1], about[1:]

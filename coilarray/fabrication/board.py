@@ -17,20 +17,9 @@ from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILO
 class Track:
     """Straight piece of trace with round or flat ends.
 
-    Arcs are divided into such pieces.
-
-    Parameters
-    ----------
-    layer : str
-        Name of the copper layer in the stack-up.
-    start, end : tuple of float
-        Ends of the centre line in m, in the frame of the board (x right, y up).
-    width : float
-        Width in m.
-    net : str or None
-        Name of the net. None if the file names no net.
-    where : str
-        Place in the file for messages: "file:line" or "file".
+    Arcs are divided into such pieces. `layer`: name of the copper layer in the stack-up. `start`, `end`: ends of the
+    centre line in m, in the frame of the board (x right, y up). `width`: width in m. `net`: name of the net; none if
+    the file names no net. `where`: place in the file for messages: "file:line" or "file".
     """
 
     layer: str
@@ -45,24 +34,11 @@ class Track:
 class Hole:
     """Drilled and plated hole of a via or a pad.
 
-    Parameters
-    ----------
-    x, y : float
-        Centre in m.
-    drill : float
-        Diameter of the hole in m. For a slot it is the smaller side.
-    pad : float
-        Diameter of the pad in m. For a pad that is not round it is the smaller side.
-    layers : tuple of str
-        Copper layers that it joins, top to bottom.
-    net, where
-        As in `Track`.
-    kind : {"via", "pad"}
-        Kind of hole. A net may begin and end at a pad.
-    number : str
-        Number of a pad in its footprint ("1", "A4"). Empty for vias, and if the file has no number.
-    shapes : mapping of str to shapely geometry
-        The pad in m on the layers where it exists. Empty for a disc of `pad` on all layers.
+    `x`, `y`: centre in m. `drill`: diameter of the hole in m; for a slot it is the smaller side. `pad`: diameter of the
+    pad in m; for a pad that is not round it is the smaller side. `layers`: copper layers that it joins, top to bottom.
+    `kind`: kind of hole; a net may begin and end at a pad. `number`: number of a pad in its footprint ("1", "A4");
+    empty for vias, and if the file has no number. `shapes`: the pad in m on the layers where it exists; empty for a
+    disc of `pad` on all layers.
     """
 
     x: float
@@ -77,10 +53,7 @@ class Hole:
     shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
 
     def copper(self, layer: str) -> BaseGeometry:
-        """Return the copper on one layer in m.
-
-        It is the pad, or the barrel alone if the layer has no pad.
-        """
+        """Return the copper on one layer in m. It is the pad, or the barrel alone if the layer has no pad."""
         size = self.drill if self.shapes else self.pad
         return self.shapes[layer] if layer in self.shapes else disc(self.x, self.y, size)
 
@@ -89,16 +62,8 @@ class Hole:
 class SurfacePad:
     """Pad without a hole.
 
-    Parameters
-    ----------
-    x, y : float
-        Centre in m.
-    layer, net, where, number
-        As in `Track` and `Hole`.
-    size : float
-        Smaller side or diameter in m. A track that ends within half of it from the centre is joined to the pad.
-    shape : shapely geometry, optional
-        Area that it covers, in m. By default a disc of diameter `size`.
+    `x`, `y`: centre in m. `size`: smaller side or diameter in m; a track that ends within half of it from the centre is
+    joined to the pad. `shape`: area that it covers, in m; by default a disc of diameter `size`.
     """
 
     x: float
@@ -120,16 +85,8 @@ class SurfacePad:
 class CopperArea:
     """Copper that is not a track.
 
-    It is a filled zone, a region, a polygon, a drawn line or text.
-
-    Parameters
-    ----------
-    layer, net, where
-        As in `Track`.
-    shape : shapely geometry
-        The copper in m. For a zone without fill it is the outline.
-    what : str
-        Name for messages: "a filled zone", "a drawn line".
+    It is a filled zone, a region, a polygon, a drawn line or text. `shape`: the copper in m; for a zone without fill it
+    is the outline. `what`: name for messages: "a filled zone", "a drawn line".
     """
 
     layer: str
@@ -143,26 +100,12 @@ class CopperArea:
 class BoardCopper:
     """Conductors of a board as its file has them.
 
-    Parameters
-    ----------
-    source : str
-        Name of the file or folder, for messages.
-    stackup : Stackup
-        Layers of the board, with the layer names of the file.
-    tracks : tuple of Track
-        Tracks in the order of the file.
-    holes : tuple of Hole
-        Plated holes only.
-    pads : tuple of SurfacePad
-        Pads without a hole.
-    assumed : dict of str to str
-        Dotted keys of the design's [stackup] table that are missing in the file, with the assumed value and the reason.
-    areas : tuple of CopperArea
-        Copper that cannot be followed as a path. It is refused if a coil touches it or shares its net.
-    edge : tuple of float, optional
-        x_min, y_min, x_max, y_max in m of the board's outline, if the file has an outline.
-    notes : tuple of str
-        Sentences for the user about the reading of the file.
+    `source`: name of the file or folder, for messages. `stackup`: layers of the board, with the layer names of the
+    file. `tracks`: tracks in the order of the file. `holes`: plated holes only. `pads`: pads without a hole. `assumed`:
+    dotted keys of the design's [stackup] table that are missing in the file, with the assumed value and the reason.
+    `areas`: copper that cannot be followed as a path; it is refused if a coil touches it or shares its net. `edge`:
+    x_min, y_min, x_max, y_max in m of the board's outline, if the file has an outline. `notes`: sentences for the user
+    about the reading of the file.
     """
 
     source: str
@@ -186,8 +129,6 @@ def united(parts: Sequence[Slab]) -> Slab:
     It has the same thickness and the same capacitance between two copper layers. If a part has no thickness, the result
     has none, and the permittivity is computed for equal parts.
 
-    Examples
-    --------
     >>> thickness, epsilon_r = united([(0.1e-3, 4.0), (0.3e-3, 3.0)])
     >>> round(thickness, 9), round(epsilon_r, 9)
     (0.0004, 3.2)

@@ -44,29 +44,13 @@ def write_svg(array: Array, path: Path, *, title: str = "") -> None:
 
     It has the size of the board.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-    path : Path
-        File name ending in ``.svg``. The file is written completely or not at all.
-    title : str
-        Title of the drawing.
+    Raises OutputError if the suffix is different, or the file cannot be written.
 
-    Raises
-    ------
-    OutputError
-        If the suffix is different, or the file cannot be written.
-
-    Notes
-    -----
     Inside the group ``board`` coordinates are in mm, with y upwards and the origin of the design. Its groups, from the
     back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``, ``drills`` and ``names``. ``copper-<n>`` is
     the n-th copper layer, with the lowest first. It has a path for each coil, with the name as its title, filled by the
     even-odd rule. The same board gives the same bytes.
 
-    Examples
-    --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
@@ -167,22 +151,9 @@ _NOT_IN_NAMES = '<>/\\":;?*|=`'
 def write_dxf(array: Array, path: Path) -> None:
     """Write the board as a DXF drawing in mm.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-    path : Path
-        File name ending in ``.dxf``. The file is written completely or not at all.
+    Raises OutputError if the suffix is different, DXF cannot hold the names of the copper layers, or the file cannot be
+    written. Raises MissingDependencyError if ezdxf is not installed or broken.
 
-    Raises
-    ------
-    OutputError
-        If the suffix is different, DXF cannot hold the names of the copper layers, or the file cannot be written.
-    MissingDependencyError
-        If ezdxf is not installed or broken.
-
-    Notes
-    -----
     x points to the right, y upwards, and the origin is the origin of the design. The layers:
 
     - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width.
@@ -195,8 +166,6 @@ def write_dxf(array: Array, path: Path) -> None:
     - ``outline``: edge of the board.
     - ``silk``: names of the coils at their centres.
 
-    Examples
-    --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
@@ -260,10 +229,7 @@ def _drill_layer(array: Array, hole: Drill) -> str:
 
 
 def _add_paths(space: Modelspace, array: Array) -> None:
-    """Add the centre lines of all traces.
-
-    They have widths and arcs.
-    """
+    """Add the centre lines of all traces. They have widths and arcs."""
     for placement in array.placements:
         for k, (line, widths, layer) in enumerate(placement.traces()):
             pieces = list(pieces_of(line, placement.coil.arcs_of(k)))

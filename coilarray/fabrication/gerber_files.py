@@ -77,10 +77,7 @@ def find_files(path: Path) -> list[DataFile]:
 
 
 def gerbonara(module: str) -> ModuleType:
-    """Import one of gerbonara's modules.
-
-    Raises MissingDependencyError, in one line, if it is missing or broken.
-    """
+    """Import one of gerbonara's modules. Raises MissingDependencyError, in one line, if it is missing or broken."""
     loaded = sys.modules.get(f"gerbonara.{module}")  # needed for every object
     if loaded is not None and sys.modules.get("gerbonara") is not None:
         return loaded
@@ -88,10 +85,7 @@ def gerbonara(module: str) -> ModuleType:
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield label and bytes of every file.
-
-    The files are in the order of their names.
-    """
+    """Yield label and bytes of every file. The files are in the order of their names."""
     try:
         if path.is_dir():
             for file in sorted(_files_in(path)):
@@ -130,10 +124,7 @@ def _hidden(name: Path | PurePosixPath) -> bool:
 
 
 def _recognized(label: str, data: bytes) -> DataFile | None:
-    """Recognize a Gerber, Excellon or job file.
-
-    None for other files.
-    """
+    """Recognize a Gerber, Excellon or job file. None for other files."""
     if label.lower().endswith(".gbrjob"):
         return DataFile(label, _text(data), "job", ())
     text = "" if b"\0" in data else _text(data)
@@ -436,10 +427,7 @@ def _refusing(label: str, parse: Callable[[], None]) -> None:
 
 
 def _parted(label: str, text: str) -> tuple[str, str, str]:
-    """Split gerbonara's 'file:line "statement": reason'.
-
-    The parts are ":line", " (statement)" and the reason.
-    """
+    """Split gerbonara's 'file:line "statement": reason'. The parts are ":line", " (statement)" and the reason."""
     match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
     if match is None:
         return "", "", text
@@ -450,10 +438,7 @@ def _parted(label: str, text: str) -> tuple[str, str, str]:
 
 
 def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
-    """Convert an object of gerbonara.
-
-    The result is a stroke, flash or region.
-    """
+    """Convert an object of gerbonara. The result is a stroke, flash or region."""
     objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
     net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
     named = None if net in _NO_NET else net
@@ -479,10 +464,7 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> St
 
 
 def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: str) -> Flash:
-    """Make a flash of an aperture.
-
-    The place is in m.
-    """
+    """Make a flash of an aperture. The place is in m."""
     function = dict(aperture.attrs or ()).get(".AperFunction", ("",))[0]
     if isinstance(aperture, gerbonara("apertures").CircleAperture):
         size = _diameter(aperture, where)
@@ -511,10 +493,7 @@ def _way(item: Any) -> Iterator[Point]:
 
 
 def _arc(start: Point, end: Point, centre: Point, *, clockwise: bool) -> list[Point]:
-    """Points on an arc about a centre.
-
-    It is the whole circle if the arc ends at its beginning.
-    """
+    """Points on an arc about a centre. It is the whole circle if the arc ends at its beginning."""
     first = math.atan2(start[1] - centre[1], start[0] - centre[0])
     last = math.atan2(end[1] - centre[1], end[0] - centre[0])
     turn = 2 * math.pi if start == end else (last - first) % (2 * math.pi)
@@ -543,10 +522,7 @@ def _region(item: Any) -> BaseGeometry:
 
 
 def _tool_functions(text: str) -> dict[int, tuple[str, ...]]:
-    """Read the X2 attribute .AperFunction of every tool.
-
-    It stands in the comments of an Excellon file.
-    """
+    """Read the X2 attribute .AperFunction of every tool. It stands in the comments of an Excellon file."""
     functions: dict[int, tuple[str, ...]] = {}
     current: tuple[str, ...] = ()
     for line in text.splitlines():
@@ -585,8 +561,5 @@ def _diameter(tool: Any, where: str) -> float:
 
 
 def _in_metre(unit: Any) -> float:
-    """Return the number of a unit's lengths in a metre.
-
-    Dividing by it keeps 35 mm equal to the 0.035 m of a design.
-    """
+    """Return the number of a unit's lengths in a metre. Dividing by it keeps 35 mm equal to the 0.035 m of a design."""
     return 1e3 / float(unit.this_in_mm)

@@ -35,29 +35,8 @@ _LAYER = re.compile(r"L0*([1-9]\d*)")
 def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a board from fabrication data.
 
-    Parameters
-    ----------
-    path : Path
-        A zip or folder with a Gerber file for every copper layer and, from two layers on, Excellon files.
-    stackup : Stackup, optional
-        Stack-up used in place of the stack-up in the job file, with the same number of copper layers.
+    Raises MissingDependencyError if gerbonara is not installed.
 
-    Returns
-    -------
-    BoardCopper
-        Copper in the frame of the files. Nets come from the attribute .N, and are None without it. `assumed` lists the
-        values that neither a job file nor `stackup` gives.
-
-    Raises
-    ------
-    If the path is not a zip or folder, a file is damaged or foreign, there are no copper layers or some are missing, a
-    board of two layers or more has no plated hole, or data cannot be read as tracks. The message has file, line and
-    reason.
-    MissingDependencyError
-        If gerbonara is not installed.
-
-    Notes
-    -----
     Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled through them, otherwise
     surface pads. Regions are areas, which are no path for a current. A plated hole is a terminal's pad if an attribute
     marks it as such or the solder mask is open over it. Otherwise it is a via. Holes reach the layers given by the
@@ -109,10 +88,7 @@ class _Bore:
 
     @property
     def pads(self) -> dict[str, list[Flash]]:
-        """Flashes on each layer that are wider than the hole.
-
-        Narrower flashes only mark the hole.
-        """
+        """Flashes on each layer that are wider than the hole. Narrower flashes only mark the hole."""
         found: dict[str, list[Flash]] = {}
         for layer, flash in self.lands:
             if flash.size > self.hole.diameter:
@@ -185,10 +161,7 @@ def _mask_openings(files: Iterable[DataFile]) -> list[Flash]:
 
 
 def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:
-    """Collect the plated holes of all drill files.
-
-    Each has the flashes that surround it on its layers.
-    """
+    """Collect the plated holes of all drill files. Each has the flashes that surround it on its layers."""
     tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
     bores = []
     for file in files:
@@ -222,10 +195,7 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
 
 
 def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
-    """Whether a hole has a pad.
-
-    Raises BoardError if it has no pad and a track ends in it.
-    """
+    """Whether a hole has a pad. Raises BoardError if it has no pad and a track ends in it."""
     if bore.pads:
         return True
     hole = bore.hole
@@ -237,10 +207,7 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
 
 
 def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
-    """Make the hole of a bore.
-
-    It has pads and a kind.
-    """
+    """Make the hole of a bore. It has pads and a kind."""
     pads = bore.pads
     flashes = [flash for on_layer in pads.values() for flash in on_layer]
     net = next((flash.net for flash in flashes if flash.net is not None), None)
@@ -253,10 +220,7 @@ def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
 
 
 def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -> Literal["via", "pad"]:
-    """Kind of a plated hole.
-
-    It follows from attributes or the solder mask.
-    """
+    """Kind of a plated hole. It follows from attributes or the solder mask."""
     functions = {hole.function, *(pad.function for pad in pads)}
     if functions & {"ComponentDrill", "ComponentPad"}:
         return "pad"
@@ -267,10 +231,7 @@ def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
-    """Bounds of the board's outline.
-
-    None if there is no file of the outline.
-    """
+    """Bounds of the board's outline. None if there is no file of the outline."""
     points = [
         point
         for file in files

@@ -38,28 +38,9 @@ def write_gerbers(
 ) -> None:
     """Write the fabrication data as one zip.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-    path : Path
-        File name ending in ``.zip``. The file is written completely or not at all.
-    name : str
-        Name of the project, with which the names of the files begin.
-    revision : str
-        Revision of the project.
-    check : callable, optional
-        Called with the path of the finished zip before it is moved to its place. If it raises, nothing is changed.
+    Raises OutputError if the suffix is different, the name is empty, or a file cannot be written. Raises
+    MissingDependencyError if gerbonara is not installed.
 
-    Raises
-    ------
-    OutputError
-        If the suffix is different, the name is empty, or a file cannot be written.
-    MissingDependencyError
-        If gerbonara is not installed.
-
-    Notes
-    -----
     The files are in mm, with the origin of the design. They are named as in KiCad:
 
     - a Gerber X2 file for each copper layer, with traces as strokes with round apertures and pads as flashes. Every
@@ -80,8 +61,6 @@ def write_gerbers(
 
     No file has a date, so equal designs give equal bytes.
 
-    Examples
-    --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
@@ -144,10 +123,7 @@ class _Project:
 
 
 class _Layer:
-    """Text of a Gerber layer as it grows.
-
-    A round aperture is defined at its first use.
-    """
+    """Text of a Gerber layer as it grows. A round aperture is defined at its first use."""
 
     def __init__(self) -> None:
         self._apertures: dict[tuple[str, str], int] = {}
@@ -178,10 +154,7 @@ class _Layer:
         self._body.append("G01*")
 
     def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
-        """Flash a disc.
-
-        The place is in m, the diameter in mm.
-        """
+        """Flash a disc. The place is in m, the diameter in mm."""
         self._select(diameter, function)
         self._operation(_mm((x, y)), "D03")
 
@@ -364,8 +337,5 @@ def _field(text: str) -> str:
 
 
 def _mm(lengths: npt.ArrayLike) -> FloatArray:
-    """Convert lengths to mm, rounded for the file.
-
-    Negative zeros are avoided.
-    """
+    """Convert lengths to mm, rounded for the file. Negative zeros are avoided."""
     return np.round(np.asarray(lengths, dtype=np.float64) * _MM, _DIGITS) + 0.0

@@ -41,28 +41,9 @@ _PER_M = 1e3  # numbers in the file are in mm
 def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a KiCad board.
 
-    Parameters
-    ----------
-    path : Path
-        A ``.kicad_pcb`` file of KiCad 6 or newer.
-    stackup : Stackup, optional
-        Stack-up used in place of the board's own, with the same number of copper layers.
+    Raises BoardError if the file is not a KiCad board, is truncated, comes from KiCad 5 or older, or holds impossible
+    values. The message has file, line and reason.
 
-    Returns
-    -------
-    BoardCopper
-        Copper in the frame of the design. The auxiliary origin of the file ("drill and place file origin") is (0, 0),
-        and y points up. Arcs are divided into pieces within 0.9 µm of them. `assumed` lists the values missing in the
-        file: thicknesses and permittivities if it has no stack-up.
-
-    Raises
-    ------
-    BoardError
-        If the file is not a KiCad board, is truncated, comes from KiCad 5 or older, or holds impossible values. The
-        message has file, line and reason.
-
-    Notes
-    -----
     A file of a format newer than KiCad 9's is read as far as it is understood, with a sentence in `notes`. Unknown
     objects with a net or on copper are put among the areas, so that no coil can contain them unnoticed. Texts and
     dimensions are put there too, as rectangles around them. Teardrops are left out, also with a note.
@@ -112,10 +93,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 
 def _version_note(root: Node) -> Iterator[str]:
-    """Yield a note on a newer format.
-
-    Older formats are refused.
-    """
+    """Yield a note on a newer format. Older formats are refused."""
     version = root.need("version")
     number = version.number()
     if number < OLDEST_VERSION:
@@ -161,10 +139,7 @@ class _Board:
         return to_board
 
     def net(self, node: Node) -> str | None:
-        """Return the net of a node.
-
-        It is given by its name or number. Numbers refer to the board's table.
-        """
+        """Return the net of a node. It is given by its name or number. Numbers refer to the board's table."""
         net = node.child("net")
         if net is None:
             return None
@@ -192,10 +167,7 @@ class _Board:
             yield Track(layer, first, last, width, net, node.where)
 
     def via(self, node: Node) -> Hole:
-        """Return a via as a hole through its layers.
-
-        They are all layers from the first to the last that it names.
-        """
+        """Return a via as a hole through its layers. They are all layers from the first to the last that it names."""
         x, y = self.to_board(*pair(node.need("at")))
         ends = self.layers.all(node)
         if len(ends) < 2 and len(self.layers.names) > 1:

@@ -49,10 +49,7 @@ class KicadLayers:
         return found[0] if found else None
 
     def all(self, node: Node) -> tuple[str, ...]:
-        """Return the copper layers of a node, top to bottom.
-
-        They stand in its (layers …) or (layer …).
-        """
+        """Return the copper layers of a node, top to bottom. They stand in its (layers …) or (layer …)."""
         words = {word for found in node.children("layers", "layer") for word in found.words}
         if "*.Cu" in words:
             return self.stackup.names
@@ -181,10 +178,7 @@ def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator
 
 
 def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return the area of a drawn shape.
-
-    It is in m, and the shape may lie on any layer.
-    """
+    """Return the area of a drawn shape. It is in m, and the shape may lie on any layer."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
     # a line of no width is not copper, unless its inside is filled
@@ -195,10 +189,7 @@ def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
-    """Return the line that a drawn shape follows, in m.
-
-    Closed shapes end at their beginning.
-    """
+    """Return the line that a drawn shape follows, in m. Closed shapes end at their beginning."""
     kind = node.name.split("_")[1]
     if kind in ("poly", "curve"):
         points = list(_points(node, to_board))
@@ -228,10 +219,7 @@ def pair(node: Node) -> Point:
 
 
 def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[tuple[str, BaseGeometry, str]]:
-    """Yield layer, shape and kind of filled areas.
-
-    Shapes are in m. A zone without fill gives its outline.
-    """
+    """Yield layer, shape and kind of filled areas. Shapes are in m. A zone without fill gives its outline."""
     fills = list(zone.children("filled_polygon"))
     for fill in fills:
         name = layers.one(fill) if fill.child("layer") else next(iter(layers.all(zone)), None)
@@ -250,10 +238,7 @@ def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def _points(node: Node, to_board: ToBoard) -> Iterator[Point]:
-    """Yield the points of a node's (pts …).
-
-    They are in m, with arcs divided.
-    """
+    """Yield the points of a node's (pts …). They are in m, with arcs divided."""
     points = node.need("pts")
     for item in points.children("xy", "arc"):
         if item.name == "xy":

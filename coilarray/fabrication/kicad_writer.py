@@ -63,10 +63,7 @@ def node(name: str, *items: str) -> str:
 
 
 def block(name: str, head: Iterable[str], children: Iterable[str]) -> str:
-    """Write an expression with each child on its own lines.
-
-    The children are indented by two spaces.
-    """
+    """Write an expression with each child on its own lines. The children are indented by two spaces."""
     lines = [f"({' '.join((name, *head))}"]
     for child in children:
         lines += [f"  {line}" for line in child.split("\n")]
@@ -81,8 +78,6 @@ def on_layer(name: str) -> str:
 def quoted(text: str) -> str:
     r"""Text in quotes, with escaped backslashes, quotes and newlines.
 
-    Examples
-    --------
     >>> quoted('a "b"')
     '"a \\"b\\""'
     """
@@ -98,8 +93,6 @@ def nanometres(metres: npt.ArrayLike) -> IntArray:
 def mm(nm: int) -> str:
     """Write a whole number of nanometres in mm, exactly.
 
-    Examples
-    --------
     >>> mm(-1_500_000), mm(100), mm(2_000_000)
     ('-1.5', '0.0001', '2')
     """
@@ -109,18 +102,12 @@ def mm(nm: int) -> str:
 
 
 def length(metres: float) -> str:
-    """Write a length in mm, rounded to 1 nm.
-
-    `metres` is the length in m.
-    """
+    """Write a length in mm, rounded to 1 nm. `metres` is the length in m."""
     return mm(int(nanometres(metres)))
 
 
 def at(name: str, point: npt.ArrayLike) -> str:
-    """Write the position ``(name x y)`` of a point.
-
-    The point is in nm. The point is on the sheet.
-    """
+    """Write the position ``(name x y)`` of a point. The point is in nm. The point is on the sheet."""
     x, y = np.asarray(point).tolist()
     return node(name, mm(x), mm(y))
 
@@ -139,17 +126,11 @@ class Drawing:
     y0: int = 0
 
     def points(self, xy: npt.ArrayLike) -> IntArray:
-        """Transform points of the design to the sheet, in nm.
-
-        The points have the shape (…, 2), in m.
-        """
+        """Transform points of the design to the sheet, in nm. The points have the shape (…, 2), in m."""
         return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
 
     def point(self, x: float, y: float) -> IntArray:
-        """Transform a point of the design to the sheet.
-
-        The point is in m. The result has the shape (2,), in nm.
-        """
+        """Transform a point of the design to the sheet. The point is in m. The result has the shape (2,), in nm."""
         return self.points((x, y))
 
     def within(self, part: str) -> Drawing:
@@ -157,17 +138,11 @@ class Drawing:
         return replace(self, root=f"{self.root}/{part}")
 
     def layer(self, name: str) -> str:
-        """Write the ``(layer …)`` of a copper layer.
-
-        The layer belongs to the stack-up.
-        """
+        """Write the ``(layer …)`` of a copper layer. The layer belongs to the stack-up."""
         return on_layer(self.layers[name])
 
     def identifier(self, *parts: object) -> str:
-        """Write the ``(tstamp …)`` of a piece.
-
-        The piece is named by the parts. It is the same for the same design.
-        """
+        """Write the ``(tstamp …)`` of a piece. The piece is named by the parts. It is the same for the same design."""
         return node("tstamp", str(uuid.uuid5(_NAMESPACE, "/".join(map(str, (self.root, *parts))))))
 
 
@@ -178,8 +153,6 @@ def copper_names(stackup: Stackup) -> dict[str, str]:
 
     Raises OutputError for an odd number of layers above one, more than 32, or a name that KiCad cannot hold.
 
-    Examples
-    --------
     >>> copper_names(Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,)))
     {'L1': 'F.Cu', 'L2': 'B.Cu'}
     """
@@ -223,10 +196,7 @@ def library_footprints(array: Array) -> dict[str, str]:
 
 
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
-    """Footprint of equal coils, in the frame of their shape.
-
-    The coils differ in place and rotation only.
-    """
+    """Footprint of equal coils, in the frame of their shape. The coils differ in place and rotation only."""
     name = alike[0].name
     placement = replace(alike[0], name="REF**", x=0.0, y=0.0, rotation=0.0)
     single = replace(array, placements=(placement,), through_holes=True)
@@ -290,10 +260,7 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
 def holes_of(
     array: Array, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
 ) -> list[tuple[Drill, IntArray]]:
-    """Holes of one coil with places in nm.
-
-    The places are on the sheet. They are in the order of the path.
-    """
+    """Holes of one coil with places in nm. The places are on the sheet. They are in the order of the path."""
     own = drills(array.with_placements((placement,)))
     return [(hole, drawing.point(hole.x, hole.y)) for hole in own if hole.kind == kind]
 
@@ -303,10 +270,7 @@ def _attributes(placement: Placement, *more: str) -> str:
 
 
 def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
-    """Write the coil's name as reference.
-
-    It is on the silk screen if it fits.
-    """
+    """Write the coil's name as reference. It is on the silk screen if it fits."""
     if label is None:
         return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
     place = drawing.point(label.x, label.y) - drawing.point(placement.x, placement.y)
@@ -325,20 +289,14 @@ def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: 
 
 
 def _outline(placement: Placement, drawing: Drawing) -> str:
-    """Outline of the winding for the assembly drawing.
-
-    There is no courtyard, since coils of an array may overlap.
-    """
+    """Outline of the winding for the assembly drawing. There is no courtyard, since coils of an array may overlap."""
     points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
     style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
     return node("fp_poly", points, *style, drawing.identifier("outline"))
 
 
 def _via_pads(array: Array, placement: Placement, drawing: Drawing) -> Iterator[str]:
-    """Yield the pads V1, V2, … for vias.
-
-    They are under the solder mask.
-    """
+    """Yield the pads V1, V2, … for vias. They are under the solder mask."""
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         layers = node("layers", _through(array))
         drill = node("drill", length(hole.diameter))
@@ -372,10 +330,7 @@ def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawi
 
 
 def _through(array: Array) -> str:
-    """Copper layers of a hole through the board.
-
-    The back of a board of one copper layer stays empty.
-    """
+    """Copper layers of a hole through the board. The back of a board of one copper layer stays empty."""
     return quoted("*.Cu" if len(array.stackup.names) > 1 else "F.Cu")
 
 
@@ -409,37 +364,11 @@ def write_kicad(
 
     It was tried with 6.0.11 and 9.0.2.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-    path : Path
-        The folder, made completely or not at all. In an existing folder the files of the project are replaced, all or
-        none, and all other files stay.
-    name : str
-        Name of the project: letters, digits, ``_ . + -``, with ``-`` not first.
-    rules : FabRules
-        Limits of KiCad's own check.
-    title : str
-        Title on the sheet. By default it is the name.
-    check : callable, optional
-        Called with the path of the finished board before any file is moved to its place. If it raises, nothing is
-        changed.
+    Returns ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint
+    ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers. Raises OutputError if the path cannot be
+    written, the name is not allowed, the board is larger than any sheet, or KiCad cannot hold the copper layers: more
+    than 32, an odd number above one, or refused names.
 
-    Returns
-    -------
-    tuple of Path
-        ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint ``<name>.pretty/<coil>.kicad_mod``
-        for every coil shape and set of layers.
-
-    Raises
-    ------
-    OutputError
-        If the path cannot be written, the name is not allowed, the board is larger than any sheet, or KiCad cannot hold
-        the copper layers: more than 32, an odd number above one, or refused names.
-
-    Notes
-    -----
     The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid. KiCad's y points
     down. Lengths are rounded to 1 nm. Each coil is a net with its name. Its path consists of tracks and vias, and its
     ends are the pads 1 and 2 of a footprint whose reference is the coil's name. The same design gives the same bytes.
@@ -449,8 +378,6 @@ def write_kicad(
     With blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad has no outer
     layers"), because nothing can be soldered there.
 
-    Examples
-    --------
     >>> from coilarray.geometry import PlatedHole, Placement, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
@@ -508,10 +435,7 @@ def board_text(array: Array, name: str, title: str) -> str:
 
 
 def _sheet(array: Array, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
-    """Choose the smallest sheet and centre the board on it.
-
-    The sheet is named as in KiCad.
-    """
+    """Choose the smallest sheet and centre the board on it. The sheet is named as in KiCad."""
     x_min, y_min, x_max, y_max = (1e3 * edge for edge in array.bounds)
     width, height = x_max - x_min + 2 * _SHEET_MARGIN, y_max - y_min + 2 * _SHEET_MARGIN
     if max(width, height) > _LARGEST_SHEET:

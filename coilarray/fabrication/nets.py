@@ -34,14 +34,7 @@ _SHARP = np.cos(np.radians(100.0))
 class Barrel:
     """Plated wall of a hole.
 
-    Parameters
-    ----------
-    x, y : float
-        Centre in m.
-    drill : float
-        Diameter of the hole in m.
-    layers : tuple of str
-        Copper layers that it joins.
+    `x`, `y`: centre in m. `drill`: diameter of the hole in m. `layers`: copper layers that it joins.
     """
 
     x: float
@@ -58,20 +51,10 @@ Place = Sequence[float] | FloatArray
 class NetFault:
     """Difference between the copper of a file and its coils.
 
-    Parameters
-    ----------
-    kind : {"bridge", "cut", "missing", "foreign", "net"}
-        "bridge": two coils in one piece. "cut": a terminal cut off. "missing": copper or a hole missing beside an
-        unbroken path. "foreign": copper or a hole that the design does not have. "net": copper with no net or with the
-        net of another coil.
-    coils : tuple of str
-        The coils concerned. Empty for copper that touches no coil.
-    layer : str
-        Copper layer of the place. For a hole it is the uppermost layer.
-    x, y : float
-        Place in m.
-    text : str
-        One line with the place in mm.
+    `kind`: "bridge": two coils in one piece; "cut": a terminal cut off; "missing": copper or a hole missing beside an
+    unbroken path; "foreign": copper or a hole that the design does not have; "net": copper with no net or with the net
+    of another coil. `coils`: the coils concerned; empty for copper that touches no coil. `layer`: copper layer of the
+    place; for a hole it is the uppermost layer. `x`, `y`: place in m. `text`: one line with the place in mm.
     """
 
     kind: FaultKind
@@ -86,12 +69,7 @@ class NetFault:
 class NetCheck:
     """Result of a net check.
 
-    Parameters
-    ----------
-    pieces : int
-        Number of connected pieces of copper.
-    faults : tuple of NetFault
-        Bridges first, then cuts, missing and foreign copper.
+    `pieces`: number of connected pieces of copper. `faults`: bridges first, then cuts, missing and foreign copper.
     """
 
     pieces: int
@@ -108,22 +86,9 @@ def connected_pieces(
 ) -> tuple[dict[str, BaseGeometry], ...]:
     """Sort copper into connected pieces.
 
-    Copper is connected on a layer by touching, and between layers through plated holes.
+    Copper is connected on a layer by touching, and between layers through plated holes. `layers`: copper of each layer
+    in m, in any number of parts, which may overlap.
 
-    Parameters
-    ----------
-    layers : mapping of str to sequence of shapely geometry
-        Copper of each layer in m, in any number of parts, which may overlap.
-    holes : sequence of Barrel
-        Plated holes. A hole joins the layers it names if copper meets its wall.
-
-    Returns
-    -------
-    tuple of dict of str to shapely geometry
-        United copper of each piece, on every layer where it has copper.
-
-    Examples
-    --------
     >>> import shapely
     >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
     ...           "bottom": [shapely.box(0, 0, 1e-3, 1e-4)]}
@@ -179,30 +144,10 @@ def check_nets(
 ) -> NetCheck:
     """Compare the copper of a file with its coils.
 
-    Parameters
-    ----------
-    array : Array
-        The design.
-    layers : mapping of str to sequence of shapely geometry
-        Copper of the file in m by name of the layer. A layer that is left out has no copper.
-    holes : sequence of Barrel
-        Plated holes of the file.
-    tolerance : float
-        Length in m by which shapes may differ, because of rounding and polygons of arcs in files.
+    `layers`: copper of the file in m by name of the layer; a layer that is left out has no copper. `tolerance`: length
+    in m by which shapes may differ, because of rounding and polygons of arcs in files. Raises GeometryError if the
+    stack-up does not have a layer.
 
-    Returns
-    -------
-    NetCheck
-        The result. It has passed if both terminals of every coil are in one piece, no two coils are in one piece, all
-        copper and holes of every coil are present, also if they carry no current, and nothing else is present.
-
-    Raises
-    ------
-    GeometryError
-        If the stack-up does not have a layer.
-
-    Notes
-    -----
     Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper that
     joins neighbouring turns of one coil is foreign: the pieces alone would not show it.
     """
@@ -259,20 +204,14 @@ def check_names(array: Array, board: BoardCopper) -> tuple[NetFault, ...]:
 
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
-    """Make a fault.
-
-    The place in mm is appended to the text.
-    """
+    """Make a fault. The place in mm is appended to the text."""
     return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
 
 
 def _misnamed(
     what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
 ) -> Iterator[NetFault]:
-    """Compare the net at every place with the coils.
-
-    The name of the nearest coil is expected.
-    """
+    """Compare the net at every place with the coils. The name of the nearest coil is expected."""
     if not coils or not places:
         return
     nearest = shapely.STRtree([shape for _, shape in coils]).query_nearest([at for at, _ in places], all_matches=False)
@@ -300,10 +239,7 @@ class _Coil:
 
     @staticmethod
     def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
-        """Make the outlines of a placement.
-
-        `tolerance` is in m.
-        """
+        """Make the outlines of a placement. `tolerance` is in m."""
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
@@ -335,10 +271,7 @@ class _Coil:
         )
 
     def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
-        """Find where the path leaves the first terminal's piece.
-
-        None if both terminals are in one piece.
-        """
+        """Find where the path leaves the first terminal's piece. None if both terminals are in one piece."""
         begin, end = self.lines[0][0], self.lines[-1][-1]
         first, last = self.line_layers[0], self.line_layers[-1]
         piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
@@ -386,10 +319,7 @@ class _Coil:
 def _bridges(
     piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
 ) -> Iterator[NetFault]:
-    """Pairs of touching coils in a piece, and where.
-
-    At least one pair is given.
-    """
+    """Pairs of touching coils in a piece, and where. At least one pair is given."""
     nowhere = True
     for a, b in combinations(owners, 2):
         for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
@@ -450,10 +380,7 @@ def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], t
 
 
 def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
-    """Whether two holes are the same.
-
-    A hole of a file is compared with a drilled hole of the design.
-    """
+    """Whether two holes are the same. A hole of a file is compared with a drilled hole of the design."""
     return (
         drill.drilled
         and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
@@ -463,10 +390,7 @@ def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
 
 
 def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
-    """Find a point in m inside every large part.
-
-    A part is large if its area is above `smallest` in m².
-    """
+    """Find a point in m inside every large part. A part is large if its area is above `smallest` in m²."""
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]
 
@@ -477,10 +401,7 @@ def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
 
 
 def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
-    """Discs where round strokes may exceed the mitred outline.
-
-    They lie at ends, sharp corners and changes of width.
-    """
+    """Discs where round strokes may exceed the mitred outline. They lie at ends, sharp corners and changes of width."""
     step = np.diff(line, axis=0)
     along = step / np.hypot(*step.T)[:, None]
     sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP

@@ -16,10 +16,7 @@ _ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
 
 
 class Quoted(str):
-    """String that stood in quotes.
-
-    ``"1"`` is a name, whereas ``1`` is a number.
-    """
+    """String that stood in quotes. ``"1"`` is a name, whereas ``1`` is a number."""
 
     __slots__ = ()
 
@@ -42,27 +39,18 @@ class Node:
         return tuple(item for item in self.items if isinstance(item, str))
 
     def children(self, *names: str) -> Iterator[Node]:
-        """Yield the inner lists of some names.
-
-        They are in order.
-        """
+        """Yield the inner lists of some names. They are in order."""
         return (item for item in self.items if isinstance(item, Node) and item.name in names)
 
     def child(self, *names: str) -> Node | None:
-        """Return the first list of this name, or None.
-
-        Several names are followed one inside another.
-        """
+        """Return the first list of this name, or None. Several names are followed one inside another."""
         found: Node | None = self
         for name in names:
             found = None if found is None else next(found.children(name), None)
         return found
 
     def need(self, name: str) -> Node:
-        """Return the first list of this name inside this list.
-
-        Raises BoardError if there is no such list.
-        """
+        """Return the first list of this name inside this list. Raises BoardError if there is no such list."""
         found = self.child(name)
         if found is None:
             raise BoardError(f"{self.where}: ({self.name} …) must have a ({name} …).")
@@ -76,10 +64,7 @@ class Node:
         return words[index]
 
     def number(self, index: int = 0) -> float:
-        """Return a word as a finite number.
-
-        Raises BoardError if it is not a finite number.
-        """
+        """Return a word as a finite number. Raises BoardError if it is not a finite number."""
         word = self.text(index)
         try:
             value = float(word)
@@ -110,8 +95,6 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
 
     `name` stands for the text in messages. See `read_sexpr`.
 
-    Examples
-    --------
     >>> node = parse_sexpr('(via (at 1 2.5)\n (net "a b"))')
     >>> node.name, node.need("at").number(1), node.need("net").text(), node.need("net").where
     ('via', 2.5, 'a b', 'text:2')

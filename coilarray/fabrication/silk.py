@@ -26,10 +26,7 @@ _STEP = 0.5e-3
 
 @dataclass(frozen=True)
 class Label:
-    """Position and letter height of a coil's name, in m.
-
-    The position is the middle of the text on the board.
-    """
+    """Position and letter height of a coil's name, in m. The position is the middle of the text on the board."""
 
     x: float
     y: float

@@ -47,18 +47,10 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
 
     The suffix determines the format.
 
-    Parameters
-    ----------
-    solids : mapping of str to trimesh.Trimesh
-        Solids in m, as made by `coilarray.geometry.solids`.
-    path : Path
-        File name. ``.stl`` and ``.ply`` hold all solids in one mesh, in mm, as slicers expect. ``.glb`` holds a scene
-        of named and coloured nodes, in m and with y up, as glTF demands.
-
-    Raises
-    ------
-    OutputError
-        If the suffix is different, there are no solids, or the file cannot be written.
+    `solids`: solids in m, as made by `coilarray.geometry.solids`. `path`: file name; ``.stl`` and ``.ply`` hold all
+    solids in one mesh, in mm, as slicers expect; ``.glb`` holds a scene of named and coloured nodes, in m and with y
+    up, as glTF demands. Raises OutputError if the suffix is different, there are no solids, or the file cannot be
+    written.
     """
     import trimesh  # slow to import
 
@@ -78,10 +70,7 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
 
 
 def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
-    """Make a scene of coloured solids.
-
-    The solids are named, and y is up.
-    """
+    """Make a scene of coloured solids. The solids are named, and y is up."""
     import trimesh
 
     scene: Any = trimesh.Scene()
@@ -106,34 +95,13 @@ def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] =
 
     Lengths are in mm. The format is AP214.
 
-    Parameters
-    ----------
-    array : Array
-        The board.
-    path : Path
-        File name ending in ``.step`` or ``.stp``. The file is written completely or not at all.
-    name : str
-        Name of the assembly.
-    sheets : sequence of Sheet
-        Sheets from the board upwards. All names differ.
+    Raises OutputError if the suffix is different, or the file cannot be written. Raises MissingDependencyError if
+    cadquery-ocp-novtk is not installed or broken. Raises GeometryError if two sheets have the same name.
 
-    Raises
-    ------
-    OutputError
-        If the suffix is different, or the file cannot be written.
-    MissingDependencyError
-        If cadquery-ocp-novtk is not installed or broken.
-    GeometryError
-        If two sheets have the same name.
-
-    Notes
-    -----
     The file is an assembly of named and coloured parts, with the keys of `coilarray.geometry.solids` and z = 0 at the
     top of the top copper. Barrels, drilled holes and the free edges of pads are true cylinders. Everything else has
     flat faces, also the arcs of traces, as made by `faceted_prisms`.
 
-    Examples
-    --------
     >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
@@ -203,10 +171,7 @@ def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
 
 
 def _part(prism: Prism, circles: FloatArray) -> Any:
-    """Make the solid of a prism.
-
-    It is a compound if the outline is in several pieces.
-    """
+    """Make the solid of a prism. It is a compound if the outline is in several pieces."""
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Compound
 
@@ -237,10 +202,7 @@ def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
 
 
 def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
-    """Make the closed wire of a ring.
-
-    It has an arc for every run of edges of one circle.
-    """
+    """Make the closed wire of a ring. It has an arc for every run of edges of one circle."""
     from OCP.BRep import BRep_Builder
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex
     from OCP.gp import gp_Pnt

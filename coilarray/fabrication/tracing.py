@@ -51,13 +51,9 @@ _LONGEST_WHY = 200  # characters of a reason
 class Tracing:
     """Coils and other nets of a board.
 
-    Parameters
-    ----------
-    coils : tuple of TracedCoil
-        Coils in the order of the wanted nets. If no nets were named, coils with a net come first, in the order of their
-        names with numbers counted, then coils without a net in the order of the file.
-    left_out : dict of str to str
-        Nets with tracks that are not coils, with the reason.
+    `coils`: coils in the order of the wanted nets; if no nets were named, coils with a net come first, in the order of
+    their names with numbers counted, then coils without a net in the order of the file. `left_out`: nets with tracks
+    that are not coils, with the reason.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -67,23 +63,6 @@ class Tracing:
 def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracing:
     """Find the coils of a board.
 
-    Parameters
-    ----------
-    board : BoardCopper
-        Copper that a reader has found.
-    nets : sequence of str, optional
-        Names of the nets that are coils. By default every net, and every piece of copper without a net, is a coil if it
-        is a single path from end to end with at least `LEAST_TURNS` turns. The others are left out.
-
-    Raises
-    ------
-    BoardError
-        With `nets`, if a net is unknown, has no track, branches, is closed, comes in several pieces, crosses itself,
-        has a pad or hole across its turns, has copper that is not a track, or is touched by copper without a net.
-        Without `nets`, if there is no coil at all. The message has file, line and position.
-
-    Notes
-    -----
     The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end has a numbered pad,
     the current enters there, but a lone pad 2 is the end. If neither end has a number, or both have the same, it enters
     at the end whose track comes first in the file. Pads and holes are conductors too. A net is not a coil if a pad or
@@ -126,10 +105,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
 
 @dataclass(frozen=True, eq=False)
 class _NetCopper:
-    """Copper of one net, in file order.
-
-    Each kind is listed apart.
-    """
+    """Copper of one net, in file order. Each kind is listed apart."""
 
     tracks: list[Track] = field(default_factory=list)
     holes: list[Hole] = field(default_factory=list)
@@ -143,10 +119,7 @@ class _NetCopper:
 
     @property
     def stands(self) -> list[Copper]:
-        """Copper that may join paths but is no path itself.
-
-        It is holes, pads, and tracks without a length.
-        """
+        """Copper that may join paths but is no path itself. It is holes, pads, and tracks without a length."""
         dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
@@ -174,10 +147,7 @@ def _unknown(net: str, known: Sequence[str]) -> str:
 
 
 def _drawn(nameless: _NetCopper) -> str:
-    """Hint at copper that could be a coil.
-
-    It lacks a net, or is not drawn as tracks.
-    """
+    """Hint at copper that could be a coil. It lacks a net, or is not drawn as tracks."""
     hint = ""
     if nameless.tracks:
         count_, first = len(nameless.tracks), nameless.tracks[0].where
@@ -219,10 +189,7 @@ def _beginning(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
 def _trace_nameless(
     nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
 ) -> None:
-    """Add the pieces of copper without a net.
-
-    Coils get new names. Other copper is named by its place.
-    """
+    """Add the pieces of copper without a net. Coils get new names. Other copper is named by its place."""
     graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
     pieces = graph.components()
     if not pieces:
@@ -251,10 +218,7 @@ def _trace_nameless(
 
 
 def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
-    """Holes and pads without a net that join several pieces.
-
-    `own` are the ids of each piece's tracks.
-    """
+    """Holes and pads without a net that join several pieces. `own` are the ids of each piece's tracks."""
     piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
     tracks = [track for track in nameless.tracks if id(track) in piece_of]
     tree = shapely.STRtree([shape for track in tracks for shape in copper_of(track).values()])
@@ -270,10 +234,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Reason why a path is not a coil.
-
-    It is empty if the path winds.
-    """
+    """Reason why a path is not a coil. It is empty if the path winds."""
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
 
@@ -284,10 +245,7 @@ _OVERLAP = 1e-6  # m: copper that meets by less only touches
 
 
 def copper_of(item: Copper) -> dict[str, BaseGeometry]:
-    """Return the copper of an item.
-
-    It is in m, for each of the item's layers.
-    """
+    """Return the copper of an item. It is in m, for each of the item's layers."""
     if isinstance(item, Track):
         return {item.layer: shapely.LineString((item.start, item.end)).buffer(item.width / 2)}
     if isinstance(item, Hole):
@@ -298,10 +256,7 @@ def copper_of(item: Copper) -> dict[str, BaseGeometry]:
 
 
 class Obstacles:
-    """Copper that no coil may touch.
-
-    `whose` is its owner in messages: "without a net", "of net A".
-    """
+    """Copper that no coil may touch. `whose` is its owner in messages: "without a net", "of net A"."""
 
     def __init__(self, copper: Iterable[Copper], whose: str = "without a net") -> None:
         self._whose = whose
@@ -357,10 +312,7 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """Straight piece of a path.
-
-    It begins `begin` m along the path.
-    """
+    """Straight piece of a path. It begins `begin` m along the path."""
 
     layer: str
     line: shapely.LineString
@@ -421,15 +373,9 @@ _UNUSED_VIA = PlatedHole(0.2e-3, 0.45e-3, _PLATING)  # of coils on one layer
 class TracedArray:
     """Array made from a board, with its assumed values.
 
-    Parameters
-    ----------
-    array : Array
-        Coils that are equal but for a shift share one `Coil`.
-    assumed : dict of str to str
-        Dotted keys of the design whose values are assumed, with the reason. ``coils.*.…`` stands for all shapes,
-        ``coils.NAME.…`` for the shape of the coil NAME.
-    notes : tuple of str
-        Sentences about omissions and simplifications.
+    `array`: coils that are equal but for a shift share one `Coil`. `assumed`: dotted keys of the design whose values
+    are assumed, with the reason; ``coils.*.…`` stands for all shapes, ``coils.NAME.…`` for the shape of the coil NAME.
+    `notes`: sentences about omissions and simplifications.
     """
 
     array: Array
@@ -440,20 +386,8 @@ class TracedArray:
 def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
     """Place traced coils on the board's stack-up.
 
-    Parameters
-    ----------
-    board : BoardCopper
-        Board on which the coils were found.
-    coils : sequence of TracedCoil
-        At least one.
+    Raises BoardError if a coil is impossible, because a pad is no larger than its hole or a line touches itself.
 
-    Raises
-    ------
-    BoardError
-        If a coil is impossible, because a pad is no larger than its hole or a line touches itself.
-
-    Notes
-    -----
     A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns, see
     `turn_gap`. Without turns beside each other it is the trace width. A coil has one size of via and one size of
     terminal. If the board has several, the commonest is taken, with a note.
@@ -497,10 +431,7 @@ def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> S
 
 
 def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
-    """Return a placement of a known shape.
-
-    None if the traced coil has another shape.
-    """
+    """Return a placement of a known shape. None if the traced coil has another shape."""
     coil = shape.coil
     if [len(line) for line in coil.lines] != [len(line) for line in traced.lines]:
         return None
@@ -515,10 +446,7 @@ def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
 
 
 def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
-    """Return a placement with a new coil.
-
-    The coil is made from a traced coil.
-    """
+    """Return a placement with a new coil. The coil is made from a traced coil."""
     origin = _on_grid(np.array(traced.centre))
     measured = turn_gap(traced.lines, traced.layers, traced.widths)
     gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
@@ -542,10 +470,7 @@ def _via(traced: TracedCoil) -> PlatedHole:
 
 
 def _terminal(traced: TracedCoil) -> PlatedHole | None:
-    """Return the hole at both ends.
-
-    None if an end has no hole.
-    """
+    """Return the hole at both ends. None if an end has no hole."""
     holes = [end for end in traced.ends if isinstance(end, Hole)]
     return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
 
@@ -585,10 +510,7 @@ def _begin(coil: TracedCoil) -> str:
 
 
 def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
-    """Whether all holes go through the whole board.
-
-    None if some do and some do not.
-    """
+    """Whether all holes go through the whole board. None if some do and some do not."""
     holes = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
     through = {hole.layers == board.stackup.names for hole in holes}
     return None if len(through) > 1 else through != {False}
@@ -618,8 +540,6 @@ def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequenc
     each of shape (n − 1,), in m. None if no two traces of a layer run so. Leads, opposite sides of a loop and the legs
     of a hairpin do not count.
 
-    Examples
-    --------
     >>> there_and_back = np.array([[0, 0], [9, 0], [9, 5], [-1, 5], [-1, 1], [8, 1.0]]) * 1e-3
     >>> round(turn_gap([there_and_back], ["L1"], [np.full(5, 0.2e-3)]) * 1e3, 6)
     0.8

@@ -72,10 +72,7 @@ class TrackGraph:
     edges: tuple[TrackEdge, ...]
 
     def components(self) -> list[list[int]]:
-        """Return the indices of connected edges, piece by piece.
-
-        The pieces are in the order of their tracks.
-        """
+        """Return the indices of connected edges, piece by piece. The pieces are in the order of their tracks."""
         piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
         found: dict[int, list[int]] = {}
         for index, edge in enumerate(self.edges):
@@ -85,10 +82,7 @@ class TrackGraph:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Part of a track between two places.
-
-    `track` is the index of the whole track.
-    """
+    """Part of a track between two places. `track` is the index of the whole track."""
 
     layer: str
     start: Point
@@ -116,8 +110,6 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     edges. A loose end, where nothing else stands or ends, is continued to the centre of the hole or pad in which it
     lies, or to another loose end that its round cap reaches.
 
-    Examples
-    --------
     >>> tracks = [
     ...     Track("F.Cu", (0, 0), (6e-3, 0), 2e-4, "A", "file:1"),
     ...     Track("F.Cu", (4e-3, 0), (9e-3, 0), 2e-4, "A", "file:2"),
@@ -178,10 +170,7 @@ def require_followable(tracks: Sequence[Track]) -> None:
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Copper from loose ends to overlapping copper.
-
-    The loose ends overlap a pad or another loose end.
-    """
+    """Copper from loose ends to overlapping copper. The loose ends overlap a pad or another loose end."""
     ends = [(piece, at) for piece in pieces for at in (piece.start, piece.end)]
     places = [*((piece.layer, at) for piece, at in ends), *((stand.layer, stand.at) for stand in stands)]
     company = [0] * len(places)
@@ -221,10 +210,7 @@ def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]
 
 
 def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[tuple[int, int]]:
-    """Pairs of close places.
-
-    Pairs i < j are at most `distance` in m apart. Both places are on one layer.
-    """
+    """Pairs of close places. Pairs i < j are at most `distance` in m apart. Both places are on one layer."""
     points = _points(places)
     pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
     return [(i, j) for i, j in pairs if i < j and places[i][0] == places[j][0]]
@@ -249,10 +235,7 @@ def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
 
 
 def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
-    """Make the graph of pieces.
-
-    The pieces meet at stands and ends.
-    """
+    """Make the graph of pieces. The pieces meet at stands and ends."""
     places = [
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
@@ -275,10 +258,7 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
 def _numbered(
     node_of: Sequence[int], places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
 ) -> TrackGraph:
-    """Return the graph with nodes numbered from 0.
-
-    Only nodes with edges are kept, each with the hole or pad at it.
-    """
+    """Return the graph with nodes numbered from 0. Only nodes with edges are kept, each with the hole or pad at it."""
     numbers: dict[int, int] = {}
     ends_at: list[list[int]] = []
     numbered = []
@@ -306,26 +286,11 @@ def _numbered(
 class TracedCoil:
     """Net that is one path from end to end.
 
-    Parameters
-    ----------
-    name : str
-        Name of the net, or "coil1", "coil2", … if the board names no net.
-    lines : tuple of ndarray, each of shape (n, 2)
-        Centre lines in m, in the direction of the current, each on one layer.
-    layers : tuple of str
-        Copper layer of each line.
-    widths : tuple of ndarray, each of shape (n − 1,)
-        Width of every segment in m.
-    vias : tuple of Hole
-        Holes between consecutive lines.
-    ends : tuple of (Hole, SurfacePad or None)
-        Nodes at the beginning and at the end of the path.
-    passed : tuple of Hole
-        Holes along the path that lead to no other layer.
-    where : str
-        Place of its first track, "file:line".
-    net : str or None
-        Its net. None if the board names no net.
+    `name`: name of the net, or "coil1", "coil2", … if the board names no net. `lines` (n, 2): centre lines in m, in the
+    direction of the current, each on one layer. `layers`: copper layer of each line. `widths` (n − 1,): width of every
+    segment in m. `vias`: holes between consecutive lines. `ends`: nodes at the beginning and at the end of the path.
+    `passed`: holes along the path that lead to no other layer. `where`: place of its first track, "file:line". `net`:
+    its net; none if the board names no net.
     """
 
     name: str
@@ -345,10 +310,7 @@ class TracedCoil:
 
     @property
     def path(self) -> FloatArray:
-        """All lines joined, without the vias, in m.
-
-        The array has the shape (n, 2).
-        """
+        """All lines joined, without the vias, in m. The array has the shape (n, 2)."""
         return np.vstack([self.lines[0][:1], *(line[1:] for line in self.lines)])
 
     @property
@@ -358,10 +320,7 @@ class TracedCoil:
 
     @property
     def centre(self) -> Point:
-        """Centre in m of the area enclosed by the path.
-
-        It is the middle of its bounds if the path encloses no area.
-        """
+        """Centre in m of the area enclosed by the path. It is the middle of its bounds if the path encloses no area."""
         path = self.path
         x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
         return float(x), float(y)
@@ -469,10 +428,7 @@ def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
 
 
 def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
-    """Sort key of an end of a path.
-
-    Numbered pads come first, by number, then the place in the file.
-    """
+    """Sort key of an end of a path. Numbered pads come first, by number, then the place in the file."""
     edge = graph.edges[graph.nodes[number].edges[0]]
     pad_number = _pad_number(graph, number)
     return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
@@ -484,10 +440,7 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 
 
 def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
-    """Raise BoardError if tracks cross away from their ends.
-
-    Only tracks on one layer are compared.
-    """
+    """Raise BoardError if tracks cross away from their ends. Only tracks on one layer are compared."""
     if len(piece) < 2:
         return
     ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
@@ -503,10 +456,7 @@ def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks:
 
 
 def _walk(graph: TrackGraph, start: int) -> Iterator[tuple[TrackEdge, int]]:
-    """Yield the edges of a path in order.
-
-    The path begins at an end, and each edge comes with its next node.
-    """
+    """Yield the edges of a path in order. The path begins at an end, and each edge comes with its next node."""
     came, here = -1, start
     while True:
         onward = [index for index in graph.nodes[here].edges if index != came]

@@ -20,8 +20,8 @@ from coilarray.cli.main import main
 from coilarray.compute import files
 from coilarray.design.bundled import read
 from coilarray.design.export import SUFFIXES
+from coilarray.fabrication import kicad_writer as kicad
 from coilarray.geometry import Array, Placement, Spiral
-from coilarray.geometry.export import kicad
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 _, refused = runner("export")
@@ -76,10 +76,12 @@ def test_every_format_is_written_and_named_after_the_design(capsys, small, to):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("to", "writer"), [("kicad", "kicad.write_kicad"), ("gerber", "gerber.write_gerbers")])
+@pytest.mark.parametrize(
+    ("to", "writer"), [("kicad", "kicad_writer.write_kicad"), ("gerber", "gerber_writer.write_gerbers")]
+)
 def test_copper_that_is_not_the_coils_is_reported(capsys, small, monkeypatch, to, writer):
     """An exporter that loses the last coil, as it stands on its layers."""
-    module, name = f"coilarray.geometry.export.{writer}".rsplit(".", 1)
+    module, name = f"coilarray.fabrication.{writer}".rsplit(".", 1)
     true = getattr(importlib.import_module(module), name)
 
     def losing(array, path, **options):
@@ -98,7 +100,7 @@ def test_copper_that_is_not_the_coils_is_reported(capsys, small, monkeypatch, to
 
 @pytest.mark.slow
 def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, small, monkeypatch):
-    from coilarray.geometry.export import kicad
+    from coilarray.fabrication import kicad_writer as kicad
 
     true = kicad.board_text
 
