@@ -10,7 +10,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.maps import is_recording, read_ellipses, read_map, recorded_map
-from coilarray.cli.replacing import remember, require_own
+from coilarray.cli.shared import remember, require_own
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:

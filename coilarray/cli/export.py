@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.replacing import remember, require_own
+from coilarray.cli.shared import remember, require_own
 from coilarray.compute.files import remove_left
 from coilarray.design.export import SUFFIXES, Format
 from coilarray.errors import OutputError

@@ -11,15 +11,15 @@ import itertools
 import json
 import os
 import shutil
+import stat
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from coilarray.cli.replacing import replacing
 from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, NetworkError, OutputError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from coilarray.compute.store import Keep
+    from coilarray.compute.store import Keep, Store
     from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile, Indentation
@@ -263,6 +263,63 @@ def lengths(option: str, text: str | None, *, positive: bool = False) -> list[fl
             f"{_MOST_LENGTHS} of them; got {text!r}."
         )
     return [value * 1e-3 for value in values]
+
+
+@contextmanager
+def replacing(command: str, *paths: Path, force: bool) -> Iterator[None]:
+    """Refuse as `require_own` before the block, and remember the files that it wrote."""
+    require_own(command, paths, force=force)
+    before = [_state(path) for path in paths]
+    try:
+        yield
+    finally:
+        remember(command, [path for path, state in zip(paths, before, strict=True) if _state(path) != state])
+
+
+def require_own(command: str, paths: Iterable[Path], *, force: bool) -> None:
+    """Raise OutputError for a file that exists and is not as the command left it, without `force`.
+
+    A command knows its own file by size and time of modification, which are kept in the store.
+    """
+    for path in () if force else paths:
+        state = _state(path)
+        if state is not None and _remembered(path) != [command, *state]:
+            raise OutputError(f"{path} exists and is not as `coilarray {command}` left it; --force replaces it.")
+
+
+def remember(command: str, paths: Iterable[Path]) -> None:
+    """Keep in the store that the command wrote these files."""
+    for path in paths:
+        state = _state(path)
+        if state is not None:
+            with suppress(OutputError, OSError):
+                store, key = _entry(path)
+                store.put(key, [command, *state])
+
+
+def _state(path: Path) -> list[int] | None:
+    """Size and time of a file, None if there is none."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):  # ValueError: a name with a zero byte
+        return None
+    return [found.st_size, found.st_mtime_ns] if stat.S_ISREG(found.st_mode) else None
+
+
+def _remembered(path: Path) -> object:
+    with suppress(OutputError, OSError):
+        store, key = _entry(path)
+        return store.get(key)
+    return None
+
+
+def _entry(path: Path) -> tuple[Store, str]:
+    """Return the store, and its key for a file, the same for all versions of the code."""
+    import hashlib
+
+    from coilarray.compute.store import Store, open_store
+
+    return Store(open_store().folder / "written"), hashlib.sha256(b"written " + os.fsencode(path.resolve())).hexdigest()
 
 
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:

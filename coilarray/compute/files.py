@@ -18,7 +18,6 @@ from coilarray.errors import CoilarrayError, OutputError
 MOST_BYTES = 1_000_000_000
 """Largest size in bytes of a file that is read into memory."""
 _LEFT = re.compile(r"\..*-coilarray-(\d+)-[a-z0-9_]{8}(\..*)?", re.DOTALL)
-_TOLD: list[Callable[[Path, Path], None]] = []
 
 # the mask cannot be read without setting it; once, before any thread runs
 _UMASK = os.umask(0o022)
@@ -39,7 +38,6 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
             os.close(handle)
             write(temporary)
             temporary.chmod(0o666 & ~_UMASK)  # mkstemp's 0600 is for secrets
-            announce(temporary, path)
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
@@ -73,17 +71,6 @@ def _is_alive(process: int) -> bool:
     except (OSError, OverflowError):
         return True
     return True
-
-
-def announce_to(tell: Callable[[Path, Path], None]) -> None:
-    """Call `tell` with every complete temporary file and the name that it gets next."""
-    _TOLD[:] = [tell]
-
-
-def announce(temporary: Path, path: Path) -> None:
-    """Announce that a temporary file is about to get its name."""
-    for tell in _TOLD:
-        tell(temporary, path)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import IntArray
-from coilarray.compute.files import announce, hidden_prefix, make_folder, remove_left
+from coilarray.compute.files import hidden_prefix, make_folder, remove_left
 from coilarray.errors import OutputError
 from coilarray.fabrication.silk import Label, silk_labels
 from coilarray.geometry.arcs import pieces_of
@@ -590,8 +590,6 @@ def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], 
                 (staged / file).write_text(text, encoding="utf-8", newline="\n")
             if check is not None:
                 check(staged / next(iter(texts)))
-            for file in texts:
-                announce(staged / file, path / file)
             if path.exists():
                 _replace_files(path, staged, texts, Path(temporary) / "before")
             else:

@@ -340,6 +340,7 @@ def _ellipse_blocks(r: Results) -> list[Block]:
     if r.shown_or_none is None:
         raise LocalizeError("there is no response map.")
     response, compare = r.responding.result(), not difference_from_published(r.design)
+    assert response is not None  # it is shown
     # beside the paper in its own system, and where the axis of the coils is not the board's
     own = compare or bool(origin_of(response)[1])
     found = r.positions = position.map_positions(response if own else r.shown_or_none)
@@ -427,8 +428,8 @@ def lead(r: Results) -> list[Block]:
     design, shorts = r.design, sorted(set(terminations_of(r.design)))
     metal = metal_words(design)
     grounded = f"{design.circuit.short_resistance:g}\u00a0Ω"
-    others = {("short",): f"grounded through {grounded}", ("open",): "open"}.get(
-        tuple(shorts), f"terminated as given (shorts of {grounded})"
+    others = {"short": f"grounded through {grounded}", "open": "open"}.get(
+        " ".join(shorts), f"terminated as given (shorts of {grounded})"
     )
     measured = f" While one coil is measured the others are {others}." if r.several else ""
     lines: list[Block] = [design.source] if design.source else []

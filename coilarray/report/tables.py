@@ -128,12 +128,12 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
     if len(names) > _MOST_COILS:
         first, second = np.triu_indices(len(names), 1)
         order = np.argsort(-np.abs(coupling[first, second]), kind="stable")
-        columns = (Column("pair"), Column("M", unit="H"), Column("k", unit="1", shown=plain))
+        of_pairs = (Column("pair"), Column("M", unit="H"), Column("k", unit="1", shown=plain))
         strongest = ((int(first[n]), int(second[n])) for n in order[:_MOST_PAIRS])
         pairs = tuple((f"{names[i]} – {names[j]}", inductance[i, j], coupling[i, j]) for i, j in strongest)
         low, high = display_unit("H").texts([np.diag(inductance).min(), np.diag(inductance).max()])
         notes = (f"L of {len(names)} coils: {low} to {high} µH", f"… and {len(order) - len(pairs)} more (--json)")
-        return [Table("pairs", "Strongest couplings", columns, pairs, notes=notes)]
+        return [Table("pairs", "Strongest couplings", of_pairs, pairs, notes=notes)]
     tables = []
     for name, unit, values in (("L and M", display_unit("H"), inductance), ("k", plain, coupling)):
         columns = (Column("coil"), *(Column(one, one, "1", replace(unit, symbol="")) for one in names))

@@ -16,8 +16,6 @@ from support.boards import many_layers
 from support.command_line import mistakes, runner, successes
 
 from coilarray import Design, export, load_design
-from coilarray.cli.main import main
-from coilarray.compute import files
 from coilarray.design.bundled import read
 from coilarray.design.export import SUFFIXES
 from coilarray.fabrication import kicad_writer as kicad
@@ -100,7 +98,6 @@ def test_copper_that_is_not_the_coils_is_reported(capsys, small, monkeypatch, to
 
 @pytest.mark.slow
 def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, small, monkeypatch):
-    from coilarray.fabrication import kicad_writer as kicad
 
     true = kicad.board_text
 
@@ -197,35 +194,3 @@ def test_a_folder_without_permission(capsys, monkeypatch):
         line = refused(capsys, "starter", "--to", to)
         assert f"cannot write {name}: the folder . is not writable." in line
     assert list(Path().iterdir()) == []
-
-
-@pytest.mark.parametrize("killed", ["before", "after"])
-@pytest.mark.parametrize(("to", "out"), [("kicad", "board"), ("svg", "board.svg")])
-def test_a_command_that_was_killed_as_files_got_their_names_writes_them_again(
-    capsys, small, monkeypatch, to, out, killed
-):
-    class KilledError(BaseException):
-        pass
-
-    def kill(*names):
-        if killed == "after" or "board" in str(names[-1]):
-            raise KilledError
-
-    def told_and_killed(*names):
-        told(*names)
-        kill(*names)
-
-    command = ("export", small, "--to", to, "--out", out)
-    good(capsys, *command[1:])
-    told = files.announce
-    with monkeypatch.context() as patch:
-        if killed == "after":
-            patch.setattr(importlib.import_module("coilarray.cli.export"), "remember", kill)
-        else:
-            patch.setattr(files if to == "svg" else kicad, "announce", told_and_killed)
-        with pytest.raises(KilledError):
-            main(list(map(str, command)))
-    good(capsys, *command[1:])
-    path = next(path for path in Path().rglob("*") if path.suffix in (".svg", ".kicad_pcb"))
-    path.write_text(path.read_text(encoding="utf-8") + " ", encoding="utf-8")
-    assert "--force replaces it" in refused(capsys, *command[1:])

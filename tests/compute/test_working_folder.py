@@ -45,7 +45,7 @@ from coilarray.viz import rendering_problem
 print(rendering_problem())
 """
 COMPILING = """
-from coilarray.cli.compiling import compiling_beside
+from coilarray.cli.report import compiling_beside
 with compiling_beside():
     import time
     time.sleep(2)

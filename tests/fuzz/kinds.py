@@ -42,8 +42,8 @@ from support.recorded_boards import WIRING_TEXT, two_coils_document
 
 from coilarray import load_design
 from coilarray.cli.board.options import BoardOptions
+from coilarray.cli.locate import read_readings
 from coilarray.cli.maps import read_ellipses, read_response
-from coilarray.cli.readings import read_readings
 from coilarray.compute.netcdf import read_checked, save_dataset
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file, parse_design, parse_design_file

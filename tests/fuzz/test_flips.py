@@ -69,7 +69,7 @@ def ellipses(folder):
 
 
 def csv_of_a_stream(folder):
-    from coilarray.cli.readings import read_readings
+    from coilarray.cli.locate import read_readings
 
     path = folder / "stream.csv"
     with open_recording(stream_file(folder / "stream.sqlite", 12, noise=1e-6)) as recording:

@@ -13,7 +13,7 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.board.options import marked
 from coilarray.cli.maps import is_map, is_recording, read_response, recorded_map
-from coilarray.cli.replacing import remember, require_own
+from coilarray.cli.shared import remember, require_own
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:

@@ -12,7 +12,6 @@ import typer
 from coilarray import viz
 from coilarray.cli.board.options import print_marked
 from coilarray.cli.maps import campaign_response, is_recording
-from coilarray.cli.replacing import replacing
 from coilarray.cli.shared import (
     AsJson,
     BoardConstants,
@@ -23,6 +22,7 @@ from coilarray.cli.shared import (
     draw,
     plot_option,
     print_result,
+    replacing,
     table_text,
     write_numbers,
 )
