@@ -26,7 +26,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import (
     DIGITS,
@@ -91,9 +90,7 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
     return Slab(heights[first], math.fsum(sheet.thickness for sheet in sheets[first : last + 1]), permeability)
 
 
-def layer_inductance(
-    source: Source, sheets: Sequence[Sheet], *, progress: Progress | None = None, accuracy: Accuracy = "full"
-) -> FloatArray:
+def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accuracy = "full") -> FloatArray:
     """Compute the change of inductance by flat sheets in H.
 
     The sheets lie above the current paths.
@@ -105,8 +102,6 @@ def layer_inductance(
         are allowed.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
     accuracy : {"full", "screen"}
         Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change itself.
 
@@ -159,13 +154,8 @@ def layer_inductance(
     require_few_waves(board, k.tolist())
     for n in range(near):
         change += _weight(slab, n) * mutual_inductance(paths, _images(paths, slab, n), accuracy=accuracy)
-        if progress is not None:
-            progress(100 * (n + 1), 100 * (near + 1))
-    rest = (
-        None if progress is None else lambda done, total: progress(100 * near + 100 * done // total, 100 * (near + 1))
-    )
     shares = np.array([_remainder(slab, near, one) for one in k.tolist()])
-    change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], progress=rest)[0].real
+    change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None])[0].real
     return (change + change.T) / 2
 
 

@@ -18,7 +18,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.netcdf import variables
-from coilarray.compute.threads import Progress, Recent, ranges, run_blocks, serial_algebra
+from coilarray.compute.threads import Recent, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.sections import (
     Basis,
@@ -199,11 +199,7 @@ def _octaves(side: float, delta: FloatArray) -> int:
 
 @serial_algebra()
 def resistance_matrix(
-    source: Source,
-    frequencies: npt.ArrayLike,
-    resistivity: float = RESISTIVITY_COPPER,
-    *,
-    progress: Progress | None = None,
+    source: Source, frequencies: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 ) -> xr.Dataset:
     """Compute the resistance matrix R(f) of coils in Ω.
 
@@ -260,10 +256,8 @@ def resistance_matrix(
     first = {shapes[c]: c for c in reversed(horizontal)}  # one coil of each shape
     prepared = run_blocks(lambda c: _traces(conductors[c], shapes[c], f, resistivity, wide[:, c]), first.values())
     traces = dict(zip(first, prepared, strict=True))
-    for done, c in enumerate(horizontal, 1):
+    for c in horizontal:
         R += _trace_losses(conductors, shapes, c, traces[shapes[c]])
-        if progress is not None:
-            progress(done, len(horizontal))
     names = [conductor.name for conductor in conductors]
     model = np.array(MODELS)[wide.astype(int)]
     rows = (

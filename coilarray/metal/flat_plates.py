@@ -48,7 +48,6 @@ def plate_inductance(
     sheets: Sequence[Sheet] = (),
     *,
     accuracy: Accuracy = "full",
-    progress: Progress | None = None,
 ) -> ComplexArray:
     """Change of the inductance matrix by infinite plates, in H.
 
@@ -67,8 +66,6 @@ def plate_inductance(
         Sheets upwards from z = 0, of any permeabilities.
     accuracy : {"full", "screen"}
         Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the change itself.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
 
     Raises
     ------
@@ -96,8 +93,7 @@ def plate_inductance(
     >>> print(f"{change[0, 0, 0].real * 1e9:.2f} nH")
     -16.26 nH
     """
-    change = plate_inductances(source, [plates], frequencies, sheets, accuracy=accuracy, progress=progress)
-    return np.asarray(change[0])
+    return np.asarray(plate_inductances(source, [plates], frequencies, sheets, accuracy=accuracy)[0])
 
 
 def plate_inductances(

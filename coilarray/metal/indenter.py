@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
-from coilarray.compute.threads import Progress, run_blocks
+from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
 from coilarray.electromagnetics.flat_stack import Backing
@@ -113,7 +113,6 @@ def indenter_inductance(
     outlined: OutlinedPlates | None = None,
     *,
     mesh: LayerMesh | None = None,
-    progress: Progress | None = None,
 ) -> ComplexArray:
     """Change of the impedance matrix by a ball in its dents, in H.
 
@@ -150,7 +149,7 @@ def indenter_inductance(
         first = dents[flat[0]]
         sheets = _flat_sheets(first)
         at, f = centres(flat), np.array([frequency])
-        found = ball_over(source, ball, at, f, sheets, backing, returned(at, first), progress=progress)
+        found = ball_over(source, ball, at, f, sheets, backing, returned(at, first))
         change[flat] = found.reshape(len(flat), *change.shape[1:])
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
@@ -171,7 +170,7 @@ def indenter_inductance(
     if len(pressed):
         at = centres(pressed)
         back = returned(at, dents[pressed[0]])
-        found = multipole_inductance(source, ball, at, [frequency], answer, backing, back, progress=progress)
+        found = multipole_inductance(source, ball, at, [frequency], answer, backing, back)
         change[pressed] = found.reshape(len(pressed), *change.shape[1:])
     return change
 

@@ -6,7 +6,6 @@ loop, mesh refinement at the predicted order, reciprocity, and every bad input.
 """
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from scipy.special import ellipe, ellipk
 from support.references import circle, polygon, rows
 
 from coilarray.constants import MU_0
-from coilarray.errors import ElastomerError, GeometryError
 
 pytest.importorskip("pyamg", reason="the benchmark extra is not installed")
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -133,45 +131,6 @@ def test_dent_and_coils_moved_together_and_turned_round(pair_change):
     moved = change([PAIR[1][::-1] + shift, PAIR[0] + shift], centre=np.array([3e-3, 1e-3]) + shift[:2])
     # rounding of the places shows in the steps of the solver only
     assert moved == pytest.approx(np.array([[1, -1], [-1, 1]]) * pair_change[::-1, ::-1], rel=1e-6)
-
-
-@pytest.mark.parametrize(("wrong", "error", "text"), [
-    ({"z_top": 6e-3}, GeometryError, "the top of the layer must lie above its bottom"),
-    ({"z_bottom": np.nan}, GeometryError, "the top of the layer must lie above its bottom"),
-    ({"relative_permeability": 0.9}, ElastomerError, "at least 1; got 0.9"),
-    ({"relative_permeability": np.inf}, ElastomerError, "must be finite"),
-    ({"centre": (0.0, 0.0, 0.0)}, GeometryError, "centre of the dent must be two finite numbers"),
-    ({"centre": (0.0, np.nan)}, GeometryError, "centre of the dent must be two finite numbers"),
-    ({"paths": []}, GeometryError, "at least one closed polyline"),
-    ({"paths": [LOOP[:-1]]}, GeometryError, "path 0 must be closed"),
-    ({"paths": [LOOP[:, :2]]}, GeometryError, "path 0 must be finite vertices"),
-    ({"paths": [LOOP, LOOP * np.nan]}, GeometryError, "path 1 must be finite vertices"),
-    ({"paths": [LOOP + np.array([0, 0, 5.5e-3])]}, GeometryError, "paths must lie below the dented layer"),
-    ({"top": lambda r: -3e-3 * np.exp(-((r / 5e-3) ** 2))}, GeometryError, "must not touch"),
-    ({"top": lambda r: r * np.nan}, GeometryError, "one finite rise for every radius"),
-    ({"top": lambda r: 0.0}, GeometryError, "one finite rise for every radius"),
-    ({"top": lambda r: 8e-3 + 0 * r}, GeometryError, "must move by less than 0.008 m"),
-])  # fmt: skip
-def test_bad_input(wrong, error, text):
-    right = {
-        "paths": [LOOP], "z_bottom": 6e-3, "z_top": 8e-3, "relative_permeability": 2.7,
-        "bottom": DENT.bottom, "top": DENT.top, "centre": (0.0, 0.0), "mesh": COARSE,
-    }  # fmt: skip
-    with pytest.raises(error, match=text):
-        dent_inductance_change(**(right | wrong))
-
-
-@pytest.mark.parametrize(("wrong", "text"), [
-    ({"half_width": 0.0}, "half_width of the mesh must be positive"),
-    ({"fade": np.inf}, "fade of the mesh must be positive"),
-    ({"side_cells": 0}, "side_cells must be a positive integer"),
-    ({"layer_cells": 1.5}, "layer_cells must be a positive integer"),
-    ({"fade": 61e-3}, "the fade must end within the air"),
-    ({"cell": 15e-3}, "so that they can grow"),
-])  # fmt: skip
-def test_bad_mesh(wrong, text):
-    with pytest.raises(GeometryError, match=text):
-        replace(COARSE, **wrong).axes(*LAYER)
 
 
 def test_extrapolation_is_exact_at_the_predicted_order():

@@ -1,9 +1,9 @@
 """A finite sample on an uneven or lifting seat.
 
 Who checks whom: `box` against a uniform stress, a beam on an elastic foundation, its own finer meshes and its volume;
-`wide_stack` against the finite elements of `contact` and against the force on the seat; `finite_sample` against the box
-loaded directly, against the mirror and against its limits; the change of inductance against the three-dimensional
-magnetic solution that benchmarks/finite_sample_3d.json keeps.
+the wide stack of `box` against the finite elements of `contact` and against the force on the seat; `finite_sample`
+against the box loaded directly, against the mirror and against its limits; the change of inductance against the
+three-dimensional magnetic solution that benchmarks/finite_sample_3d.json keeps.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def test_change_of_inductance_by_the_reference(column):
     if column == "linear_ur_uz":  # faces mapped as those of finite strain
         found = found.assign_attrs(strain="finite")
     edge = across_flats(23e-3, 6)
-    hexagon = Spiral(6, 2 * edge, 30, 1e-4, 1e-4, math.pi / 2, winding_rule="corner")
+    hexagon = Spiral(6, edge, 30, 1e-4, 1e-4, math.pi / 2, winding_rule="corner")
     coil = spiral_path(hexagon, (0.0, -0.215e-3))
     table = rows("dent_finite_strain")
     places = [(float(row["x_mm"]) * 1e-3, 0.0) for row in table]
@@ -203,7 +203,7 @@ def test_steps_do_not_matter():
 )  # fmt: skip
 def test_a_touch_is_linear(indenter, base):
     depth = 2e-5
-    options = {"base": base, "mesh": COARSE}
+    options = {"base": base, "accuracy": COARSE}
     found, linear = (indent(PAPER, indenter, depth, strain=strain, **options) for strain in ("finite", "linear"))
     # corrections are of the order of the slope, squared; a rounded edge of 5 % takes as much of the contact's radius
     rounded = 0.06 if isinstance(indenter, FlatPunch) else 0.01

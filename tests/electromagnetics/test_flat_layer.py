@@ -343,14 +343,6 @@ def test_equal_shapes_share_a_spectrum(monkeypatch):
     assert len(set(shapes)) == 1
 
 
-def test_progress():
-    seen = []
-    layer_inductance([SPIRAL], [MAGNETIC], progress=lambda done, total: seen.append((done, total)))
-    done, totals = zip(*seen, strict=True)
-    assert (set(totals), list(done)) == ({done[-1]}, sorted(done))
-    assert done[0] == 100  # the first image, in hundredths
-
-
 SEVERAL = r"must lie on each other and have one .*got 'a' .*, 'c' "
 THROUGH = Conductor([[0, 0, 0], [1e-3, 0, 7e-3], [2e-3, 0, 0]], 0.1e-3, 35e-6, name="coil 3")
 

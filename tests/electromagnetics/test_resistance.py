@@ -371,12 +371,6 @@ def test_straight_wire():
     np.testing.assert_allclose(result.resistance[:, 0, 0] / result.dc_resistance[0], expected, rtol=1e-9)
 
 
-def test_progress(board):
-    seen = []
-    resistance_matrix(board, 1e5, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(k, 6) for k in range(1, 7)]
-
-
 @pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])
 @pytest.mark.parametrize("solve", [lambda f: cross_section(W, T, f), lambda f: resistance_matrix(BAR, [1e6, f])])
 def test_bad_frequency(solve, frequency):
