@@ -85,36 +85,10 @@ def optimize_design(
 ) -> Optimization:
     """Search for better designs, and continue a killed run.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        Design to start from. Entries that are not variables stay unchanged.
-    goal : Goal
-        Goal of the search, from `coilarray.studies.optimize.derive.load_goal`. To exclude boards that cannot be made,
-        see `coilarray.studies.optimize.derive.keeping_rules`.
-    folder : str or Path
-        Folder of the study, ``study.db``.
-    workers : int or concurrent.futures.Executor
-        Number of local processes, or an executor. The points do not depend on it.
-    cache : Store, optional
-        Store of evaluated points, from `coilarray.compute.store.open_store`.
-    progress : callable, optional
-        See `SearchProgress`.
-
-    Returns
-    -------
-    Optimization
-        All trials, the best designs and the input of the search.
-
-    Raises
-    ------
-    GoalError
-        If a variable does not fit the design, see `axes_of`, or the design does not have a quantity, for example of an
-        unknown coil.
-    OutputError
-        If the study cannot be used, see `open_study`.
-    MissingDependencyError
-        If Optuna is not installed.
+    Entries that are not variables stay unchanged. Boards that cannot be made are excluded, see `keeping_rules`.
+    `folder` has the study, ``study.db``. `workers` are a number of local processes or an executor, on which the points
+    do not depend. `cache` keeps evaluated points. Raises GoalError if a variable does not fit the design or it lacks a
+    quantity, OutputError if the study cannot be used, and MissingDependencyError without Optuna.
     """
     file = as_file(design)
     require_coils(file.design, goal)

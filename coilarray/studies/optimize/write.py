@@ -58,26 +58,10 @@ def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> lis
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
-    """Write all files of an optimization except the report.
+    """Write ``trials.csv``, ``result.json`` and the designs of an optimization into a folder.
 
-    Parameters
-    ----------
-    result : Optimization
-        Result of `coilarray.studies.optimize.optimize_design`.
-    folder : str or Path
-        Folder of the files, made if it does not exist. Designs of an earlier search, listed in its ``result.json``, are
-        removed.
-
-    Returns
-    -------
-    tuple of Path
-        ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml`` and so on in the order
-        of the first objective.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written. No file is left half-written.
+    The designs are ``best.toml``, or ``pareto_01.toml`` and so on in the order of the first objective. Designs of an
+    earlier search, listed in its ``result.json``, are removed. Raises OutputError. No file is left half-written.
     """
     folder = Path(folder)
     make_folder(folder)

@@ -140,71 +140,29 @@ def analyse(
     cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the spread of a design's quantities over real boards.
+    """Compute the spread of a design's quantities over boards with fabrication errors.
 
-    Real boards differ from the design by fabrication errors.
+    `quantities` are by default of the tolerances, otherwise `default_quantities`. Quantities in limits are added.
+    `samples` is the number of drawn boards, 0 or at least 8, see `draw`. ``screen`` shifts values by 1e-4 of L and 5e-5
+    in k, the same for all boards, so their spread is accurate to 1 %. `table` is the response table for locating
+    positions, from `table_for`, by default computed. `workers` are a number of local processes or an executor. `cache`
+    keeps the boards.
 
-    Parameters
-    ----------
-    design : Design
-        Nominal design.
-    tolerances : Tolerances
-        Distributions of the errors, positions and limits.
-    quantities : sequence of str, optional
-        Names as in `coilarray.studies.quantities`. By default the quantities of the tolerances, or `default_quantities`
-        if they name none. Quantities in limits are added.
-    samples : int
-        Number of boards to draw, at least 8. With 0 only the linearized spread is computed.
-    seed, sampling
-        See `coilarray.studies.tolerance.spread.draw`.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances. ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so
-        their spread is accurate to 1 %.
-    table : xarray.Dataset, optional
-        Response table of the design for locating positions, from `coilarray.localize.forward.table_for`. By default it
-        is computed.
-    workers : int or concurrent.futures.Executor
-        Number of local processes, or an executor that computes the boards. With 1 they are computed in this process.
-    cache : Store, optional
-        Store that keeps the boards, so that an interrupted analysis can be continued.
-    progress : callable, optional
-        Called with (done, total) as boards are done.
+    The dataset is over ``output``, quantities in the units of their names, δ by place and state and shifts of the
+    located position in mm, and over ``contributor``, the errors:
 
-    Returns
-    -------
-    xarray.Dataset
-        Dataset over ``output`` and ``contributor``. Outputs are quantities in the units of their names, δ by place and
-        state, and shifts of the located position in mm. Contributors are the errors. The variables are:
+    - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
+    - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
+    - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with the reason if assumed.
+    - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board has no value or a
+      reading has no position, with the cause in ``failure``; ``sample_mean``, ``sample_deviation`` with its standard
+      error, its ``ratio`` to the linear deviation, and ``percentiles``. ``unread`` marks boards that no converter reads.
+    - For each ``limit`` and last for all together ``linear_yield`` and, with samples, ``sample_yield`` with its
+      interval. A board that cannot be made keeps no limit, and a board that no converter can read none on read
+      quantities. The linear model includes neither effect.
 
-        - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
-        - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
-        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with the reason if it
-          is assumed.
-
-        With samples also:
-
-        - ``error`` (sample, contributor) and ``value`` (sample, output). A value is NaN if a board has no value or a
-          reading has no position. ``failure`` (sample) gives the cause.
-        - ``sample_mean``, and ``sample_deviation`` with its standard error.
-        - ``ratio`` of sample deviation and linear deviation, with its standard error, NaN if the linear deviation is
-          zero.
-        - ``percentiles``.
-
-        ``unread`` (sample) marks boards that no converter can read, and the attribute ``not_read`` counts them.
-
-        With limits, for each ``limit`` and last for all limits together: ``linear_yield`` and, with samples,
-        ``sample_yield`` with its interval (see `coilarray.studies.tolerance.spread.Yield`). A board that cannot be
-        made keeps no limit. A board that no converter can read keeps no limit on read quantities. The linear model
-        includes neither effect.
-
-    Raises
-    ------
-    GoalError
-        If `check_analysis` refuses the arguments, or a board next to the nominal board is impossible.
-    CoilarrayError
-        If the nominal board cannot be solved.
-    ValueError
-        If the design differs from its document.
+    Raises GoalError if `check_analysis` refuses the arguments, or a board next to the nominal board is impossible, and
+    CoilarrayError if the nominal board cannot be solved.
 
     Examples
     --------
