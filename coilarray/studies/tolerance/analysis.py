@@ -156,7 +156,7 @@ def analyse(
     - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with the reason if assumed.
     - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board has no value or a
       reading has no position, with the cause in ``failure``; ``sample_mean``, ``sample_deviation`` with its standard
-      error, its ``ratio`` to the linear deviation, and ``percentiles``. ``unread`` marks boards that no converter reads.
+      error, its ``ratio`` to the linear deviation, and ``percentiles``. ``unread`` marks boards that are not read.
     - For each ``limit`` and last for all together ``linear_yield`` and, with samples, ``sample_yield`` with its
       interval. A board that cannot be made keeps no limit, and a board that no converter can read none on read
       quantities. The linear model includes neither effect.
