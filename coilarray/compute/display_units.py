@@ -116,12 +116,20 @@ PERCENT = DisplayUnit("%", 100.0, 2)
 PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)
 """Relative changes of inductance, δ."""
 _UNITS = {
-    "1": DisplayUnit(), "A": DisplayUnit("µA", 1e6, 0), "A/A": DisplayUnit("A/A", 1.0, 5),
-    "F": DisplayUnit("pF", 1e12, 2), "H": DisplayUnit("µH", 1e6, 4), "Hz": DisplayUnit("MHz", 1e-6, 4),
-    "N": DisplayUnit("mN", 1e3, 2), "N/m": DisplayUnit("N/m", 1.0, 3), "T/A": DisplayUnit("µT/mA", 1e3, 4),
-    "V": DisplayUnit("V", 1.0, 2), "m": DisplayUnit("mm", 1e3, 3), "ohm": DisplayUnit("Ω", 1.0, 3),
+    "1": DisplayUnit(),
+    "A": DisplayUnit("µA", 1e6, 0),
+    "A/A": DisplayUnit("A/A", 1.0, 5),
+    "F": DisplayUnit("pF", 1e12, 2),
+    "H": DisplayUnit("µH", 1e6, 4),
+    "Hz": DisplayUnit("MHz", 1e-6, 4),
+    "N": DisplayUnit("mN", 1e3, 2),
+    "N/m": DisplayUnit("N/m", 1.0, 3),
+    "T/A": DisplayUnit("µT/mA", 1e3, 4),
+    "V": DisplayUnit("V", 1.0, 2),
+    "m": DisplayUnit("mm", 1e3, 3),
+    "ohm": DisplayUnit("Ω", 1.0, 3),
     "rad": DisplayUnit("mrad", 1e3, 3),
-}  # fmt: skip
+}
 
 
 def display_unit(unit: str) -> DisplayUnit:

@@ -423,10 +423,12 @@ def _blocks(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int) -
     shown = []
     for block in blocks:
         widths = _widths([least[k] for k in block], [full[k] for k in block], width - _GAP * (len(block) - 1))
-        shown.append([
-            _Shown(_wrapped(headers[k], w), [_wrapped(text, w) for text in columns[k]], w, numeric[k])
-            for k, w in zip(block, widths, strict=True)
-        ])  # fmt: skip
+        shown.append(
+            [
+                _Shown(_wrapped(headers[k], w), [_wrapped(text, w) for text in columns[k]], w, numeric[k])
+                for k, w in zip(block, widths, strict=True)
+            ]
+        )
     return shown
 
 

@@ -362,13 +362,14 @@ def _dataset(
         "delta": (("source", *_DIMS), np.stack([measured.delta.values, maps("simulated")]), one),
         "residual_before": (_DIMS, maps("residual_before"), {**one, "long_name": "measured less simulated δ"}),
         "residual_after": (
-            _DIMS, maps("residual_after"),
+            _DIMS,
+            maps("residual_after"),
             {**one, "long_name": "measured less scaled and shifted simulated δ"},
         ),
         "at_limit": (both, stacked("at_limit"), {"long_name": "at the limit of the search"}),
         "noise": (both, stacked("noise"), {**one, "long_name": "noise of δ"}),
         "points": (both, stacked("points"), {**one, "long_name": "positions"}),
-    }  # fmt: skip
+    }
     for name in ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after"):
         text = name.replace("_", " ")
         data[name] = (both, stacked(name), {**one, "long_name": text})

@@ -34,14 +34,15 @@ from coilarray.studies.points import run_cached
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no response
 _GUESSED_STEPS = 6  # of a fit, for a progress bar
 CALIBRATION = Schema(
-    GoalError, "value, posterior and entries over combination, draw and unknown",
+    GoalError,
+    "value, posterior and entries over combination, draw and unknown",
     {
         "value": Entry("", ("combination", "unknown"), needed=True, gaps=True),
         "posterior": Entry("", ("combination", "draw", "unknown"), needed=True, gaps=True),
         "unknown": Entry(None, ("unknown",), needed=True),
         "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
     },
-)  # fmt: skip
+)
 """Variables of a dataset of `coilarray.studies.calibrate.calibrate` that are needed for draws."""
 
 

@@ -50,9 +50,14 @@ FITTED: tuple[Parameter, ...] = ("A", "B", "peak")
 LEVELS = tuple(k * 1e-4 for k in range(1, 11))
 """δ of the ellipses that are fitted by default."""
 IMPERFECTIONS = {
-    "depth_error_mm": 1e-3, "tilt_x_mrad": 1e-3, "tilt_y_mrad": 1e-3, "offset_x_mm": 1e-3, "offset_y_mm": 1e-3,
-    "drift": 1.0, "column_drift": 1.0,
-}  # fmt: skip
+    "depth_error_mm": 1e-3,
+    "tilt_x_mrad": 1e-3,
+    "tilt_y_mrad": 1e-3,
+    "offset_x_mm": 1e-3,
+    "offset_y_mm": 1e-3,
+    "drift": 1.0,
+    "column_drift": 1.0,
+}
 """Unknowns of the experiment, named ``imperfections.…``, and the SI value of their unit."""
 IMPERFECTION = "imperfections."
 """Prefix of unknowns of the experiment."""

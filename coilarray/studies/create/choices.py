@@ -24,10 +24,12 @@ LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")
 """Shapes with a width and a height."""
 Overlap = Literal["none", "decoupled"]
 _FROM_TO = {
-    "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
-    "inductance": (1e-9, 0.1, 1e6, "µH"), "frequency": (1e3, 1e9, 1e-6, "MHz"),
+    "size": (0.5e-3, 1.0, 1e3, "mm"),
+    "pitch": (0.5e-3, 1.0, 1e3, "mm"),
+    "inductance": (1e-9, 0.1, 1e6, "µH"),
+    "frequency": (1e3, 1e9, 1e-6, "MHz"),
     "capacitance": (1e-12, 1e-3, 1e12, "pF"),
-}  # fmt: skip
+}
 """Range of each choice in SI, wider than usual for planar coils, and the unit of its option."""
 
 
@@ -122,8 +124,12 @@ class Choices:
     title: str = ""
 
     def __post_init__(self) -> None:
-        for what, allowed in (("shape", SHAPES), ("overlap", get_args(Overlap)),
-                              ("connector", (None, *SIDES)), ("switches", (None, *PARTS))):  # fmt: skip
+        for what, allowed in (
+            ("shape", SHAPES),
+            ("overlap", get_args(Overlap)),
+            ("connector", (None, *SIDES)),
+            ("switches", (None, *PARTS)),
+        ):
             if getattr(self, what) not in allowed:
                 listed = ", ".join(word for word in allowed if word is not None)
                 raise DesignError(f"{what} must be one of {listed}; got {getattr(self, what)!r}.")

@@ -144,9 +144,12 @@ def _corners(*degrees: float) -> tuple[dict[str, Any], ...]:
 
 
 _STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
-    "hexagon": _corners(90, 270, 30, 150, 210, 330), "square": _corners(45, 135, 225, 315),
-    "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315), "rectangle": _SIDES, "racetrack": _SIDES,
-}  # fmt: skip
+    "hexagon": _corners(90, 270, 30, 150, 210, 330),
+    "square": _corners(45, 135, 225, 315),
+    "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315),
+    "rectangle": _SIDES,
+    "racetrack": _SIDES,
+}
 # corners of a hexagon that face its neighbours
 _TURNED = _corners(0, 180, 60, 120, 240, 300)
 

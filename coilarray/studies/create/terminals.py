@@ -156,8 +156,11 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
 
 def _roomy_pitch(plan: Plan, side: Side) -> float:
     """Estimate a pitch in m at which the leads of a whole row pass beside each other."""
-    across, passing = (plan.size[-1], plan.arrangement.columns) if side in ("left", "right") else (
-        plan.size[0], plan.arrangement.rows)  # fmt: skip
+    across, passing = (
+        (plan.size[-1], plan.arrangement.columns)
+        if side in ("left", "right")
+        else (plan.size[0], plan.arrangement.rows)
+    )
     winding = plan.winding
     room = plan.lead + passing * (winding.trace_width + winding.gap) + winding.gap
     return math.ceil((across + room) / _PITCH_STEP * (1 - 1e-9)) * _PITCH_STEP

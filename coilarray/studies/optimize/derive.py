@@ -385,25 +385,31 @@ def _of_traces(file: DesignFile) -> list[Row]:
 
 _NAMED: Mapping[str, _Named] = {
     "worst_k": _Named(
-        "Less coupling between any two coils", ranges.neighbours,
-        lambda file: [*_distances(file), *ranges.layer_choices(file)], _worst_k,
+        "Less coupling between any two coils",
+        ranges.neighbours,
+        lambda file: [*_distances(file), *ranges.layer_choices(file)],
+        _worst_k,
     ),
     "decouple": _Named("Neighbours without coupling", ranges.neighbours, _distances, _decouple),
     "position_error": _Named(
-        "Positions best resolved", _three_states,
+        "Positions best resolved",
+        _three_states,
         lambda file: [*ranges.pitch_ranges(file), *ranges.turns_ranges(file), *ranges.termination_choices(file)],
         _position_error,
     ),
     "smallest": _Named(
-        "The smallest board for its inductance", lambda _: None,
+        "The smallest board for its inductance",
+        lambda _: None,
         lambda file: [
-            *ranges.size_ranges(file), *ranges.pitch_ranges(file), *ranges.turns_ranges(file),
+            *ranges.size_ranges(file),
+            *ranges.pitch_ranges(file),
+            *ranges.turns_ranges(file),
             *ranges.trace_ranges(file),
         ],
         _smallest,
     ),
     "range": _Named("Largest range of a target", _target, _of_traces, _range),
     "resolution": _Named("Finest resolution of distance", _target, _of_traces, _resolution),
-}  # fmt: skip
+}
 NAMES: Mapping[str, str] = {name: named.title for name, named in _NAMED.items()}
 """Goals that fit many designs, by name, each with a description. See `unfit_goals`."""

@@ -153,6 +153,11 @@ def result_data(result: Optimization) -> dict[str, Any]:
 
 def _record(trial: Trial, values: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "trial": trial.name, "accuracy": trial.accuracy, "feasible": trial.feasible, "entries": dict(values),
-        "quantities": dict(trial.quantities), "violations": dict(trial.violations), "reason": trial.reason,
-    }  # fmt: skip
+        "trial": trial.name,
+        "accuracy": trial.accuracy,
+        "feasible": trial.feasible,
+        "entries": dict(values),
+        "quantities": dict(trial.quantities),
+        "violations": dict(trial.violations),
+        "reason": trial.reason,
+    }

@@ -339,9 +339,7 @@ def _linear_part(
         {
             "nominal": (single, nominal, {"long_name": "nominal value"}),
             "linear_deviation": (single, linear.deviation, {"long_name": "σ, linear"}),
-            "step_change": (
-                single, linear.step_change, {"units": "1", "long_name": "change by twice the step (σ)"}
-            ),
+            "step_change": (single, linear.step_change, {"units": "1", "long_name": "change by twice the step (σ)"}),
             "effect": (both, linear.effects, {"long_name": "effect of 1 σ"}),
             "wide_effect": (both, linear.wide_effects, {"long_name": "effect of 1 σ, twice the step"}),
             "share": (both, linear.shares, {"units": "1", "long_name": "share of the linearised variance"}),
@@ -353,7 +351,7 @@ def _linear_part(
             "assumed": (of_error, [tolerances.assumed.get(one.table, "") for one in found]),
         },
         coords={"output": list(names), "contributor": [one.name for one in found]},
-    )  # fmt: skip
+    )
 
 
 def _sampled_part(
