@@ -117,7 +117,7 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
 
     def computed(design, **options):
         asked.update(options, name=design.name)
-        return published_map()
+        return published_map().assign_coords(depth=list(options["depths"]))
 
     monkeypatch.setattr(coilarray.response.map, "response_map", computed)
     assert (run(capsys, "paper", "fit", "gast2020")[0], asked["name"]) == (0, "gast2020")
@@ -251,7 +251,7 @@ def test_both_signs_of_y_are_told(capsys, maps):
     assert code == 0
     *lines, noise = out.splitlines()
     assert noise == "noise of δ 10·10⁻⁶ of each coil by default, as the response states none"
-    header, *rows = [line.replace("−", "-").split() for line in lines]
+    _, header, *rows = [line.replace("−", "-").split() for line in lines]
     assert header[:3] == ["reading", "status", "x"]
     assert sorted(row[3] for row in rows) == ["-2.000", "2.000"]
     assert {tuple(row[:3]) for row in rows} == {("1", "located", "3.000")}
