@@ -63,8 +63,8 @@ def calibrate(
     entry, low, high, prior_mean, prior_std), and alternatives such as the order of layers ([[alternative]] with
     [[alternative.choice]]: name, set, without). It prints the fitted values with their errors and correlations, the
     alternatives with their evidence, and what the data cannot determine. Of an ellipse model, A, B and the peaks are
-    fitted; x0 is predicted, and fitted only if the plan says so. Evaluations are stored, so that the same command
-    resumes an interrupted one.
+    fitted. x0 is predicted, and fitted only if the plan says so. Evaluations are stored, so that the same command
+    resumes after an interruption.
 
     Example: coilarray calibrate gast2020 campaign.sqlite --unknown elastomer.1.relative_permeability=2:4 --out fit
     """
@@ -134,7 +134,7 @@ def _measured(data: str, calibration: Path | None) -> xr.Dataset | EllipseModel 
 
 
 def _write(found: Calibration, out: Path, data: str) -> list[Path]:
-    """Write page, numbers, tables and the calibrated design into a folder; return the files."""
+    """Write page, numbers, tables and the calibrated design."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.design.write import file_text

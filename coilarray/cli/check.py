@@ -95,7 +95,7 @@ def check(
 
 
 def _equal_layers(margins: Sequence[Margin]) -> list[list[Margin]]:
-    """Put margins together that differ in their layer and place alone, each group where its first was."""
+    """Join margins that differ in layer and place alone."""
     groups: list[list[Margin]] = []
     for margin in margins:
         same = (group for group in groups if _alike(group[0], margin))
@@ -112,7 +112,7 @@ def _alike(one: Margin, other: Margin) -> bool:
 
 
 def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:
-    """Name layers in the order of the board, three and more in a row by the first and the last: L1–L4, L6."""
+    """Name layers in the board's order, as L1–L4, L6."""
     runs: list[list[str]] = []
     for before, name in pairwise([None, *names]):
         if name is not None and name in layers:
@@ -134,7 +134,7 @@ def _source(profile: FabProfile) -> dict[str, object]:
 
 
 def _profile_table(profiles: Sequence[FabProfile]) -> Table:
-    """Return the bundled profiles with the limits that coils meet first."""
+    """Return the bundled profiles with their main limits."""
     keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
     rows = [
         [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]

@@ -44,10 +44,10 @@ def docs(
 
 
 def find_page(clone: Path, page: str) -> Path:
-    """Return the file of a built page, by its path without the ending, or the end of that.
+    """Return the file of a built page by the end of its path.
 
-    Of several the shortest path, and of those the first. MissingDependencyError without built pages, OutputError for a
-    page that is not there.
+    Of several it is the shortest path, and of those the first. Raises MissingDependencyError without built pages,
+    OutputError for a page that is not there.
     """
     built = clone / _BUILT
     if not (built / f"index{_PAGE}").is_file():

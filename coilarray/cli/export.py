@@ -70,14 +70,7 @@ def _default_name(name: str, to: Format) -> str:
 
 
 def _check(target: Path, to: Format, *, force: bool) -> None:
-    """Refuse before any work a target that could not be written after it.
-
-    Raises
-    ------
-    OutputError
-        A name that does not fit the format, a folder that is missing or cannot be written, or something of that name
-        without --force.
-    """
+    """Refuse before any work a target that could not be written."""
     try:
         if to == "kicad":
             _check_project_folder(target)

@@ -134,7 +134,7 @@ def impedance(
 
 
 def _limit_lines(limits: Table, scan: xr.Dataset, design: Design) -> list[str]:
-    """Name the limits of the converter that are broken, or say that all are kept."""
+    """Name the broken limits of the converter."""
     lines = [
         f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
         for state, limit, value, low, high, kept in limits.rows

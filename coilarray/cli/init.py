@@ -32,7 +32,7 @@ _FIT, _BESIDE, _DECOUPLED, _ANY, _NONE = "fit", "side by side", "decoupled", "an
 
 
 def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
-    """Ask for the choices of a new design, by the names of the options; each answer is checked at once."""
+    """Ask for the choices of a new design, and check each answer."""
     from coilarray.design import fabs
     from coilarray.studies.create import LONG_SHAPES, Choices, read_arrangement
 
@@ -67,7 +67,7 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
 
 
 def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the choices, given by the names of the options, as `coilarray.studies.create.new_design` takes them."""
+    """Return choices by the names of `coilarray.new_design`, in SI."""
     from coilarray.design.keys import key_in_si
     from coilarray.studies.create import read_size
 
@@ -98,7 +98,7 @@ def _one_of(words: Sequence[str]) -> Callable[[str], str]:
 
 
 def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str], dict[str, Any]]:
-    """Return a reader of a number for an option, or a word that stands for other options."""
+    """Return a reader of a number, or of a word for other options."""
     from coilarray.studies.create import Choices
 
     def read(text: str) -> dict[str, Any]:
@@ -281,7 +281,7 @@ def _create(target: Path, chosen: dict[str, Any]) -> _Told:
 
 
 def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
-    """Make the design of the choices, by the names of their options."""
+    """Make the design of the choices."""
     from coilarray.design.write import design_names
     from coilarray.studies.create import new_design
 
@@ -289,7 +289,7 @@ def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
 
 
 def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
-    """Say what fewer layers reach, where the wanted inductance is what needs so many."""
+    """Describe the inductance that fewer layers reach."""
     from coilarray.studies.create import Choices, reach_of_fewer_layers
 
     layers = len(made.design.array.stackup.names)
@@ -361,7 +361,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
 
 
 def _why_not_met(design: Design) -> str:
-    """Say why coils have another inductance than the wanted one, which a coil alone on the topmost layers has."""
+    """Describe why coils do not have the wanted inductance."""
     if design.array.routing is not None:
         return " without the leads to the connector"
     if len({place.layers for place in design.array.placements}) > 1:
@@ -370,7 +370,7 @@ def _why_not_met(design: Design) -> str:
 
 
 def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whole: bool) -> str:
-    """Say as the last word whether an LDC1614 can read the coils, and what would help where it cannot."""
+    """Describe whether an LDC1614 can read the coils."""
     if not broken:
         kept = "every limit of an LDC1614 is kept"
         return f"converter: {kept if whole else f'as far as these numbers go, {kept}'}"
@@ -382,7 +382,7 @@ def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whol
 
 
 def _resistance(design: Design, scan: xr.Dataset) -> str:
-    """Say what the copper resists at the frequency of its use, of the coil where that is the most."""
+    """Describe the largest resistance at its frequency of use."""
     from coilarray.electromagnetics.resistance import dc_resistance
 
     worst = int(scan.ac_resistance.values.argmax())

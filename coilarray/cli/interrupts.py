@@ -21,10 +21,10 @@ _heard = Event()  # of the block that lasts
 
 @contextmanager
 def ending_on_interrupt() -> Iterator[None]:
-    """End the program on Ctrl-C if the block computes in a library that does not return to Python in time.
+    """End the program on Ctrl-C if a library does not return in time.
 
-    Otherwise KeyboardInterrupt is raised as usual, and the block takes as long as it needs to end. Files stay whole, as
-    each gets its name in one step. It does nothing if another program handles Ctrl-C itself.
+    Otherwise KeyboardInterrupt is raised as usual. Files stay whole, as each gets its name in one step. It does nothing
+    if another program handles Ctrl-C itself.
     """
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -59,12 +59,12 @@ def ending_on_interrupt() -> Iterator[None]:
 
 
 def was_interrupted() -> bool:
-    """Whether Ctrl-C came in the block of `ending_on_interrupt`: libraries may turn its exception into another one."""
+    """Whether Ctrl-C came, even if a library raised another exception."""
     return _heard.is_set()
 
 
 def end_interrupted() -> NoReturn:
-    """End the program at once: Python would wait for threads that still compute, and might die of the signal."""
+    """End the program at once, without waiting for threads."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, AttributeError):
             stream.flush()

@@ -32,10 +32,10 @@ _FILES = (".csv", ".json", ".jsonl")
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
-    """Read one argument: coil1=7.1e-4,coil2=3e-4,... or the name of a file, .csv, .json or .jsonl.
+    """Read an argument: coil1=7.1e-4,... or a file .csv, .json or .jsonl.
 
-    Returns the readings in the order of the file, or what is wrong with each. LocalizeError for another text, a file
-    that cannot be read at all, and one without a reading.
+    Returns the readings in their order, or the error of each. Raises LocalizeError for a file that cannot be read at
+    all, and for no reading.
     """
     path = Path(text)
     suffix = path.suffix.lower()
@@ -64,7 +64,7 @@ def typed_names(texts: Iterable[str]) -> list[str]:
 
 
 def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
-    """Yield one reading, or what is wrong with it, for each line of JSON."""
+    """Yield a reading, or its error, for each line of JSON."""
     for line in lines:
         try:
             yield _json_reading(_parsed(line.decode("utf-8")))
@@ -75,7 +75,7 @@ def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
 
 
 def _json_reading(value: object) -> Reading | LocalizeError:
-    """Return a JSON value as a reading, an object or a list of numbers, or what is wrong with it."""
+    """Return a JSON object or list as a reading, or its error."""
     try:
         if isinstance(value, dict):
             return {name: _number(name, one) for name, one in value.items()}
@@ -87,7 +87,7 @@ def _json_reading(value: object) -> Reading | LocalizeError:
 
 
 def _json_file(content: str) -> list[Reading | LocalizeError]:
-    """Read one reading, or a list of them."""
+    """Read a reading or a list of readings."""
     value = _parsed(content)
     several = value if isinstance(value, list) and any(isinstance(one, (dict, list)) for one in value) else [value]
     return [_json_reading(one) for one in several]
@@ -205,10 +205,10 @@ def locate(
 ) -> None:
     """Find the position of an indentation or a target from δ.
 
-    The estimate is that of maximum likelihood over all coils, and includes the depth or distance. Every position that
-    explains a reading is listed, such as both signs of y on a symmetric board. Positions are on the board; those of an
-    ellipse model count from the model's own origin. The response table of a design is computed once and kept. For a
-    design with a [target] and no [indentation] it is the target's map; coordinates with a single value are then known.
+    Estimates position and depth or distance by maximum likelihood over all coils. Every position that explains a
+    reading is listed, such as both signs of y on a symmetric board. Positions are on the board, of an ellipse model
+    from the model's own origin. The response table of a design is computed once and kept. For a design with a [target]
+    and no [indentation] it is the target's map, whose coordinates with a single value are known.
 
     A stream gives one line of JSON for each line of input, with "error" for a bad one. The exit code is 2 only if no
     line was a reading.
@@ -262,13 +262,13 @@ def locate(
 
 
 def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
-    """Return the answers to readings; to a bad one, why it is bad."""
+    """Return the answers to readings, errors for bad ones."""
     found = iter(solve([one for one in readings if not isinstance(one, LocalizeError)]))
     return [{"error": str(one)} if isinstance(one, LocalizeError) else next(found) for one in readings]
 
 
 def _stream(solve: Solver) -> None:
-    """Answer every line of standard input at once, a bad one with its error."""
+    """Answer every line of standard input at once."""
     good, first = False, None
     try:
         for raw in line_readings(sys.stdin.buffer):
@@ -286,7 +286,7 @@ def _stream(solve: Solver) -> None:
 
 @dataclass(frozen=True)
 class _Response:
-    """The response that readings are compared with: its states and unknowns are known before it is computed."""
+    """Response with its states and unknowns, computed on demand."""
 
     states: tuple[str, ...]
     unknowns: int
@@ -308,7 +308,7 @@ def _response(source: str | None, table: Path | None, allow_violations: bool) ->
 def _ellipse_model(
     source: str | None, depth: float | None, coils: Sequence[str], allow_violations: bool
 ) -> tuple[EllipseModel, tuple[float, float]]:
-    """Return an ellipse model, and its origin on the board in m; zero for the paper's model and a file."""
+    """Return an ellipse model and its origin on the board in m."""
     from coilarray.paper.ellipse import fit_ellipses
     from coilarray.paper.ellipse_model import ellipse_model
     from coilarray.paper.published import published_model
@@ -334,11 +334,10 @@ def _with_all_coils(
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
 ) -> tuple[Solver, dict[str, float | None], list[str]]:
-    """Solve by maximum likelihood, and return the noise assumed, in numbers and in words.
+    """Solve by maximum likelihood, and describe the assumed noise.
 
-    What no response could answer is refused before one is computed.
-
-    `given` are the readings, and the texts of the command line that they come from; empty for a stream.
+    Errors that no response could mend are raised before a response is computed. `given` are the readings of the texts
+    of the command line, empty for a stream.
     """
     from coilarray.compute.display_units import PER_MILLION
     from coilarray.design.scan_states import referenced_names
@@ -408,7 +407,7 @@ def _with_all_coils(
 
 
 def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:
-    """Return the δ of the states that are used: a list has all those of the model in order, a mapping may hold more."""
+    """Return the δ of the used states, from a list of all or a mapping."""
     if isinstance(reading, dict):  # a time, for example; a misspelt coil is noticed as missing
         return {name: reading[name] for name in used if name in reading}
     if len(reading) == len(every):

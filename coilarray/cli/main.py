@@ -88,12 +88,12 @@ _ORDERLY = {"board", "studio"}  # which bring boards to rest and end sessions, h
 
 
 def summary(name: str) -> str:
-    """Return what a command does: the first line of its help."""
+    """Return the first line of a command's help."""
     return (COMMANDS[name].__doc__ or "").split("\n", 1)[0]
 
 
 class _Grouped(typer.core.TyperGroup):
-    """Program or family whose help shows all its commands in their groups."""
+    """Program or family whose help has groups of commands."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         own = f"{self.name} " if self.name in _FAMILIES else ""
@@ -115,7 +115,7 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 @functools.cache
 def program(name: str) -> Callable[..., Any]:
-    """Return the program with the command of this name alone; without any for an option, with all for another word.
+    """Return the program with one command, none for an option, or all.
 
     Typer takes milliseconds to read the signature of a command, and help and version need none.
     """
@@ -143,7 +143,7 @@ def program(name: str) -> Callable[..., Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line, that of the process by default, and return its exit code.
+    """Run a command line and return its exit code.
 
     It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. A fault of the program
     itself keeps its traceback.
@@ -175,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _answer_to(error: Exception, command: str) -> int:
-    """Say an expected error in one line and return the exit code; any other error is raised again."""
+    """Print an expected error in one line, raise any other again."""
     if isinstance(error, CoilarrayError):
         return _refuse(str(error))
     if _is_lack_of_memory(error):
@@ -206,7 +206,7 @@ def _answer_to(error: Exception, command: str) -> int:
 
 
 def _is_lack_of_memory(error: BaseException) -> bool:
-    """Whether an error, or one that it came from, says that memory is lacking; a library says so when it is loaded."""
+    """Whether an error or one of its causes is a lack of memory."""
     causes: list[BaseException] = []
     one: BaseException | None = error
     while one is not None and one not in causes:
@@ -222,7 +222,7 @@ def _is_lack_of_memory(error: BaseException) -> bool:
 
 @contextmanager
 def _telling_unusual_values() -> Iterator[None]:
-    """Write warnings of unusual values to standard error, each once, in one line."""
+    """Write each warning of unusual values once to standard error."""
     told: set[str] = set()
 
     def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:

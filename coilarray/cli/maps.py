@@ -29,21 +29,21 @@ _RECORDING = ".sqlite"
 
 
 def depth_in_metres(depth_mm: float | None) -> float | None:
-    """Convert the option --depth-mm; LocalizeError if it is not positive and finite."""
+    """Convert the option --depth-mm to m."""
     if depth_mm is not None and not (math.isfinite(depth_mm) and depth_mm > 0):
         raise LocalizeError(f"--depth-mm must be positive and finite; got {depth_mm:g}.")
     return None if depth_mm is None else depth_mm * 1e-3
 
 
 def is_map(source: str | None) -> bool:
-    """Whether a response is given as a netCDF file, not as a design; LocalizeError for a recording."""
+    """Whether a response is a netCDF file, refused for a recording."""
     if source is not None and is_recording(source):
         raise LocalizeError(f"{source} is a recording; convert it to a response: coilarray board info {source} --to nc")
     return source is not None and source.lower().endswith(".nc")
 
 
 def is_recording(source: str) -> bool:
-    """Whether a file is an SQLite database, whatever its name; if there is no file, by its ending."""
+    """Whether a file is an SQLite database, or would be by its name."""
     begins = b""
     with suppress(OSError, ValueError), Path(source).open("rb") as file:  # no file to be read; a name with a zero byte
         begins = file.read(len(_SQLITE))
@@ -51,7 +51,7 @@ def is_recording(source: str) -> bool:
 
 
 def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
-    """Read a response with `read_response`, and say on standard error that it is of an emulated board."""
+    """Read a response, and say if it is of an emulated board."""
     response = read_response(path, target=target)
     if response.attrs.get("emulated", 0):
         text = f"{path} is of an emulated board: no real board was measured."
@@ -60,10 +60,7 @@ def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
 
 
 def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
-    """Read a response from a netCDF file; LocalizeError names what is wrong with it.
-
-    With `target` it may also be the map of a target, over its distance.
-    """
+    """Read a response, or with `target` also the map of a target."""
     from coilarray.compute.netcdf import read_checked
     from coilarray.response.dataset import RESPONSE, TARGET_MAP
 
@@ -71,10 +68,7 @@ def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
 
 
 def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:
-    """Read the response of a campaign, and the outlines of its coils in m from the map's origin.
-
-    `calibration` is a file with the constants of the board.
-    """
+    """Read the response of a campaign, and outlines of its coils in m."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.report.figures import map_outlines
 
@@ -85,7 +79,7 @@ def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list
 
 
 def campaign_response(recording: Recording, calibration: Path | None, *, partial: bool) -> xr.Dataset:
-    """Return the response of a campaign, calibrated if a file with the constants of the board is given."""
+    """Return the response of a campaign, calibrated if constants are given."""
     from coilarray.hardware.record.calibration import calibrated_response, load_calibration
     from coilarray.hardware.record.recorded_response import recorded_response
 
@@ -95,7 +89,7 @@ def campaign_response(recording: Recording, calibration: Path | None, *, partial
 
 
 def read_ellipses(path: Path) -> EllipseModel:
-    """Read an ellipse model of `coilarray paper fit`; LocalizeError for another file."""
+    """Read an ellipse model of `coilarray paper fit`."""
     from coilarray.compute.files import read_text
     from coilarray.paper.ellipse_model import model_from_json
 
@@ -105,11 +99,10 @@ def read_ellipses(path: Path) -> EllipseModel:
 def one_map(
     source: str | None, depth: float | None, *, allow_violations: bool, coils: Sequence[str] = ()
 ) -> xr.Dataset:
-    """Return a response, read from a file or computed on the grid of a design at one depth.
+    """Read a response, or compute it on the grid of a design.
 
-    `source` is a netCDF file, a design file or the name of a bundled design, gast2020 by default; `depth` is in m, the
-    first one by default. `coils` are states that a design must have: LocalizeError. Other errors are those of
-    `read_map`, `open_design` and `coilarray.response.map.response_map`.
+    `source` is a netCDF file, or a design as for other commands. `depth` is in m, the first one by default. A design
+    must have the states `coils`.
     """
     if is_map(source):
         return read_map(Path(str(source)))
@@ -127,9 +120,9 @@ def one_map(
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
-    """Read the response table of a design from a file or the store; compute and keep it if it is new.
+    """Return the response table of a design from a file or the store.
 
-    LocalizeError if the file is the table of another design.
+    It is computed and kept if it is new.
     """
     from coilarray.compute.netcdf import save_dataset
 
@@ -148,7 +141,7 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
 
 
 def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
-    """Return the table of a design from the store, computed where it is new; OutputError as `open_store`."""
+    """Return the response table of a design from the store."""
     from coilarray.compute.store import open_store
     from coilarray.localize.forward import table_for
 

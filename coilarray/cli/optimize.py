@@ -69,10 +69,10 @@ def optimize(
     """Search for the design that meets a goal best.
 
     A goal says which entries of the design may change, which quantities to minimise or maximise, and which bounds to
-    keep. Named goals fit any design, as they take their ranges from it; --template writes one to a file to edit. Every
-    point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and one
-    with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs. If no design
-    is better than the given one, none is written and the exit code is 1.
+    keep. Named goals fit any design, as they take their ranges from it. --template writes a goal to a file to edit.
+    Every point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and
+    a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs. If no design is
+    better than the given one, none is written and the exit code is 1.
 
     Example: coilarray optimize gast2020 worst_k --trials 100 --out better
 
@@ -173,7 +173,7 @@ def _print_quantities(*, as_json: bool) -> None:
 
 
 def _lines(result: Optimization) -> list[str | Table]:
-    """Describe the search, and compare the given and the best designs."""
+    """Describe the search, and compare given and best designs."""
     from coilarray.geometry import check_rules
     from coilarray.report.optimization import (
         at_ends,
@@ -212,7 +212,7 @@ def _lines(result: Optimization) -> list[str | Table]:
 
 @contextmanager
 def _progress(goal: Goal) -> Iterator[SearchProgress]:
-    """Show a progress bar with the best so far on standard error, if that is a terminal."""
+    """Show a progress bar with the best result on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -36,7 +36,7 @@ def readable(text: str, encoding: str) -> str:
 
 
 def prepare_output() -> None:
-    """Let both streams of this process take every text; for a process that is ours alone."""
+    """Let both streams of this process take every text."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # there may be none
             _prepare(stream)
@@ -62,7 +62,7 @@ def _prepare(stream: io.TextIOWrapper) -> None:
 
 
 def _replaced(error: UnicodeError) -> tuple[str, int]:
-    """Return ASCII for what an encoding lacks, and where the text goes on."""
+    """Return ASCII for characters that an encoding lacks."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = _SUPERSCRIPTS.sub(lambda found: f"^{_plain(found[0])}", error.object[error.start : error.end])
@@ -70,7 +70,7 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
 
 
 def _named(character: str) -> str:
-    """Return the letters of ASCII in a character, else its name if it is Greek, or a sign of its shape."""
+    """Return a character's ASCII letters, Greek name, or similar sign."""
     if character.isascii():
         return character
     name = unicodedata.name(character, "").replace("LAMDA", "LAMBDA")

@@ -133,7 +133,7 @@ def response(
 def _print_dent(
     name: str | None, depths: list[float] | None, out: Path | None, plot: Path | None, *, as_json: bool
 ) -> None:
-    """Compute, write and print the dent and the force of a design."""
+    """Compute and print the dent and the force of a design."""
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance
@@ -179,7 +179,7 @@ def _enters(key: str) -> bool:
 
 
 def _reach(text: str) -> Reach:
-    """Which coils count; the library checks the number."""
+    """Return which coils count, checked by the library."""
     try:
         return None if text == "all" else "auto" if text == "auto" else float(text)
     except ValueError:
@@ -187,7 +187,7 @@ def _reach(text: str) -> Reach:
 
 
 def _experiment(texts: Sequence[str]) -> tuple[Imperfections, float]:
-    """Return imperfections, and the distance of the indenter at rest in m, from KEY=VALUE."""
+    """Return imperfections, and the distance at rest in m."""
     from coilarray.studies.calibrate.data import imperfections_of
     from coilarray.studies.calibrate.plan import IMPERFECTIONS
 

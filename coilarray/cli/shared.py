@@ -1,9 +1,4 @@
-"""Shared by the commands: arguments and options, and how a command ends.
-
-A command ends with `print_result`, which prints JSON, or tables and the names of the files that `write_numbers` and
-`draw` wrote. Declare an option here as soon as a second command has it. An option that is given no name takes that of
-its parameter: ``depth_mm`` is --depth-mm.
-"""
+"""Arguments and options of several commands, and how a command reads, writes and prints."""
 
 from __future__ import annotations
 
@@ -42,10 +37,10 @@ PICTURES = (".png", ".svg", ".pdf")
 def file_option(
     names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False, printed: bool = False
 ) -> Any:
-    """Return an option for a file to write, refused before any work by `check_file`, if it has suffixes.
+    """Return an option for a file, checked before any work.
 
-    If the command has the option --force, `replacing` refuses too, unless what exists is `kept`: a file that is read,
-    or a folder. If it is `printed`, --json prints its content instead, and the file is written only if it is named.
+    If the command has --force, `replacing` checks it too, unless the file is `kept`: a file that is read, or a folder.
+    If it is `printed`, --json prints its content, and the file is written only if it is named.
     """
 
     def check(context: typer.Context, parameter: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -63,7 +58,7 @@ def file_option(
 
 
 def number_option(names: Sequence[str], low: float, high: float, text: str, *, above: bool = False) -> Any:
-    """Option for a number from `low`, or `above` it, to `high`; all else, also NaN, is refused before any work."""
+    """Return an option for a number from `low` (or above it) to `high`."""
     allowed = f"above {low:.12g} and at most {high:.12g}" if above else f"{low:.12g} to {high:.12g}"
 
     def check(value: float | None) -> float | None:
@@ -85,7 +80,7 @@ def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
 
 
 def plot_option(what: str, name: str = "--plot") -> Any:
-    """Return the option for a picture of something, such as "the maps"."""
+    """Return the option for a picture."""
     return file_option((name,), f"Also draw {what}: .png, .svg or .pdf.", PICTURES)
 
 
@@ -178,7 +173,7 @@ _MOST_LENGTHS = 1000
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
-    """Read a design; DesignError for a bad file, RuleViolationError for a broken rule that is not allowed."""
+    """Read a design, refused if it breaks a rule that is not allowed."""
     return open_design_file(name, allow_violations=allow_violations).design
 
 
@@ -198,13 +193,13 @@ def open_design_file(name: str | None, *, allow_violations: bool) -> DesignFile:
 
 
 def design_record(design: Design) -> dict[str, str]:
-    """Return name and hash of a design, as in every JSON output."""
+    """Return name and hash of a design for JSON."""
     return {"design": design.name, "design_hash": design.digest}
 
 
 @contextmanager
 def map_parts(out: Path | None) -> Iterator[Keep | None]:
-    """Keep the parts of a map in a folder beside its file, from which an interrupted command goes on; none without one.
+    """Keep the parts of a map beside its file, for an interrupted command.
 
     They are discarded at the end of the block, in which the file is written.
     """
@@ -228,7 +223,7 @@ def map_parts(out: Path | None) -> Iterator[Keep | None]:
 def from_map_origin(
     setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
 ) -> tuple[tuple[float, ...] | None, ...]:
-    """Return positions of options, in m on the board, as counted from the origin of the map of a setup."""
+    """Return positions in m on the board as counted from a map's origin."""
     from coilarray.response.dataset import from_board, map_origin
 
     rows = zip((x, y), map_origin(setup), strict=True)
@@ -236,10 +231,7 @@ def from_map_origin(
 
 
 def lengths(option: str, text: str | None, *, positive: bool = False) -> list[float] | None:
-    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError for another text.
-
-    None if the option is not given. `positive` lengths are above zero.
-    """
+    """Convert a rising list or range START:STOP:COUNT in mm to m."""
     if text is None:
         return None
     import numpy as np
@@ -323,11 +315,7 @@ def _entry(path: Path) -> tuple[Store, str]:
 
 
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
-    """Refuse before a long computation a file that could not be written after it; None is accepted.
-
-    OutputError for a suffix that is not one of `suffixes`, for a folder of that name, and if the folder of the file
-    does not exist, cannot be read, or cannot be written to.
-    """
+    """Refuse before any work a file that could not be written."""
     if path is None:
         return
     if suffixes is not None and path.suffix.lower() not in suffixes:
@@ -346,7 +334,7 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -
 
 
 def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str]) -> None:
-    """Write a dataset as netCDF if the file's name ends in .nc, else its table as CSV; None writes nothing."""
+    """Write a dataset as netCDF, or its table as CSV."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
 
@@ -357,7 +345,7 @@ def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str])
 
 
 def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:
-    """Draw a figure into a file; None draws nothing."""
+    """Draw a figure into a file, if one is given."""
     if path is None:
         return
     from coilarray.compute.files import write_atomically
@@ -376,7 +364,7 @@ def print_result(
     lines: Sequence[str | Table] = (),
     files: Sequence[Path | None] = (),
 ) -> None:
-    """Print the result of a command: `data` as JSON, or tables, sentences and the files written."""
+    """Print `data` as JSON, or tables, sentences and written files."""
     if as_json:
         print_json(data)
         return
@@ -389,7 +377,7 @@ def print_result(
 
 
 def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> list[str]:
-    """Return the line that names the capacitance of windings without a model, none where no quantity needs one."""
+    """Return a line on windings without capacitance, if a quantity needs it."""
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.studies.quantities import request
 
@@ -398,19 +386,19 @@ def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> l
 
 
 def left_out_lines(left_out: str) -> list[str]:
-    """Return the line on effects that the numbers leave out, if there are any."""
+    """Return the line on effects that are left out, if any."""
     return [f"not in these numbers: {left_out}"] if left_out else []
 
 
 def noise_source(given: float | None, response: xr.Dataset) -> str:
-    """Return where the noise of δ comes from, to follow its number; empty if the user gave it."""
+    """Describe the source of the noise of δ, if it is not given."""
     if given is not None:
         return ""
     return " from the noise budget" if "noise" in response.attrs else " by default, as the response states none"
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
-    """Return the line on the errors of ΔL and ΔR by plates with an outline, none without such plates."""
+    """Return the line on the errors of plates with an outline, if any."""
     if "plate_error_inductance" not in attributes:
         return []
     errors = [attributes[f"plate_error_{what}"] for what in ("inductance", "resistance")]
@@ -428,7 +416,7 @@ def _share_text(share: float) -> str:
 
 
 def print_json(data: Any) -> None:
-    """Print a value as JSON; a number that is not finite is a fault of the program, never NaN in the output."""
+    """Print a value as JSON, without numbers that are not finite."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
@@ -454,13 +442,13 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 def drop_output() -> None:
-    """Redirect standard output, which cannot be written, to nothing: Python would fail again when it closes it."""
+    """Redirect standard output to nothing, as it cannot be written."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Progress]:
-    """Show a progress bar on standard error while the block runs, if that is a terminal."""
+    """Show a progress bar on a terminal while the block runs."""
     from rich.console import Console
     from rich.progress import Progress as Bar
 
@@ -476,7 +464,7 @@ def progress_bar(text: str) -> Iterator[Progress]:
 
 @contextmanager
 def chosen_workers(workers: int | None, cluster: str | None, tasks: int | None = None) -> Iterator[int | Executor]:
-    """Open the executor of --cluster, or return the number of processes of --workers, at most one for each task."""
+    """Open the executor of --cluster, or return the number of --workers."""
     from coilarray.compute.threads import cores
     from coilarray.compute.workers import MOST_WORKERS, dask_executor
 
@@ -497,7 +485,7 @@ def check_workers(workers: int | None, cluster: str | None) -> None:
 def resumable(
     kept: Callable[[int], str], done: int = 0
 ) -> Iterator[Callable[[Callable[..., None]], Callable[..., None]]]:
-    """If the block is interrupted, say on standard error what is kept, from the number of finished tasks.
+    """If the block is interrupted, say how many finished tasks are kept.
 
     The block gets a function that wraps a progress function into one that also counts.
     """

@@ -48,8 +48,8 @@ def studio(
 ) -> None:
     """Change a design in the browser and see the results.
 
-    It has sliders for the design; the board in three dimensions, couplings and margins; the field, with switches for
-    every coil; an indenter to drag over the board; optimisations; and the live board or its emulator. The page is
+    It has sliders for the design, the board in three dimensions, couplings and margins, the field with switches for
+    every coil, an indenter to drag over the board, optimisations, and the live board or its emulator. The page is
     served to this computer alone unless --host is given, always under the address that is printed, whose token keeps
     other accounts out, and loads nothing from other hosts. Ctrl-C ends it.
 
@@ -94,7 +94,7 @@ def _folder(design: str | None, folder: Path | None) -> Path:
 
 
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:
-    """See `coilarray.viz.studio.services.Summarize`; the numbers are those of the report."""
+    """Summarize a design with the numbers of the report."""
     from coilarray.circuit.impedance import scan_design
     from coilarray.design.write import design_document
     from coilarray.geometry import check_rules
@@ -125,7 +125,7 @@ def write_report(document: Document, name: str, folder: Path, progress: Progress
 
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """See `coilarray.viz.studio.services.ResponseTable`; stored like that of ``coilarray locate``."""
+    """Return the stored response table of a design."""
     from coilarray.cli.maps import stored_table
     from coilarray.design.model import build_design
 

@@ -58,9 +58,9 @@ def sweep(
     Entries of the design are varied. Every point is stored as soon as it is computed, so that the same command resumes
     an interrupted sweep and no point is computed twice. A point that gives no design is empty in the file, with the
     reason. Values are in the unit of their name. Points that break fabrication rules are marked by fab_broken in the
-    file and by crosses in the plot, and so are those that no LDC1614 reads, by converter_unread; they are left out of
-    the table and are never the best. With --goal the quantities of the goal are computed too, and the best
-    points are printed; the entries that the goal varies are the default of --vary.
+    file and by crosses in the plot, points that no LDC1614 reads by converter_unread. They are left out of the table
+    and are never the best. With --goal the quantities of the goal are computed too, and the best points are printed.
+    The entries that the goal varies are the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
 
@@ -153,7 +153,7 @@ def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
 
 
 def _records(result: xr.Dataset) -> list[dict[str, Any]]:
-    """Every point with its entries, quantities and reason; None for a missing quantity."""
+    """Return every point with its entries, quantities and reason."""
     table = result.to_dataframe().reset_index().to_dict("records")
     return [
         {
@@ -166,7 +166,7 @@ def _records(result: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def _extremes(result: xr.Dataset, key: str, unit: str) -> list[str]:
-    """Smallest and largest value of a quantity, each with where it is."""
+    """Smallest and largest value of a quantity with their places."""
     values = result[key]
     if bool(values.isnull().all()):
         return [key, unit, "–", "", "–", ""]

@@ -155,7 +155,7 @@ def _remarks(result: xr.Dataset) -> list[str]:
 
 
 def _not_linear(result: xr.Dataset) -> list[str]:
-    """Name the outputs whose linearised spread disagrees with half the step or with the drawn boards."""
+    """Name the outputs whose linearised spread is not valid."""
     import numpy as np
 
     bent = result.step_change.values > _LARGEST_STEP_CHANGE

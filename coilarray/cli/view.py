@@ -162,7 +162,7 @@ _NOT_OF_FILMS = {"--show", "--layers", "--coil", "--spacing-mm", "--at-mm", "--d
 
 
 def _kind(out: Path | None) -> Kind:
-    """Return the kind of a file by its ending, and refuse one that could not be written."""
+    """Return the kind of a file, refused if it could not be written."""
     if out is None:
         return "window"
     kind = _KINDS.get(out.suffix.lower())
@@ -200,7 +200,7 @@ def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, in
 def _write_scene(
     scene: Scene, kind: Kind, out: Path | None, name: str, side: Side, pixels: dict[str, tuple[int, int]]
 ) -> list[str]:
-    """Write a scene, or show it in a window; return the lines about its files."""
+    """Write a scene or show it, and return lines about files."""
     if out is None:
         viz.show(scene, side=side)
         return []
@@ -237,7 +237,7 @@ def _write_field(
     spacing_mm: float,
     distance: float | None,
 ) -> tuple[str, dict[str, object]]:
-    """Compute B for 1 mA in a coil and write it; return a line and the numbers about it."""
+    """Compute B for 1 mA and write it, and return a line and numbers."""
     active = design.array.middle_coil if coil is None else coil
     if active not in design.array.names:
         raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")
@@ -321,7 +321,7 @@ def _scene(design: Design, wanted: View) -> Scene:
 
 
 def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
-    """Return width and height as the argument ``size``; nothing by default."""
+    """Return width and height as the argument ``size``, nothing by default."""
     if text is None:
         return {}
     match = _SIZE.fullmatch(text)

@@ -403,7 +403,7 @@ class _Shown:
 
 
 def _blocks(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[_Shown]]:
-    """Lay columns out in blocks of at most a width, each with the columns that name the rows."""
+    """Lay columns out in blocks of at most a width."""
     columns = [[row[k] for row in rows] for k in range(len(headers))]
     numeric = [any(texts) and all(_is_number(text) for text in texts if text) for texts in columns]
     full = [max(map(len, (header, *texts))) for header, texts in zip(headers, columns, strict=True)]
