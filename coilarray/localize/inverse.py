@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import ranges
@@ -26,9 +26,6 @@ from coilarray.localize.forward import ForwardModel, Whitening, checked_noise, r
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, starts
 from coilarray.response.interpolation import PARAMETERS
-
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
 """Result of a reading: a position in the table, a position on its border (the indenter may be outside), a position

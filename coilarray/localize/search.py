@@ -19,15 +19,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import minimum_filter
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.threads import ranges
 from coilarray.localize.forward import ForwardModel, Whitening, whitening_of
-
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 
 _MOST_CELLS = 64  # along x and along y, more only if the table is finer
 _DEPTH_CELLS = 8

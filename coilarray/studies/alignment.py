@@ -15,11 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel
-
-BoolArray = npt.NDArray[np.bool_]
 
 LEAST_PLACES = 8
 """Least number of places for a shift. With fewer places only the scale is determined."""

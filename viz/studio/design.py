@@ -130,7 +130,7 @@ class DesignPanel(Panel):
         session.state.save_dialog = False
         self._saved(work)
         session.state.file_note = f"saved {session.setup.shelf.path(work.file)}" + (
-            "" if kept else "; its comments could not be kept, those of the starter are in their place"
+            "" if kept else "; its comments could not be kept, the meanings of the keys are in their place"
         )
 
     def _export(self, to: Format) -> None:
