@@ -59,7 +59,7 @@ _ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a
 # read by the linear algebra when it is loaded, and by coilarray.compute.threads
 _THREAD_VARIABLES = ("COILARRAY_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
-_HERE = uuid.uuid4().hex  # differs in every process that has loaded this module
+_HERE = uuid.uuid4().hex  # differs on every machine
 
 
 @contextmanager
@@ -152,14 +152,19 @@ def _submitted(executor: Executor, function: Callable[[Any], Any], item: Any) ->
     if isinstance(executor, _ThisProcess):
         return executor.submit(_outcome, function, item)
     try:
-        return executor.submit(_perform, pickle.dumps((function, item)), code_version(), _HERE)
+        return executor.submit(_perform, pickle.dumps((function, item)), code_version(), _this_process())
     except BrokenExecutor:
         raise _lost() from None
 
 
+def _this_process() -> str:
+    """Identify this process on all machines, also among forked ones."""
+    return f"{_HERE} {os.getpid()}"
+
+
 def _perform(payload: bytes, version: str, home: str) -> Any:
     """Compute one task with one thread, in a process with the same version of coilarray."""
-    if home != _HERE:
+    if home != _this_process():
         if version != code_version():
             raise ClusterError(
                 f"a worker has coilarray {code_version()}; here it is {version}: install the same on all machines."
