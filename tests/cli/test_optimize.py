@@ -227,7 +227,7 @@ def test_list_of_quantities(capsys):
     out = good(capsys, "--list-quantities")
     for quantity in QUANTITIES.values():
         assert quantity.says in out
-    assert {row["quantity"] for row in answer(capsys, "--list-quantities")} == set(QUANTITIES)
+    assert {row["quantity"] for row in answer(capsys, "--list-quantities")["quantities"]} == set(QUANTITIES)
 
 
 test_mistakes = mistakes(

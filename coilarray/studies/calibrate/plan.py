@@ -233,9 +233,15 @@ class Plan(Table):
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Read a calibration plan from a TOML file or by the name of a bundled plan.
+    """Read a calibration plan.
 
-    Raises GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
+    `name_or_path` is the path of a TOML file, or the name of a bundled plan. Raises GoalError for an unreadable file,
+    wrong TOML, an unknown key or a value that is not allowed, in one line.
+
+    Returns
+    -------
+    Plan
+        The plan.
 
     Examples
     --------

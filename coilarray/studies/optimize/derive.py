@@ -144,8 +144,14 @@ class _Named:
 def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
     """Read a goal file (TOML), or make one of the goals `NAMES` for the design.
 
-    A file has precedence over a name. Raises GoalError for an unreadable file, an unknown key or a value that is not
-    allowed, in one line, and if the goal does not fit the design, for example `decouple` for a single coil.
+    `name_or_path` is the path of a file, which has precedence, or a name. Raises GoalError for an unreadable file, an
+    unknown key or a value that is not allowed, in one line, and if the goal does not fit the design, for example
+    `decouple` for a single coil.
+
+    Returns
+    -------
+    Goal
+        The goal, checked against the design.
 
     Examples
     --------

@@ -66,11 +66,23 @@ class Optimization:
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
-        """Return the variables' values of a trial by entry, None where the start has none."""
+        """Return the variables' values of a trial by entry, None where the start has none.
+
+        Returns
+        -------
+        mapping of str to object
+            Value in the unit of the entry, by the entry.
+        """
         return {axis.entry: axis.start for axis in self.axes} if trial.kind == "start" else trial.changes
 
     def designs(self) -> tuple[Design, ...]:
-        """Return the designs of the front, in its order."""
+        """Return the designs of the front.
+
+        Returns
+        -------
+        tuple of Design
+            A design for every point of the front, in its order.
+        """
         return tuple(vary(self.file, trial.changes) for trial in self.front)
 
 
@@ -83,12 +95,18 @@ def optimize_design(
     *,
     progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search for better designs, and continue a killed run.
+    """Search from a design for better designs, and continue a killed run.
 
-    Entries that are not variables stay unchanged. Boards that cannot be made are excluded, see `keeping_rules`.
-    `folder` has the study, ``study.db``. `workers` are a number of local processes or an executor, on which the points
-    do not depend. `cache` keeps evaluated points. Raises GoalError if a variable does not fit the design or it lacks a
-    quantity, OutputError if the study cannot be used, and MissingDependencyError without Optuna.
+    Entries that are not variables of the goal stay unchanged. Boards that cannot be made are excluded, see
+    `keeping_rules`. `folder` has the study, ``study.db``. `workers` are a number of local processes or an executor, on
+    which the points do not depend. `cache` keeps evaluated points. `progress` is a `SearchProgress`. Raises GoalError
+    if a variable does not fit the design or it lacks a quantity, OutputError if the study cannot be used, and
+    MissingDependencyError without Optuna.
+
+    Returns
+    -------
+    Optimization
+        All trials, the best designs and the input of the search.
     """
     file = as_file(design)
     require_coils(file.design, goal)

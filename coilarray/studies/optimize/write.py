@@ -58,10 +58,16 @@ def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> lis
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
-    """Write ``trials.csv``, ``result.json`` and the designs of an optimization into a folder.
+    """Write the files of an optimization, the result of `optimize_design`, into a folder.
 
-    The designs are ``best.toml``, or ``pareto_01.toml`` and so on in the order of the first objective. Designs of an
-    earlier search, listed in its ``result.json``, are removed. Raises OutputError. No file is left half-written.
+    Designs of an earlier search, listed in its ``result.json``, are removed. Raises OutputError. No file is left
+    half-written.
+
+    Returns
+    -------
+    tuple of Path
+        ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml`` and so on in the order of
+        the first objective.
     """
     folder = Path(folder)
     make_folder(folder)

@@ -142,27 +142,31 @@ def analyse(
 ) -> xr.Dataset:
     """Compute the spread of a design's quantities over boards with fabrication errors.
 
-    `quantities` are by default of the tolerances, otherwise `default_quantities`. Quantities in limits are added.
-    `samples` is the number of drawn boards, 0 or at least 8, see `draw`. ``screen`` shifts values by 1e-4 of L and 5e-5
-    in k, the same for all boards, so their spread is accurate to 1 %. `table` is the response table for locating
+    `tolerances` are the distributions of the errors, positions and limits. `quantities` are by default of the
+    tolerances, otherwise `default_quantities`. Quantities in limits are added. `samples` is the number of drawn boards,
+    0 or at least 8, with `seed` and `sampling` as in `draw`. The `accuracy` ``screen`` shifts values by 1e-4 of L and
+    5e-5 in k, the same for all boards, so their spread is accurate to 1 %. `table` is the response table for locating
     positions, from `table_for`, by default computed. `workers` are a number of local processes or an executor. `cache`
-    keeps the boards.
+    keeps the boards. `progress` is called with (done, total). Raises GoalError if `check_analysis` refuses the
+    arguments, or a board next to the nominal board is impossible, and CoilarrayError if the nominal board cannot be
+    solved.
 
-    The dataset is over ``output``, quantities in the units of their names, δ by place and state and shifts of the
-    located position in mm, and over ``contributor``, the errors:
+    Returns
+    -------
+    xarray.Dataset
+        Dataset over ``output``, quantities in the units of their names, δ by place and state and shifts of the located
+        position in mm, and over ``contributor``, the errors:
 
-    - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
-    - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
-    - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with the reason if assumed.
-    - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board has no value or a
-      reading has no position, with the cause in ``failure``; ``sample_mean``, ``sample_deviation`` with its standard
-      error, its ``ratio`` to the linear deviation, and ``percentiles``. ``unread`` marks boards that are not read.
-    - For each ``limit`` and last for all together ``linear_yield`` and, with samples, ``sample_yield`` with its
-      interval. A board that cannot be made keeps no limit, and a board that no converter can read none on read
-      quantities. The linear model includes neither effect.
-
-    Raises GoalError if `check_analysis` refuses the arguments, or a board next to the nominal board is impossible, and
-    CoilarrayError if the nominal board cannot be solved.
+        - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
+        - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
+        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with a reason.
+        - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board has no value or a
+          reading has no position, with the cause in ``failure``; ``sample_mean``, ``sample_deviation`` with its
+          standard error, its ``ratio`` to the linear deviation, and ``percentiles``. ``unread`` marks boards that no
+          converter reads.
+        - For each ``limit`` and last for all together ``linear_yield`` and, with samples, ``sample_yield`` with its
+          interval. A board that cannot be made keeps no limit, and a board that no converter can read none on read
+          quantities. The linear model includes neither effect.
 
     Examples
     --------
