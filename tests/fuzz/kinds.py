@@ -36,7 +36,7 @@ from support.board_text import board as kicad_text
 from support.board_text import path as tracks
 from support.emulated_reader import settings_of
 from support.made_up import made_up_distortion
-from support.plot_results import GOAL, response, target
+from support.plot_results import response, target
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, two_coils_document
 
@@ -255,7 +255,12 @@ def _uncoupled(answer: xr.Dataset | str) -> str:
 
 
 _GOALS = {
-    "short": GOAL,
+    "short": """
+schema = 1
+title = "small and far apart"
+variable = [{entry = "array.pitch_mm", low = 8, high = 13}]
+objective = [{quantity = "worst_k", direction = "minimize"}, {quantity = "span_mm", direction = "maximize"}]
+""",
     "long": """
 schema = 1
 title = "all tables"
