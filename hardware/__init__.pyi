@@ -14,16 +14,18 @@ from .chips.ldc1614 import (
 )
 from .scan.design_settings import design_settings
 from .scan.readings import Reader, read_scan
-from .scan.settings import ScanSettings, scan_settings
+from .scan.settings import ConverterClock, ScanSettings, Sensor, scan_settings
 from .scan.wiring import Wiring, load_wiring
 
 __all__ = [
     "Board",
+    "ConverterClock",
     "Drive",
     "Limit",
     "Reader",
     "ScanSettings",
     "SelfTest",
+    "Sensor",
     "Wiring",
     "check_channel",
     "code_to_frequency",

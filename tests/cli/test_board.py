@@ -123,7 +123,7 @@ test_wrong_arguments_are_one_line = mistakes(
     (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
     (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
     (("--port", "i2c:99"), "there is no /dev/i2c-99"),
-    (("--emulate", "clock_MHz=60"), "--emulate clock_MHz must be 35 to 55; got '60'"),
+    (("--emulate", "clock_MHz=60"), "--emulate clock_MHz must be a finite number from 35 to 55; got '60'"),
     (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
 )
 

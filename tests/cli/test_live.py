@@ -285,7 +285,7 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
 
     monkeypatch.setattr(live_source, "opened_board", remembered)
     with live_source.live_source(
-        live_source.LiveOptions(options), load_design(str(board[0])), progress=lambda done, total: None
+        live_source.LiveOptions(options), load_design(str(board[0])), locate=False, progress=lambda done, total: None
     ):
         (one,) = opened
         assert "table" in vars(one.emulator.world)

@@ -18,15 +18,13 @@ import typer
 from coilarray.cli.board.live_source import LiveOptions, live_readings, live_source, show_window
 from coilarray.cli.board.options import MARK, BoardOptions, board_command, marked
 from coilarray.cli.keyboard import pressed_keys
-from coilarray.cli.maps import kept_table
 from coilarray.cli.shared import References, drop_output, open_design_file, progress_bar
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.design.model import Design, DesignFile
+    from coilarray.design.model import DesignFile
     from coilarray.hardware.record.live_tracking import LiveReading, LiveState
-    from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Mode
     from coilarray.localize.presses import Press
 
@@ -84,12 +82,9 @@ def live(
     if plot:
         show_window(asked, file, locate=locate)
         return
-    model = _model(file.design) if locate and not asked.opens_first else None
     with ExitStack() as opened:
-        with progress_bar("emulator") as progress:  # over before the first scan is shown
-            source = opened.enter_context(live_source(asked, file.design, progress=progress))
-        if locate and asked.opens_first:
-            model = _model(file.design)
+        with progress_bar(f"response of {file.design.name}") as progress:  # over before the first scan is shown
+            source = opened.enter_context(live_source(asked, file.design, locate=locate, progress=progress))
         if not as_json and recording is None:
             typer.echo(source.line)
         if not as_json and asked.reference:
@@ -102,7 +97,7 @@ def live(
             show = opened.enter_context(_screen(source.emulated, asked.reference))
         else:
             show = _lines(lambda reading: marked(plain_line(reading), emulated=source.emulated))
-        readings = live_readings(source, asked, model, lambda: keys().lower())
+        readings = live_readings(source, asked, lambda: keys().lower())
         for reading in opened.enter_context(closing(readings)):
             try:
                 show(reading)
@@ -123,14 +118,6 @@ def _design_file(design: str | None, asked: LiveOptions) -> DesignFile:
         if design is not None:
             return open_design_file(design, allow_violations=True)
         return build_design_file(first.design_document, first.design)
-
-
-def _model(design: Design) -> ForwardModel:
-    """Return the forward model of a design; its table is stored."""
-    from coilarray.localize.forward import forward_model
-    from coilarray.response.dataset import on_board
-
-    return forward_model(on_board(kept_table(design, None)))
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:

@@ -94,11 +94,10 @@ class LiveSource:
     states: tuple[str, ...]  # of a scan
     budget: NoiseBudget | None  # of the board as it is read; None if the design is another one
     begin: Callable[[], None] = lambda: None  # to be called once the baseline is complete
+    model: ForwardModel | None = None  # for positions, if they are wanted
 
 
-def live_readings(
-    source: LiveSource, options: LiveOptions, model: ForwardModel | None, orders: Callable[[], str]
-) -> Generator[LiveReading]:
+def live_readings(source: LiveSource, options: LiveOptions, orders: Callable[[], str]) -> Generator[LiveReading]:
     """Evaluate scan after scan; `orders` returns those of `QUIT` and `ZERO` given since its last call.
 
     A position is computed at most twenty times a second, so that it never delays the scans of a board.
@@ -107,7 +106,7 @@ def live_readings(
 
     file = options.board.file
     tracker = LiveTracker(
-        model,
+        source.model,
         baseline_scans=file.baseline_scans,
         budget=source.budget,
         noise=file.noise,
@@ -134,18 +133,31 @@ def live_readings(
 
 
 @contextmanager
-def live_source(options: LiveOptions, design: Design, *, progress: Progress) -> Iterator[LiveSource]:
+def live_source(options: LiveOptions, design: Design, *, locate: bool, progress: Progress) -> Iterator[LiveSource]:
     """Open the recording or the board of the options; a board rests afterwards.
 
-    `progress` gets (done, total) while the response of an emulated board is computed. HardwareError for a reference
-    that is not a state.
+    `progress` gets (done, total) while responses of the design are computed: of an emulated board, and of the table for
+    positions with `locate`. HardwareError for a reference that is not a state.
     """
     from coilarray.design.scan_states import referenced_names
 
+    early = locate and not options.opens_first
+    model = _model(design, progress) if early else None
     with _replay(options, design) if options.recording is not None else _stream(options, design, progress) as source:
         if options.reference:
             referenced_names(source.states, options.reference, HardwareError)
-        yield source
+        if locate and not early:
+            model = _model(design, progress)
+        yield replace(source, model=model)
+
+
+def _model(design: Design, progress: Progress) -> ForwardModel:
+    """Return the forward model of a design; its table is stored."""
+    from coilarray.cli.maps import stored_table
+    from coilarray.localize.forward import forward_model
+    from coilarray.response.dataset import on_board
+
+    return forward_model(on_board(stored_table(design, progress=progress)))
 
 
 @contextmanager
@@ -319,15 +331,12 @@ def watch_board(
         emulated = request.recording is None and is_emulator(request.port)
         wait = partial(_wait, tell, name, emulated)
         locates = locate and design.indentation is not None
-        model = _model(design, wait) if locates and not options.opens_first else None
-        with live_source(options, design, progress=wait) as source:
-            if locates and options.opens_first:
-                model = _model(design, wait)
+        with live_source(options, design, locate=locates, progress=wait) as source:
 
             def asked() -> str:
                 return QUIT if orders() else "".join(orders.take())
 
-            with closing(live_readings(source, options, model, asked)) as readings:
+            with closing(live_readings(source, options, asked)) as readings:
                 for reading in readings:
                     tell(_frame(reading, source.line, emulated=source.emulated))
 
@@ -346,14 +355,6 @@ def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
         reference=tuple(request.reference),
         out=None if request.log is None or request.recording is not None else Path(request.log),
     )
-
-
-def _model(design: Design, wait: Progress) -> ForwardModel:
-    from coilarray.cli.maps import stored_table
-    from coilarray.localize.forward import forward_model
-    from coilarray.response.dataset import on_board
-
-    return forward_model(on_board(stored_table(design, progress=wait)))
 
 
 def _wait(tell: Callable[[BoardFrame], None], name: str, emulated: bool, done: int, total: int) -> None:

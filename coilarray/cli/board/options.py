@@ -280,28 +280,11 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _noise(text: str) -> float:
-    (noise,) = _numbers("noise", text, 1)
-    if noise < 0:
-        raise HardwareError(f"--emulate noise must not be negative; got {text!r}.")
-    return noise
-
-
 def _clock(text: str) -> float:
     from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK_RANGE
 
-    (clock,) = _numbers("clock_MHz", text, 1)
     low, high = INTERNAL_CLOCK_RANGE
-    if not low <= clock * 1e6 <= high:
-        raise HardwareError(f"--emulate clock_MHz must be {low / 1e6:g} to {high / 1e6:g}; got {text!r}.")
-    return clock
-
-
-def _press(text: str) -> list[tuple[float, ...]]:
-    x, y, depth = _numbers("press", text, 3)
-    if depth < 0:
-        raise HardwareError(f"--emulate press must not have a negative depth; got {text!r}.")
-    return [(0.0, x * 1e-3, y * 1e-3, depth * 1e-3)]
+    return _numbers("clock_MHz", text, (low / 1e6, high / 1e6))[0]
 
 
 def _path(text: str) -> list[tuple[float, ...]]:
@@ -327,19 +310,23 @@ def _switches(text: str) -> str:
 _EMULATED: dict[str, Callable[[str], Any]] = {
     "switches": _switches,
     "seed": _seed,
-    "noise": _noise,
-    "drift": lambda text: _numbers("drift", text, 1)[0],
+    "noise": lambda text: _numbers("noise", text, (0, math.inf))[0],
+    "drift": lambda text: _numbers("drift", text, (-math.inf, math.inf))[0],
     "clock_MHz": _clock,
-    "press": _press,
+    "press": lambda text: [(0.0, *(value * 1e-3 for value in _numbers("press", text, (0, math.inf), 3)))],
     "path": _path,
 }
 
 
-def _numbers(key: str, text: str, count: int) -> list[float]:
+def _numbers(key: str, text: str, allowed: tuple[float, float], count: int = 1) -> list[float]:
+    """Read numbers; the last must be in the range that is allowed."""
+    low, high = allowed
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
-    if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise HardwareError(f"--emulate {key} must be {count} finite numbers; got {text!r}.")
+    if len(values) != count or not all(map(math.isfinite, values)) or not low <= values[-1] <= high:
+        numbers = "a finite number" if count == 1 else f"{count} finite numbers, the last"
+        limits = f" of at least {low:g}" if high == math.inf else f" from {low:g} to {high:g}"
+        raise HardwareError(f"--emulate {key} must be {numbers}{'' if low == -math.inf else limits}; got {text!r}.")
     return values
