@@ -15,8 +15,7 @@ from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
 from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock, RegisterBus, SwitchChain
 
 ATTEMPTS = 3
 """Number of attempts at a step that must not fail."""

@@ -17,9 +17,8 @@ from coilarray.hardware.board.direct import AutoscanReader, DirectReader
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
-from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
+from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain, held_signals, orderly_termination
 from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, open_ft232h, open_ft232h_bus
-from coilarray.hardware.wire.faults import held_signals, orderly_termination
 from coilarray.hardware.wire.ports import (
     EMULATOR,
     ChannelBoard,

@@ -27,8 +27,15 @@ from coilarray.hardware.board.chip_driver import (
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, SwitchFault, held_signals
+from coilarray.hardware.wire.buses import (
+    BoardRestarted,
+    BusFault,
+    Clock,
+    RegisterBus,
+    SwitchChain,
+    SwitchFault,
+    held_signals,
+)
 
 _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
 

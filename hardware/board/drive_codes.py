@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.converters import FAMILIES
+from coilarray.hardware.chips.ldc1614 import FAMILIES
 from coilarray.hardware.chips.ldc1614_registers import register
 from coilarray.hardware.scan.readings import Reader, Reason, judge
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config

@@ -12,10 +12,10 @@ from contextlib import nullcontext, suppress
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.readings import Identity, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.wire.buses import Clock
-from coilarray.hardware.wire.faults import (
+from coilarray.hardware.wire.buses import (
     BoardRestarted,
     BusFault,
+    Clock,
     CommandRefused,
     NoAnswer,
     NotABoard,

@@ -24,7 +24,7 @@ from coilarray.hardware.scan.readings import RawScan, Reader, SampleFault, read_
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.scan.switching import SWITCHES, Closure, SwitchTable, closed_switches, switch_table
 from coilarray.hardware.scan.wiring import Wiring
-from coilarray.hardware.wire.faults import BusFault, SwitchFault
+from coilarray.hardware.wire.buses import BusFault, SwitchFault
 
 Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
 """Arrival of words at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""

@@ -9,12 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from coilarray.hardware.chips.converters import CONVERTERS, Converter
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, CHANNELS, READ_BITS, SLOWEST_BUS_RATE, WRITE_BITS
+from coilarray.hardware.chips.ldc1614 import (
+    BUS_RATE,
+    CHANNELS,
+    CONVERTERS,
+    READ_BITS,
+    SLOWEST_BUS_RATE,
+    WRITE_BITS,
+    Converter,
+)
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
-from coilarray.hardware.wire.buses import Clock
-from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock
 
 _BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)

@@ -23,8 +23,7 @@ from coilarray.hardware.record.recorder import Recorder
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.record.stages import Stage
 from coilarray.hardware.scan.readings import Reader, read_scan
-from coilarray.hardware.wire.buses import Clock
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, NoAnswer
+from coilarray.hardware.wire.buses import BoardRestarted, BusFault, Clock, NoAnswer
 
 SPEED = 1.5e-3
 """Speed of indenting and relaxing in m/s, as in the paper."""

@@ -39,7 +39,7 @@ from coilarray.hardware.record.recording_file import (
 )
 from coilarray.hardware.scan.readings import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.wire.faults import BoardRestarted, held_signals
+from coilarray.hardware.wire.buses import BoardRestarted, held_signals
 
 PERIOD = 1.0
 """Time in s from reading to reading."""

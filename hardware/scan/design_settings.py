@@ -12,8 +12,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.switch_parts import CONVERTER_PIN
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.converters import Family
-from coilarray.hardware.chips.ldc1614 import BUS_RATE
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, Family
 from coilarray.hardware.scan.settings import ConverterClock, ScanSettings, Sensor, scan_settings
 from coilarray.hardware.scan.wiring import Wiring
 

@@ -19,14 +19,15 @@ from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.toml_file import first_error
 from coilarray.errors import HardwareError, require_positive
-from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     CHANNELS,
     EXTERNAL_CLOCK_RANGE,
+    FAMILIES,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
     MOST_DISCARDED,
+    Family,
     StateTime,
     bus_time,
     check_clock,

@@ -1,16 +1,110 @@
-"""Buses and clock of a driver on this computer.
-
-The module defines the two buses of a board, the transfer of bytes over them, and the clock.
-"""
+"""Buses and clock of a driver on this computer, their errors, and signals that end the program."""
 
 from __future__ import annotations
 
+import contextlib
 import math
+import signal
+import threading
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from types import FrameType
+from typing import Any, Protocol
 
 from coilarray.errors import HardwareError
+
+
+class DeviceLost(HardwareError):  # noqa: N818 - the field's words
+    """The port is gone."""
+
+
+class NoAnswer(HardwareError):  # noqa: N818
+    """No valid message came in time."""
+
+
+class NotABoard(HardwareError):  # noqa: N818
+    """The received bytes have no valid record."""
+
+
+class VersionMismatch(HardwareError):  # noqa: N818
+    """The board has another major version of the protocol."""
+
+
+class CommandRefused(HardwareError):  # noqa: N818
+    """The board answered a command with an error."""
+
+
+class BoardRestarted(HardwareError):  # noqa: N818
+    """The board or its converter was reset while measuring."""
+
+
+class BusFault(HardwareError):  # noqa: N818
+    """A chip does not answer or returns wrong values."""
+
+
+class SwitchFault(HardwareError):  # noqa: N818
+    """Switches do not follow their words."""
+
+
+class BusTimeout(BusFault):
+    """A chip or the bus delays a transfer too long."""
+
+
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_EXIT_CODE = 128  # plus the number of the signal, as a shell reports it
+Handler = Callable[[int, FrameType | None], Any]
+
+
+@contextlib.contextmanager
+def held_signals() -> Iterator[None]:
+    """Delay signals that end the program within a block.
+
+    The block must be short. The delay works only in the main thread.
+    """
+    came: list[int] = []
+    try:
+        with _handled(lambda number, _: came.append(number), instead_of_any=True):
+            yield
+    finally:
+        for number in came:
+            signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def orderly_termination() -> Iterator[None]:
+    """Raise SystemExit instead of ending at once.
+
+    The system would end the program on SIGTERM, or when the terminal is closed.
+    """
+
+    def leave(number: int, _: FrameType | None) -> None:
+        raise SystemExit(_EXIT_CODE + number)
+
+    with _handled(leave, instead_of_any=False):
+        yield
+
+
+@contextlib.contextmanager
+def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
+    """Handle signals within the block.
+
+    With `instead_of_any` these are all signals that are not ignored. Otherwise they are only signals without a handler.
+    """
+    before: dict[int, Any] = {}
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDING:
+                present = signal.getsignal(number)
+                # None is a handler that Python cannot put back. Ignored signals stay ignored, as nohup requires.
+                if present == signal.SIG_DFL or (instead_of_any and present not in (None, signal.SIG_IGN)):
+                    before[number] = present
+                    signal.signal(number, handler)
+        yield
+    finally:
+        for number, present in before.items():
+            signal.signal(number, present)
+
 
 _FASTEST = 30e6  # Hz; of the ADG739, not verified
 

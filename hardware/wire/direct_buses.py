@@ -19,8 +19,7 @@ from typing import Any
 
 from coilarray.compute.extras import import_extra
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.wire.buses import ShiftSettings
-from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, ShiftSettings, SwitchFault
 
 DEVICES = Path("/dev")
 """Folder of the system's devices."""

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.wire.buses import Clock, ComputerClock
-from coilarray.hardware.wire.faults import (
+from coilarray.hardware.wire.buses import (
     BoardRestarted,
     BusFault,
+    Clock,
     CommandRefused,
+    ComputerClock,
     DeviceLost,
     NoAnswer,
     NotABoard,

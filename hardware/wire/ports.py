@@ -11,8 +11,14 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.chips.converters import CONVERTERS, Converter, converter
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, EXTERNAL_CLOCK_RANGE, SLOWEST_BUS_RATE
+from coilarray.hardware.chips.ldc1614 import (
+    BUS_RATE,
+    CONVERTERS,
+    EXTERNAL_CLOCK_RANGE,
+    SLOWEST_BUS_RATE,
+    Converter,
+    converter,
+)
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.direct_buses import I2C_SPEED, SwitchPins, ft232h_adapters, i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS

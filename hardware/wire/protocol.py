@@ -15,7 +15,7 @@ from enum import Enum, IntEnum
 from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.switching import SWITCHES
-from coilarray.hardware.wire.faults import BoardRestarted
+from coilarray.hardware.wire.buses import BoardRestarted
 
 VERSION = (2, 0)
 """Major and minor version of this package's protocol."""

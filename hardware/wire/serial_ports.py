@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from coilarray.compute.extras import import_extra
 from coilarray.errors import HardwareError
-from coilarray.hardware.wire.faults import DeviceLost, NoAnswer
+from coilarray.hardware.wire.buses import DeviceLost, NoAnswer
 
 try:
     import termios

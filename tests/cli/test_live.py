@@ -36,7 +36,7 @@ from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.wire.faults import DeviceLost
+from coilarray.hardware.wire.buses import DeviceLost
 from coilarray.response.map import response_map
 
 run, refused = runner("board", "live")

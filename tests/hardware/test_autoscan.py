@@ -18,12 +18,12 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import AutoscanReader
 from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.self_test import self_test
-from coilarray.hardware.chips.converters import converter
+from coilarray.hardware.chips.ldc1614 import converter
 from coilarray.hardware.emulator import Oscillator, UndocumentedUse
 from coilarray.hardware.scan.readings import Reason, SampleFault, judge, read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring, wired_to_channels
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout
+from coilarray.hardware.wire.buses import BoardRestarted, BusFault, BusTimeout
 
 CAPACITANCE = 120e-12  # F, of the quick coils
 NAMES = ("north", "east", "south", "west")

@@ -31,7 +31,7 @@ from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.stages import EmulatedStage
 from coilarray.hardware.scan.design_settings import board_network, design_settings
 from coilarray.hardware.scan.readings import RawSample, SampleFault
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
+from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.localize.forward import forward_model
 from coilarray.paper.ellipse import fit_ellipses
 from coilarray.response.map import response_map

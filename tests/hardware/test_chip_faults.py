@@ -23,7 +23,7 @@ from support.firmware_host import FirmwareHost, needs_compiler
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.scan.readings import judge, read_scan
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, CommandRefused, SwitchFault
+from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.wire.link import LinkTimes
 from coilarray.hardware.wire.serial_ports import open_serial_port
 

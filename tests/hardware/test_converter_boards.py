@@ -12,7 +12,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import open_board, wiring_of_board
 from coilarray.hardware.board.direct import AutoscanReader
-from coilarray.hardware.chips.converters import CONVERTERS, converter
+from coilarray.hardware.chips.ldc1614 import CONVERTERS, converter
 from coilarray.hardware.emulator import Conditions
 from coilarray.hardware.wire.ports import BOARDS, board_of, parse_port
 

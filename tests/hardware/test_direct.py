@@ -13,7 +13,7 @@ from support.refusals import refused
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.readings import SampleFault, judge, read_scan
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, SwitchFault
+from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, SwitchFault
 
 SAFE = WIRING.safe_words
 SETTINGS = quick_settings()

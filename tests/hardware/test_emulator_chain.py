@@ -12,7 +12,7 @@ from support.quick_coils import plain_board
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.switches import EmulatedChain
+from coilarray.hardware.emulator.board import EmulatedChain
 from coilarray.hardware.scan.switching import WiredSwitch, switch_table, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 

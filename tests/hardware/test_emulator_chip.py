@@ -16,7 +16,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from support.quick_coils import series_tank
 
-from coilarray.hardware.chips.converters import CONVERTERS
+from coilarray.hardware.chips.ldc1614 import CONVERTERS
 from coilarray.hardware.emulator import (
     Drift,
     Ldc1614,
@@ -27,7 +27,7 @@ from coilarray.hardware.emulator import (
 )
 from coilarray.hardware.emulator.conversion import WATCHDOG, Resonator
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Misuse
-from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.buses import BusFault, BusTimeout
 
 CLOCK = 43.4e6
 REFERENCE = CLOCK / 2

@@ -21,7 +21,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import StateSettings
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.buses import BusFault, BusTimeout
 
 from support.firmware_host import (  # isort: skip
     SKETCH, SUPPORT, Firmware, compiled, draft, intact, logic_sources, needs_compiler, seal,

@@ -14,7 +14,7 @@ from support.firmware_pins import I2cSlave, ShiftRegisters
 
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import BusFault
+from coilarray.hardware.wire.buses import BusFault
 
 pytestmark = needs_compiler
 

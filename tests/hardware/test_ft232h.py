@@ -13,9 +13,8 @@ from support.firmware_pins import I2cSlave, ShiftRegisters
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.wire.buses import ShiftSettings
+from coilarray.hardware.wire.buses import DeviceLost, ShiftSettings
 from coilarray.hardware.wire.direct_buses import SwitchPins, open_ft232h
-from coilarray.hardware.wire.faults import DeviceLost
 
 pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")
 from pyftdi.ftdi import Ftdi, FtdiError  # noqa: E402

@@ -16,9 +16,8 @@ from support.emulated_reader import WIRING
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.wire import direct_buses as linux_host
-from coilarray.hardware.wire.buses import ShiftSettings
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, ShiftSettings, SwitchFault
 from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, linux_buses
-from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 
 if sys.platform != "linux":
     pytest.skip("no i2c-dev on this system", allow_module_level=True)

@@ -30,7 +30,7 @@ from support.scripted_board import (
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.readings import SampleFault
 from coilarray.hardware.scan.wiring import wired_to_channels
-from coilarray.hardware.wire import faults
+from coilarray.hardware.wire import buses as faults
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from support.scripted_board import LONGEST, REPLY, SETTINGS, TIMES, Lasting, Scr
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.scan.readings import SampleFault
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer, SwitchFault
+from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, NoAnswer, SwitchFault
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from support.scripted_board import crc16
 
 from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import BoardRestarted
+from coilarray.hardware.wire.buses import BoardRestarted
 from coilarray.hardware.wire.protocol import MAX_LINE, LineParser, command_line, draft_commands, seal
 
 from coilarray.hardware.wire.protocol import (  # isort: skip

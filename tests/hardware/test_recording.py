@@ -31,7 +31,7 @@ from coilarray.hardware.record.recorder import open_recorder, record_stream
 from coilarray.hardware.record.recording import GridPlace, Recording, open_recording, summarize_recording
 from coilarray.hardware.record.recording_file import SCHEMA
 from coilarray.hardware.scan.readings import RawSample, RawScan, SampleFault, read_scan
-from coilarray.hardware.wire.faults import BoardRestarted
+from coilarray.hardware.wire.buses import BoardRestarted
 
 DESIGN = two_coils()
 WORD = st.integers(0, 0xFFFF)

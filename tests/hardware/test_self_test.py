@@ -17,7 +17,7 @@ from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.self_test import self_test, single_faults, trials
 from coilarray.hardware.scan.switching import check_switching
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import BusFault
+from coilarray.hardware.wire.buses import BusFault
 
 THREE = dataclasses.replace(WIRING, name="three", coils=WIRING.coils[:3], devices=WIRING.devices[:3])
 FOUR_DEVICES = load_wiring("six_coils_4")

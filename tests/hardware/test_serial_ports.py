@@ -11,7 +11,7 @@ from support.patience import until
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import open_microcontroller
 from coilarray.hardware.wire import serial_ports
-from coilarray.hardware.wire.faults import DeviceLost, NoAnswer, NotABoard
+from coilarray.hardware.wire.buses import DeviceLost, NoAnswer, NotABoard
 from coilarray.hardware.wire.link import LinkTimes
 from coilarray.hardware.wire.serial_ports import choose_serial_port, list_serial_ports, open_serial_port
 

@@ -29,8 +29,7 @@ from typing import Any
 
 import pytest
 
-from coilarray.hardware.wire.buses import Clock, ComputerClock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock, ComputerClock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.protocol import draft_commands
 
 SKETCH = Path(__file__).parents[2] / "hardware" / "firmware" / "coilarray_reader"

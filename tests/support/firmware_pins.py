@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coilarray.hardware.wire.faults import BusFault
+from coilarray.hardware.wire.buses import BusFault
 
 
 class I2cSlave:

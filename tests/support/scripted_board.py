@@ -8,7 +8,7 @@ from collections import deque
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.faults import DeviceLost
+from coilarray.hardware.wire.buses import DeviceLost
 from coilarray.hardware.wire.link import LinkTimes
 from support.emulated_reader import settings_of
 
