@@ -110,19 +110,13 @@ def without_screen(window: str) -> bool:
 
 
 def has_screen() -> bool:
-    """Check if the environment names a screen.
-
-    On Linux it does so by ``DISPLAY`` or ``WAYLAND_DISPLAY``.
-    """
+    """Check if the environment names a screen, on Linux."""
     return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 @dataclass(frozen=True)
 class _Answer:
-    """Result of the test.
-
-    It is a problem, or the class of VTK's render window.
-    """
+    """Result of the test."""
 
     problem: str | None
     window: str = ""
@@ -135,10 +129,7 @@ def _answer() -> _Answer:
 
 
 def require_pyvista(purpose: str, extra: str = "3d") -> None:
-    """Refuse a purpose without PyVista.
-
-    A missing PyVista raises a MissingDependencyError before anything is computed.
-    """
+    """Raise MissingDependencyError without PyVista, before anything is computed."""
     if _missing():
         raise MissingDependencyError(_without_pyvista(purpose, extra))
 

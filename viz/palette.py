@@ -115,10 +115,7 @@ def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> 
 
 
 def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
-    """Choose a different colour for each place.
-
-    The colours are the first of `MANY`.
-    """
+    """Choose different colours of `MANY` for places."""
     red, green, blue = np.array([[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in MANY]).T
     # Lightness, and each of the two differences of colour that remain if one kind of cones is missing.
     axes = (2 * (0.299 * red + 0.587 * green + 0.114 * blue), blue - (red + green) / 2, red - green)

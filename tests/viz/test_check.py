@@ -134,18 +134,3 @@ def test_many_layers_stand_beside_each_other_with_the_place_of_each_at_its_side(
         detail = boxes[f"{number}: trace width of C1,\n0.1 mm, limit 0.12 mm"]
         assert plan.x1 < detail.x0
         assert plan.y0 < (detail.y0 + detail.y1) / 2 < plan.y1
-
-
-@pytest.mark.parametrize("margins", [[], [replace(at(0, 0), layer="", x=None, y=None)]])
-def test_nothing_to_mark(array, margins):
-    figure = check_figure(array, margins)
-    assert list(panels(figure)) == list(array.stackup.names)
-    assert details(figure) == []
-    assert [marks(ax) for ax in panels(figure).values()] == [[]] * 4
-
-
-def test_it_is_written_in_every_format(tmp_path):
-    figure = check_figure(reference_board(count=1, turns=2), [at(0, 0)])
-    for suffix, beginning in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
-        figure.savefig(tmp_path / f"check{suffix}")
-        assert (tmp_path / f"check{suffix}").read_bytes().startswith(beginning)

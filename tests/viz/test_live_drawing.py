@@ -8,7 +8,6 @@ import pytest
 from coilarray import load_design
 from coilarray.localize.inverse import Location, Mode
 from coilarray.localize.presses import Press
-from coilarray.viz.palette import coil_colours
 from coilarray.viz.studio.drawing import top_view
 from coilarray.viz.studio.live import (
     BINS,
@@ -19,7 +18,6 @@ from coilarray.viz.studio.live import (
     nearest_place,
     press_places,
     press_row,
-    state_colours,
     trail_lines,
 )
 
@@ -98,17 +96,6 @@ def test_ticks_and_presses_are_where_the_curves_are():
     assert ticks["16"] == pytest.approx(64 + (TAB[0] - 74) * (16 - 9.99) / 10, abs=0.1)
     last = drawing["presses"][1]
     assert last["x"] + last["width"] == pytest.approx(TAB[0] - 10, abs=0.1)  # it lasts
-
-
-def test_an_empty_history():
-    drawing = curves(History(()), 60.0, {}, ())
-    assert (drawing["curves"], drawing["presses"]) == ([], [])
-    assert [tick["text"] for tick in drawing["x"]] == ["0", "10", "20", "30", "40", "50", "60"]
-
-
-def test_colours_are_those_of_the_coils():
-    design = load_design("gast2020")
-    assert state_colours(design) == coil_colours(design.array.names, design.array.centres)
 
 
 def place(x, y, information=(1e10, 4e10, 1e2)):

@@ -93,21 +93,6 @@ def test_without_a_screen_a_working_probe_chooses_egl_here_too_unless_the_user_h
     assert os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == (before or after)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("probe", "timeout", "reason"),
-    [
-        ("raise SystemExit('the picture is blank')", 600.0, "failed: the picture is blank"),
-        ("raise SystemExit(3)", 600.0, "exit code 3"),
-        ("import time; time.sleep(3600)", 1.0, "more than 1 s"),
-    ],
-)
-def test_every_way_a_probe_fails_is_told(fresh, probe, timeout, reason):
-    fresh.setattr(offscreen, "_PROBE", probe)
-    fresh.setattr(offscreen, "_TIMEOUT", timeout)
-    assert reason in offscreen._run_probe(dict(os.environ)).problem
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
 @pytest.mark.parametrize(
     ("display", "wayland", "window", "chosen", "told"),

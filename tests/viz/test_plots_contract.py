@@ -113,10 +113,3 @@ def test_a_plot_of_its_own_has_units_and_nothing_is_cut_off(name, monkeypatch):
                 # the bounding box of a text is up to a pixel wider than its ink
                 inside = (box.x0 - page.x0, page.x1 - box.x1, box.y0 - page.y0, page.y1 - box.y1)
                 assert min(inside) >= -1, text.get_text()
-
-
-def test_every_figure_is_of_plots():
-    """A function that composes axes is named after what it returns."""
-    figures = [name for name, one in PUBLIC.items() if inspect.signature(one).return_annotation == "Figure"]
-    assert figures
-    assert all(name.endswith("_figure") for name in figures)

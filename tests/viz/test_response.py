@@ -63,13 +63,6 @@ def test_colours_hold_every_value_and_zero_is_drawn_where_there_is_something():
     assert not contours(response_figure(waver).axes[1])[1]
 
 
-@pytest.mark.parametrize(("largest", "unit"), [(1.2e-3, "δ (10⁻³)"), (7e-4, "δ (10⁻⁶)"), (2.0, "δ"), (0.0, "δ")])
-def test_delta_has_a_power_of_ten(largest, unit):
-    data = response(lambda x, y, state, depth: largest + 0 * x)
-    assert plot_response(data, "coil1").child_axes[0].get_ylabel() == unit
-    assert plot_response_profile(data).get_ylabel() == unit
-
-
 def test_outlines_and_names_of_the_coils():
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * 8e-3
     near, far, above = (square + np.array(middle) for middle in ([5e-3, 0], [60e-3, 30e-3], [5e-3, 20e-3]))

@@ -16,7 +16,7 @@ from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
 from coilarray.viz import board_scene, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board, scene_of_lifted_board
-from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size, shown_units
+from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size
 from coilarray.viz.scenes.pictures import save_picture
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, Text, about_zero, seen_from
 
@@ -37,12 +37,6 @@ def test_a_scene_holds_every_part(board, plotter):
     expected = {"board", "barrels", "sheet base", "sheet magnetic", *(f"copper L{k}" for k in (1, 2, 3, 4))}
     assert expected <= set(plotter.actors)
     assert legend_of(plotter)[:3] == ["magnetic 2 mm", "base 6 mm", "copper L1"]
-
-
-def test_sheets_can_be_left_out(board, plotter):
-    board_scene(board, SHEETS, plotter=plotter, show_sheets=False)
-    assert not [name for name in plotter.actors if "sheet" in name]
-    assert plotter.bounds[5] < 1.0  # mm: nothing stands above the board
 
 
 @pytest.mark.parametrize("side", get_args(Side))
@@ -128,19 +122,6 @@ def test_colours_of_scales():
         ranged = about_zero("v", "v", "", values)  # values of one sign have all the colours
         assert (ranged.low, ranged.high) == ends
     assert about_zero("v", "v", "", [np.nan]).high == about_zero("v", "v", "", [0.0]).high == 1.0
-
-
-@pytest.mark.parametrize(
-    ("scale", "factor", "title"),
-    [
-        (Scale("I", "I", "A/A", -0.05, 0.05), 1e3, "I (mA/A)"),
-        (Scale("d", "δ", "", -8e-4, 8e-4), 1e6, "δ (10⁻⁶)"),
-    ],
-)
-def test_bars_have_units(scale, factor, title):
-    shown, text = shown_units(scale)
-    assert shown == pytest.approx(factor)
-    assert text == title
 
 
 def test_layers_can_be_chosen_and_coils_can_have_colours_of_their_own(board):

@@ -24,7 +24,6 @@ from coilarray.design.vary import vary, vary_chosen
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
-from coilarray.localize.forward import table_grid
 from coilarray.localize.inverse import Location, Mode, location_lines
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
@@ -35,12 +34,12 @@ from coilarray.viz.studio import metal, numbers, structure, studies
 from coilarray.viz.studio.design import DesignPanel, NewPanel, choices_of
 from coilarray.viz.studio.drawing import board_drawing, delta_bars, delta_fills, pins, top_view
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
-from coilarray.viz.studio.numbers import NumbersPanel, circuit_of, numbers_of
-from coilarray.viz.studio.runs import Run, RunPoint, RunsPanel, front_rows, read_runs, run_folders, run_lines
+from coilarray.viz.studio.numbers import circuit_of, numbers_of
+from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders, run_lines
 from coilarray.viz.studio.session import Trail
-from coilarray.viz.studio.switches import SwitchesPanel, kept_settings, state_of, unit_fields
-from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touch_drawing, touch_work, touched
-from coilarray.viz.studio.view import ScenePanel, _legend
+from coilarray.viz.studio.switches import kept_settings, state_of, unit_fields
+from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touch_drawing, touched
+from coilarray.viz.studio.view import _legend
 from coilarray.viz.studio.work import MOST_COILS, Shelf, require_small, work_on
 
 WOUND = "coils.hexagon.winding_layers"
@@ -391,62 +390,6 @@ def none_made(*_):
     """Make no scene."""
 
 
-def test_a_picture_is_stale_until_the_scene_asked_for_last_is_drawn():
-    """One that was being computed when another touch, tab or switch came does not count."""
-    state, arrived = State(stale=["rules"], tab="touch"), []
-    page = SimpleNamespace(
-        state=state, trigger=lambda *_: None, work=work_on(OPENED, "starter"), server=None,
-        setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
-        arrived=lambda name, design: arrived.append((name, design)),
-    )  # fmt: skip
-    panel = ScenePanel(page, {}, none_made)
-    panel.expect()
-    assert state.stale == ["rules"]  # nothing is drawn, and so nothing is stale
-    panel._view, panel._scene = SimpleNamespace(show=lambda scene, sent: sent()), lambda *_: Scene()
-    panel.expect()
-    (before,) = panel.steps()
-    panel.expect()
-    (last,) = panel.steps()
-    assert state.stale == ["rules", "scene"]
-    before.show(before.compute())
-    assert arrived == []
-    last.show(last.compute())
-    assert arrived == [("scene", OPENED.design)]
-
-
-def test_tabs_without_results_share_one_picture():
-    drawn, arrived = [], []
-    page = SimpleNamespace(
-        state=State(stale=[], tab="numbers"), trigger=lambda *_: None, work=work_on(OPENED, "starter"), server=None,
-        setup=SimpleNamespace(rendering_problem="none here", services=SimpleNamespace(alone=False)),
-        arrived=lambda name, _: arrived.append(name),
-    )  # fmt: skip
-    panel = ScenePanel(page, dict.fromkeys(("switches", "touch", "live"), none_made), none_made)
-    panel._view = SimpleNamespace(show=lambda scene, sent: (drawn.append(scene), sent()))
-
-    def look(**state):
-        vars(page.state).update(state)
-        (step,) = panel.steps()
-        step.show(step.compute())
-        return len(drawn)
-
-    assert [look(tab=tab) for tab in ("numbers", "build", "touch", "numbers")] == [1, 1, 1, 1]  # none is pressed yet
-    assert arrived == ["scene"] * 4
-    assert look(scene_sheets=True) == 2
-    page.work = with_entry(page.work, "array.pitch_mm", "12")
-    assert look(scene_sheets=False) == 3
-
-
-def test_another_file_begins_with_its_middle_coil_measured(starter):
-    state = State(settings={"coil1": "measure", "coil2": "ground", "coil3": "open"})
-    panel = SwitchesPanel(SimpleNamespace(state=State(), trigger=lambda *_: None), none_made)
-    panel._session.state = state
-    panel.show(starter, anew=False)
-    assert state.settings == {"coil1": "measure", "coil2": "ground", "coil3": "open"}
-    panel.show(starter, anew=True)
-    assert state.settings == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
-
-
 def test_the_plane_is_the_field_of_all_currents(starter):
     fields = unit_fields(starter, 3e-3)
     currents = np.array([1e-3, -2e-3, 0.5e-3])
@@ -731,42 +674,6 @@ def test_layers_and_pitch_of_a_new_design_are_chosen_where_they_matter():
             choices_of({**texts, "layers": layers})
 
 
-def test_a_new_design_has_no_saved_one_to_compare_with():
-    state, called = State(), {}
-    panel = NumbersPanel(SimpleNamespace(state=state, trigger=called.__setitem__), none_made, none_made)
-    mine = replace(work_on(OPENED, "mine.toml"), kept={})
-    panel.forget_saved(mine)
-    assert (state.can_compare, state.saved_line) == (False, "mine.toml is not saved yet")
-    panel.forget_saved(mine.saved_as("mine.toml"))
-    assert (state.can_compare, state.saved_line) == (True, "")
-
-
-def test_the_circuit_is_solved_beside_the_numbers_once_they_are_accurate(starter):
-    """For it takes minutes of 64 coils, and numbers of a later design must not wait for it."""
-    asked, current = [], [starter]
-    page = SimpleNamespace(
-        state=State(stale=[]), trigger=lambda *_: None, arrived=lambda *_: None, failed=lambda *_: None,
-        is_current=lambda design: design is current[0], slow=SimpleNamespace(ask=asked.extend), calculator=None,
-    )  # fmt: skip
-    panel = NumbersPanel(page, none_made, none_made)
-    panel._show((starter, numbers_of(starter, "screen")))
-    assert asked == []
-    full = numbers_of(starter)
-    panel._show((starter, full))
-    assert [step.name for step in asked] == ["circuit"]
-    current[0] = vary(OPENED, {"array.pitch_mm": 12.0})
-    panel._show((starter, full))  # late: there is another design
-    assert len(asked) == 1
-    panel._fail(current[0], "no numbers")  # the circuit says why there is none
-    assert len(asked) == 2
-
-
-def test_a_front_shows_the_first_point_unless_it_is_the_start():
-    for start in (False, True):
-        points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))
-        assert Run("mine", (False,), points, 2).front == (() if start else (0,))
-
-
 @pytest.mark.parametrize(
     ("key", "values", "target", "name", "found"),
     [
@@ -785,20 +692,6 @@ def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key,
     lines = run_lines(run)
     assert lines[:2] == ["3 points computed, 1 of them to refine the best; 2 keep all bounds", found]
     assert lines[2].startswith(f"{key}: ")
-
-
-def test_a_run_is_said_to_be_of_another_design_or_of_the_one_before_it_was_changed():
-    page = SimpleNamespace(state=State(), trigger=lambda *_: None)
-    panel = RunsPanel(page)
-    panel.show(OPENED.design)
-    assert page.state.run_of == ""
-    page.state.run_name, panel._name, panel._started = "starter-0123", "found", {"found": OPENED.design.digest}
-    panel.show(OPENED.design)
-    assert page.state.run_of == ""
-    panel.show(vary(OPENED, {"array.pitch_mm": 12.0}))
-    assert page.state.run_of == " – of the design before it was changed"
-    panel.show(load_design("gast2020"))
-    assert page.state.run_of == " – of another design"
 
 
 @pytest.mark.slow
@@ -825,13 +718,6 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert run_folders(tmp_path / "found") == ["."]
     work = with_entries(work_on(OPENED, "starter"), best.entries)
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
-
-
-def test_the_work_before_a_touch_is_told_in_its_numbers(starter):
-    depths, x, y = table_grid(starter)
-    assert touch_work(starter) == f"δ of 3 states at {len(depths)} depths and {len(x)} × {len(y)} places"
-    assert touch_work(vary(OPENED, {"array.columns": 1})).startswith("δ of one state at ")
-    assert touch_work(replace(starter, indentation=None)) == ""
 
 
 @pytest.mark.slow

@@ -20,9 +20,8 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
 from coilarray.design import bundled
 from coilarray.design.model import build_design, load_design_file
-from coilarray.design.vary import vary, vary_chosen
+from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
-from coilarray.viz.studio import structure
 from coilarray.viz.studio.metal import moved, target_rows
 from coilarray.viz.studio.numbers import numbers_of
 from coilarray.viz.studio.switches import state_of
@@ -51,7 +50,6 @@ def served_page(**environment):
 with_scenes, without_scenes = served_page(), served_page(COILARRAY_NO_RENDERING="1")
 BOXES = "all => all.map(one => one.getBoundingClientRect()).map(one => [one.left, one.top, one.right, one.bottom])"
 CUT = "all => all.filter(one => one.scrollWidth > one.clientWidth).length"
-WOUND = "coils.hexagon.winding_layers"
 ALERTS = "[role=alert]:not(#scene-problem)"
 # scenes cost more than all the rest: only tests with this mark have them
 scenes = pytest.mark.parametrize("shared", ["with_scenes"], indirect=True)
@@ -520,53 +518,6 @@ def test_a_field_undoes_its_own_text_until_the_design_has_it(page):
     expect(page.locator("#changed")).to_have_count(1)
 
 
-def test_leads_that_were_turned_off_come_back_as_they_were(page):
-    length = "coils.hexagon.leads.length_mm"
-    change(page, length, "3.25")
-    page.click("#tab-build")
-    page.click("#leads")
-    page.wait_for_function("!trame.state.get('build').leads")
-    page.click("#leads")
-    page.wait_for_function("trame.state.get('build').leads")
-    expect(browser.field(page, length)).to_have_value("3.25")
-
-
-def test_a_coil_is_laid_on_other_layers(page):
-    page.click("#tab-build")
-    layers = page.locator("[aria-label='layers of coil2']")
-    expect(layers).to_have_value("L3 L4")
-    layers.fill("L1, L2")
-    layers.press("Enter")
-    page.wait_for_selector("#broken >> text=The copper of coil1 and coil2 overlaps on L")
-    expect(layers).to_have_value("L1 L2")
-    layers.fill("L1")
-    layers.press("Enter")
-    page.wait_for_selector("#build-problem:has-text('layers of coil2 must be 2, as its shape has winding_layers = 2')")
-    page.set_viewport_size({"width": 1280, "height": 720})
-    try:
-        width = "one => [one.scrollWidth, one.parentElement.clientWidth]"
-        until(lambda: np.less_equal(*page.eval_on_selector("#places", width)))
-        browser.picture(page, "build")
-    finally:
-        page.set_viewport_size(browser.SIZE)
-
-
-def test_a_board_of_another_house_has_coils_on_all_its_layers(page):
-    page.click("#tab-build")
-    page.click("div:has(> .v-field #house)")
-    page.click(".v-overlay--active .v-list-item:has-text('oshpark-4-layer')")
-    page.wait_for_function("trame.state.get('build').house === 'oshpark-4-layer'")
-    browser.enter(page, WOUND, "4")  # each, where they had two
-    page.click("#tab-numbers")
-    browser.at_rest(page)
-    opened = load_design_file("starter")
-    four = vary_chosen(structure.set_house(opened.document, opened.design, "oshpark-4-layer"), {WOUND: 4})
-    np.testing.assert_array_equal(browser.matrix(page), numbers_of(build_design(structure.on_its_layers(four))).k)
-    browser.enter(page, WOUND, "6")
-    words = "coils.hexagon.winding_layers is 6; the board has 4 copper layers only."
-    expect(page.locator(f"[data-key='{WOUND}'] [role=alert]")).to_have_text(words)
-
-
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
     with browser.opened(chromium, studio.url) as other:
         change(page, "array.pitch_mm", "13")
@@ -602,21 +553,6 @@ def test_goals_that_do_not_fit_say_why_and_a_failed_search_is_said_once(page):
     expect(page.locator(ALERTS)).to_have_count(1)
     page.click("#problem .v-alert__close button")
     page.wait_for_selector("#problem", state="detached")
-
-
-def test_the_summary_of_one_coil_has_one_column_of_values_and_room(page):
-    browser.enter(page, "array.columns", "1")
-    page.wait_for_function("document.querySelectorAll('#matrix td').length === 0")
-    browser.enter(page, "coils.hexagon.trace_width_mm", "0.1")
-    page.wait_for_selector("#summary td >> text=which is exactly at its limit of 0.1 mm")
-    browser.at_rest(page)
-    expect(page.locator("#summary th")).to_have_text(["quantity", "value", "unit", "where"])
-    page.set_viewport_size({"width": 1280, "height": 720})
-    try:
-        width = "one => [one.scrollWidth, one.parentElement.clientWidth]"
-        until(lambda: np.less_equal(*page.eval_on_selector("#summary table", width)))
-    finally:
-        page.set_viewport_size(browser.SIZE)
 
 
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):

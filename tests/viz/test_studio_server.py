@@ -3,7 +3,6 @@
 import http.client
 import json
 import socket
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -100,15 +99,6 @@ def test_other_pages_and_names_are_refused(alone, path):
         status, _, text = ask(alone, path, method, **headers)
         assert status == 403
         assert text.startswith("coilarray studio: ")
-
-
-@needs_studio
-def test_localhost_is_this_computer_too(alone):
-    port = urlsplit(alone).port
-    status, headers, _ = ask(alone, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")
-    assert status == 200
-    assert headers["X-Content-Type-Options"] == "nosniff"
-    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
 
 
 @needs_studio
@@ -226,25 +216,6 @@ def test_what_it_cannot_listen_on_is_one_line(address, line):
         bind(address)
     assert str(failed.value).startswith(line)
     assert "\n" not in str(failed.value)
-
-
-@needs_studio
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (("nowhere.toml",), "there is no design file nowhere.toml"),
-        (("--linger", "-1"), "--linger must be 0 to 86400; got -1."),
-        (("--folder", "/nowhere"), "--folder must be a folder; got /nowhere."),
-        (("--port", "99999"), "--port must be 0 to 65535; got 99999."),
-    ],
-)
-def test_wrong_options_are_one_line(capsys, arguments, line):
-    assert line in refused(capsys, *arguments, "--no-browser")
-
-
-def test_a_missing_extra_is_one_line(capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "trame.app", None)
-    assert "pages of the studio need trame" in refused(capsys, "--no-browser")
 
 
 @needs_studio

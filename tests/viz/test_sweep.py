@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from matplotlib.collections import QuadMesh
 
-from coilarray.viz.plots.sweep import MOST_PANELS, plot_sweep_lines, sweep_figure
+from coilarray.viz.plots.sweep import MOST_PANELS, sweep_figure
 
 PITCH = ("array.pitch_mm", [10.0, 12.0, 14.0, 16.0], {"units": "mm", "design_value": 13.0})
 COLUMNS = ("array.columns", [2, 3, 6], {"units": "1", "design_value": 9})
@@ -152,20 +152,3 @@ def test_too_many_panels_are_refused():
         sweep_figure(result(PITCH, quantities=many))
     with pytest.raises(ValueError, match="it would have 0"):
         sweep_figure(result(PITCH, quantities=()))
-
-
-def test_the_options_of_a_long_quantity_stand_in_a_line_of_their_own():
-    pitch = ("array.pitch_mm", [12.0, 14.0], {"units": "mm"})
-    for asked, shown in (
-        ("position_error_mm[region_mm=-16:16:1:3]", "position_error_mm\n[region_mm=-16:16:1:3] (mm)"),
-        ("k[coil1,coil2]", "k[coil1,coil2] (mm)"),
-    ):
-        sweep = xr.Dataset({asked: ("array.pitch_mm", [0.2, 0.1], {"units": "mm"})}, {"array.pitch_mm": pitch})
-        assert plot_sweep_lines(sweep, asked).get_ylabel() == shown
-
-
-def test_a_figure_says_what_marks_the_design_as_it_is():
-    other = ("elastomer.0.thickness_mm", [2.0, 3.0], {"units": "mm", "design_value": 2.5})
-    assert sweep_figure(result(PITCH)).get_supxlabel() == "- -  the design as it is"
-    assert sweep_figure(result(PITCH, other)).get_supxlabel() == "◇  the design as it is"
-    assert sweep_figure(result(("array.rows", [1, 2], {"units": "1"}))).get_supxlabel() == ""  # given nowhere

@@ -137,11 +137,6 @@ def indenter_mesh(
     height : float
         Height of the body above its tip in m.
 
-    Returns
-    -------
-    pyvista.PolyData
-        Closed surface in mm.
-
     Raises
     ------
     ValueError
@@ -181,10 +176,7 @@ def _rays(
 def _displaced(
     angles: FloatArray, radii: FloatArray, centre: tuple[float, float], face: xr.Dataset, *, plane: bool
 ) -> FloatArray:
-    """Displaced points of one interface of one depth in m.
-
-    They have shape (angles, radii, 3).
-    """
+    """Displaced points of an interface in m, shape (angles, radii, 3)."""
     x, y = radii * np.cos(angles)[:, None], radii * np.sin(angles)[:, None]
     distance = np.abs(x) if plane else radii
     outwards, upwards = (
@@ -196,10 +188,7 @@ def _displaced(
 
 
 def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
-    """Close the solid between two faces.
-
-    Each face has shape (angles, radii, 3) in m, from the axis outwards.
-    """
+    """Close the solid between faces in m, (angles, radii, 3), from the axis outwards."""
     rays, circles = bottom.shape[:2]
     # Point [ray, circle] of a face. All rays begin at the same point on the axis.
     lower = np.arange(rays * circles).reshape(rays, circles)
@@ -207,10 +196,7 @@ def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
     upper = lower + rays * circles
 
     def strip(a: npt.NDArray[np.intp], b: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Triangles between two rows of points.
-
-        Seen from outside, a is below b, and both go from left to right.
-        """
+        """Triangles between two rows of points."""
         quads = np.stack((a[:-1], a[1:], b[1:], b[:-1]), axis=-1)
         return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
 

@@ -203,10 +203,7 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
 
 
 def _one_a_cube(points: FloatArray, side: float) -> npt.NDArray[np.intp]:
-    """Index of the point nearest to each cube's centre.
-
-    Cubes without points are left out.
-    """
+    """Index of the point nearest to each cube's centre."""
     cubes = np.floor((points - points.min(axis=0)) / side + 0.5)
     off = np.linalg.norm((points - points.min(axis=0)) / side - cubes, axis=1)
     order = np.argsort(off, kind="stable")
@@ -281,10 +278,7 @@ def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
 
 
 def _apart(axis: npt.NDArray[np.float64], first: int, distance: float) -> list[int]:
-    """Choose axis values from `first` on, a distance apart.
-
-    Each is the next index whose value is at least the distance away.
-    """
+    """Choose indices from `first` on of values at least a distance apart."""
     kept = [first]
     for k in range(first + 1, len(axis)):
         if axis[k] - axis[kept[-1]] >= distance * (1 - 1e-9):
@@ -299,10 +293,7 @@ _NOWHERE: _Line = (np.empty((0, 3)), np.empty(0))
 def _followed(
     grid: pyvista.RectilinearGrid, seeds: npt.NDArray[np.float64], way: Literal["forward", "backward"]
 ) -> dict[int, _Line]:
-    """Line from every seed in one direction.
-
-    A line has points in mm, shape (m, 3), and |B| in T.
-    """
+    """Line in mm, shape (m, 3), and |B| in T from every seed in one direction."""
     from coilarray.viz.extra_3d import pyvista
 
     found = grid.streamlines_from_source(
@@ -318,10 +309,7 @@ def _followed(
 
 
 def _first_round(line: npt.NDArray[np.float64]) -> int | None:
-    """Count the points until a line returns to its seed.
-
-    The count is None if the line does not return.
-    """
+    """Count the points until a line returns to its seed, or None."""
     if len(line) < 2:
         return None
     away = line - line[0]

@@ -22,20 +22,14 @@ MM_PER_M = 1e3
 
 
 def triangles(points: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> pyvista.PolyData:
-    """Triangles in mm from points in m.
-
-    The points have shape (n, 3). The indices of their corners have shape (m, 3).
-    """
+    """Triangles in mm from points (n, 3) in m and corners (m, 3)."""
     from coilarray.viz.extra_3d import pyvista
 
     return pyvista.PolyData(points * MM_PER_M, faces=np.insert(faces, 0, 3, axis=1).ravel())
 
 
 def polylines(points: Sequence[npt.NDArray[np.float64]]) -> pyvista.PolyData:
-    """Polylines in mm from arrays of points in m.
-
-    Each array has shape (n, 3).
-    """
+    """Polylines in mm from arrays of points (n, 3) in m."""
     from coilarray.viz.extra_3d import pyvista
 
     counts = [len(line) for line in points]
@@ -64,10 +58,7 @@ def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
 
 
 def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.PolyData:
-    """Join solids in m into one surface in mm.
-
-    Each solid has the value of its cells in ``"coil"``. None is left out.
-    """
+    """Join solids in m into a surface in mm with numbers in ``"coil"``."""
     from coilarray.viz.extra_3d import pyvista
 
     present = [(solid, number) for solid, number in solids if solid is not None]
@@ -106,11 +97,6 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
     It has the cell array ``"coil"`` as in `copper_mesh`. `parts` and `names` are the same as there. The keys
     ``"barrel/..."`` are used.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Surface in mm.
     """
     return merged(
         [
@@ -126,11 +112,6 @@ def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
     """Surface of the laminate of a board in mm.
 
     The laminate is one of the `parts`. If the stack-up has no laminate, the surface is empty.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Surface in mm.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -141,11 +122,6 @@ def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
     """Paths of `conductors` in mm as polylines.
 
     Each polyline has its index in the cell array ``"coil"``.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Polylines in mm.
 
     Examples
     --------
@@ -163,7 +139,7 @@ def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) ->
     """Copy a mesh and add values of the coils.
 
     The mesh has the cell array ``"coil"``. The copy has the value of its coil in every cell as the array `name`.
-    `values`, shape (coils,), are in the unit in `name`, with NaN for a coil without a value. An empty mesh stays empty.
+    `values`, shape (coils,), are in the unit in `name`, with NaN for a coil without a value.
     """
     result: pyvista.DataSet = mesh.copy()
     if mesh.n_cells:
@@ -201,18 +177,12 @@ _BALL = (48, 32)  # meridians and circles of latitude of a ball
 
 
 def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> pyvista.PolyData:
-    """Surface of a plate in mm.
-
-    An infinite plate is cut to the rectangle x_min, y_min, x_max, y_max in m.
-    """
+    """Surface of a plate in mm, cut to `within` in m if infinite."""
     return solid_mesh(plate_solid(plate, within))
 
 
 def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.PolyData:
-    """Surface of a ball in mm.
-
-    Radius and centre are in m.
-    """
+    """Surface of a ball in mm from radius and centre in m."""
     from coilarray.viz.extra_3d import pyvista
 
     meridians, circles = _BALL

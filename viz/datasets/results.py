@@ -33,10 +33,7 @@ _DENSE = 4  # points of a draped line in the least step of the map
 
 
 def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
-    """One depth of an indentation or response by its index.
-
-    An index that does not exist raises a ValueError.
-    """
+    """One depth of a dataset by its index, or ValueError."""
     count = dataset.sizes["depth"]
     if not -count <= depth < count:
         raise ValueError(f"depth must be the position of one of {count} depths; got {depth}.")
@@ -44,10 +41,7 @@ def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
 
 
 def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
-    """One state of a dataset by its name.
-
-    A name that does not exist raises a ValueError.
-    """
+    """One state of a dataset by its name, or ValueError."""
     names = [str(name) for name in dataset.state.values]
     if state not in names:
         raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
@@ -283,10 +277,7 @@ def uncertainty_ellipse(
 
 
 def position_pin(centre: tuple[float, float], bottom: float, top: float) -> pyvista.PolyData:
-    """Upright line at a position on the board in mm.
-
-    All given lengths are in m.
-    """
+    """Upright line in mm at a position in m."""
     return polylines([np.array([[*centre, bottom], [*centre, top]])])
 
 
@@ -299,10 +290,7 @@ def _arc(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
 
 
 def _map_of(response: xr.Dataset, state: str, depth: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions of a map along x and y, and δ.
-
-    The positions are on the board in m. δ has shape (y, x).
-    """
+    """Positions along x and y in m, and δ (y, x), of a map."""
     at = on_board(of_state(at_depth(response, depth), state))
     x, y = (np.asarray(at[name].values, dtype=np.float64) for name in ("x", "y"))
     if min(len(x), len(y)) < 2:
@@ -311,10 +299,7 @@ def _map_of(response: xr.Dataset, state: str, depth: int) -> tuple[FloatArray, F
 
 
 def _rise(delta: FloatArray) -> FloatArray:
-    """δ over the largest |δ|.
-
-    It is 0 where δ is NaN.
-    """
+    """δ over the largest |δ|, 0 where δ is NaN."""
     numbers = np.nan_to_num(delta)
     return np.asarray(numbers / max(float(np.abs(numbers).max()), np.finfo(float).tiny))
 

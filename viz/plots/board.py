@@ -206,10 +206,7 @@ def check_figure(array: Array, margins: Sequence[Margin], numbers: Sequence[int]
 
 
 def _marks(array: Array, layer: str, margins: Sequence[tuple[int, Margin]]) -> list[_Mark]:
-    """Group the margins of one layer by place.
-
-    The marks are in the order of their numbers.
-    """
+    """Group the margins of one layer by place."""
     x_min, y_min, x_max, y_max = array.bounds
     near = _TOGETHER * ((x_max - x_min) ** 2 + (y_max - y_min) ** 2) ** 0.5
     marks: list[_Mark] = []

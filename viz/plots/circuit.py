@@ -295,10 +295,7 @@ def plot_frequency_sweep(
 
 
 def _chosen(sweep: xr.Dataset) -> list[int]:
-    """Choose the states that are drawn.
-
-    If there are many, they are the states with the least, the middle and the most inductance.
-    """
+    """All states, or of many those of least, middle and most inductance."""
     count = sweep.sizes["state"]
     if count <= _MOST_CURVES:
         return list(range(count))
@@ -357,10 +354,7 @@ def _mark_resonances(
     curve: npt.NDArray[np.float64],
     colour: str,
 ) -> None:
-    """Mark the resonances of a state on its curve.
-
-    The frequencies are in the unit shown.
-    """
+    """Mark the resonances of a state, with frequencies in the unit shown."""
     of_state = scan.sel(state=state)
     tank, own = (float(shown(of_state[name])) for name in ("frequency", "state_self_resonance"))
     if f[0] <= tank <= f[-1]:

@@ -108,10 +108,7 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
 
 
 def _vertical(field: xr.Dataset) -> npt.NDArray[np.float64]:
-    """B_z in phase with the current.
-
-    The shape is (nx, ny, nz). Values are per ampere of the active coil.
-    """
+    """B_z in phase per ampere of the active coil, shape (nx, ny, nz)."""
     values: npt.NDArray[np.float64] = field.B.sel(component="z").transpose("x", "y", "z").values
     return values / float(field.attrs["active_current_A"])
 

@@ -155,10 +155,7 @@ def _contact_name(indentation: xr.Dataset) -> str:
 
 
 def _mirrored(at: xr.Dataset, k: int) -> npt.NDArray[np.float64]:
-    """Deformed interface k on both sides in mm.
-
-    The shape is (2 n − 1, 2).
-    """
+    """Deformed interface k on both sides in mm, shape (2 n − 1, 2)."""
     one = at.isel(interface=k)
     across = MM.of(one.r + one.displacement_r)
     along = MM.of(one.height + one.displacement_z)

@@ -386,10 +386,7 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
 
 
 def _plane(data: xr.DataArray, what: str, least: str) -> npt.NDArray[np.float64]:
-    """Values (y, x) in mm.
-
-    A single row, or values that are all not finite, raise a ValueError.
-    """
+    """Values (y, x) in mm of a plane with a finite value, or ValueError."""
     values = MM.of(data.transpose("y", "x"))
     if min(values.shape) < 2 or not np.isfinite(values).any():
         raise ValueError(f"{what} must have at least two x and two y and {least}; got shape {values.shape}.")

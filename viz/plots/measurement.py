@@ -181,10 +181,7 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
 
 
 def _residuals(of: xr.Dataset) -> tuple[npt.NDArray[np.float64], DisplayUnit]:
-    """Residuals of one state and their common unit.
-
-    The residuals before and after scale and shift have shape (2, y, x).
-    """
+    """Residuals of one state before and after, (2, y, x), and their unit."""
     both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
     shown = style.axis_unit(both, "1")
     return shown.of(both), shown
@@ -222,10 +219,7 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
 
 def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw the ellipses' parameters of a state over δ.
-
-    Parameters that are only predicted are dashed.
-    """
+    """Draw the ellipses' parameters of a state over δ."""
     known = np.isfinite(of.model.values[of.quantity == "x0"])  # else the window does not show the model's ellipse
     for name, (marker, colour) in _LOOKS.items():
         part = of.isel(datum=np.flatnonzero(of.quantity == name))

@@ -283,10 +283,7 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
 
 
 def _columns(count: int, shape: float) -> int:
-    """Choose the number of columns of a grid of maps.
-
-    With this number the shape of the grid is nearest to `_GRID_SHAPE`. Empty cells count against a number.
-    """
+    """Choose the number of columns of maps, in a shape near `_GRID_SHAPE`."""
 
     def misfit(columns: int) -> float:
         rows = math.ceil(count / columns)
@@ -322,10 +319,7 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
 
 
 def _lower_end(outlines: Sequence[npt.ArrayLike], x: float, y: float) -> float | None:
-    """Lowest y in mm of the outline about a place.
-
-    The outlines are in m and the place is in mm. Without outlines it is None.
-    """
+    """Lowest y in mm of the outline (m) about a place (mm), or None."""
     shapes = [MM.of(outline) for outline in outlines]
     own = min(shapes, key=lambda shape: float(np.hypot(*(shape.mean(axis=0) - (x, y)))), default=None)
     return None if own is None else float(own[:, 1].min())
@@ -357,10 +351,7 @@ def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.
 
 
 def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataArray, float | None, str]:
-    """δ (depth, along) of a state near its coil.
-
-    The coil's place on it in m and the name are returned too.
-    """
+    """δ (depth, along) near a state's coil, the coil's place in m, and the name."""
     if "state" not in response.dims:  # the two-dimensional model has one coil
         return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
     name = middle_state(response) if state is None else state
@@ -373,10 +364,7 @@ def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataA
 
 
 def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Places where a curve falls to half its peak.
-
-    They are NaN if the curve does not fall to half on both sides.
-    """
+    """Places where a curve falls to half its peak, or NaN."""
     values = delta(fine)
     peak, half = int(values.argmax()), float(values.max()) / 2
     crossings = delta.solve(half, extrapolate=False)
@@ -476,10 +464,7 @@ def target_figure(response: xr.Dataset) -> Figure:
 
 
 def _along(response: xr.Dataset, quantity: str, state: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Values (distance,) of a state at its best place.
-
-    The state is given by its index.
-    """
+    """Values (distance,) of a state at its best place."""
     of = response.isel(state=state)
     at = of[quantity].sel(x=float(of.best_x), y=float(of.best_y))
     return np.asarray(at.transpose("distance").values)

@@ -59,10 +59,7 @@ _SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Draw in `STYLE` and keep the caller's settings.
-
-    Matplotlib's own context would undo the settings that a notebook makes when its first figure loads pyplot's backend.
-    """
+    """Draw in `STYLE` and keep the caller's settings."""
 
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -78,10 +75,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 class NotebookFigure(Figure):
-    """Figure of pyplot for notebooks.
-
-    A notebook shows it once if the last line of a cell returns it.
-    """
+    """Figure of pyplot that a notebook shows once."""
 
     def _ipython_display_(self) -> None:
         if "inline" in matplotlib.get_backend():
@@ -90,10 +84,7 @@ class NotebookFigure(Figure):
 
 
 def new_figure(width: float, height: float, layout: Literal["compressed"] | None = None) -> Figure:
-    """Make a figure with sizes in inches.
-
-    ``pyplot.show()`` and notebooks display it. They display figures of pyplot only.
-    """
+    """Make a figure with sizes in inches, of pyplot where somebody looks at it."""
     prompt = hasattr(sys, "ps1")  # of Python, IPython and notebooks
     if (prompt or "matplotlib.pyplot" in sys.modules) and threading.current_thread() is threading.main_thread():
         from matplotlib import pyplot
@@ -139,10 +130,7 @@ def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
 
 
 def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:
-    """Draw a grid behind everything.
-
-    This also works in a user's axes.
-    """
+    """Draw a grid behind everything."""
     ax.grid(axis=axis, color=FAINT)
     ax.set_axisbelow(True)
 
@@ -154,10 +142,7 @@ def legend_beside(ax: Axes, title: str | None = None) -> None:
 
 
 def one_legend(figure: Figure) -> None:
-    """Draw one legend at the right of a figure.
-
-    It has every name once, and replaces the legends of the axes.
-    """
+    """Draw one legend at the right of a figure."""
     named: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, name in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -170,20 +155,14 @@ def one_legend(figure: Figure) -> None:
 def legend_above(
     ax: Axes, columns: int, side: Literal["left", "center", "right"] = "right", columnspacing: float = 1.0, **look: Any
 ) -> None:
-    """Draw a legend above the axes, beside the title.
-
-    `look` goes to Matplotlib.
-    """
+    """Draw a legend above the axes, beside the title."""
     anchor = ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0)
     look = {"loc": f"lower {side}", "borderaxespad": 0.2, "columnspacing": columnspacing, **look}
     ax.legend(bbox_to_anchor=anchor, ncols=columns, **look)
 
 
 def mark_undetermined(ax: Axes, x: npt.ArrayLike, y: npt.ArrayLike, undetermined: npt.ArrayLike, colour: str) -> None:
-    """Cross out points whose values are only a guess.
-
-    The legend names them once.
-    """
+    """Cross out points whose values are only a guess."""
     hidden = np.asarray(undetermined, dtype=bool) & np.isfinite(y)
     if hidden.any():
         known = [line.get_label() for line in ax.lines]
@@ -212,28 +191,19 @@ def state_colours(response: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
 
 
 def write_name(ax: Axes, x: float, y: float, name: str, **look: Any) -> None:
-    """Write the name of a coil in a white box.
-
-    The middle of the box is at a place in mm.
-    """
+    """Write a coil's name in a white box about a place in mm."""
     box: dict[str, Any] = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
     ax.text(x, y, name, ha="center", va="center", bbox=box, **look)
 
 
 def draw_outlines(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Draw the coils' outlines into axes in mm.
-
-    The corners are in m with shape (m, 2), with the first corner not repeated.
-    """
+    """Draw the coils' outlines, corners (m, 2) in m, into axes in mm."""
     for outline in outlines:
         ax.add_patch(Polygon(MM.of(outline), closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
 
 
 def finish_map(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Draw the coils on a map in mm.
-
-    Places without a value are grey.
-    """
+    """Draw the coils on a map in mm."""
     limits = ax.get_xlim(), ax.get_ylim()
     draw_outlines(ax, outlines)
     ax.set_xlim(*limits[0])
@@ -251,10 +221,7 @@ def signed_map(
     *,
     rasterized: bool = False,
 ) -> QuadMesh:
-    """Draw values (y, x) in colours symmetric about zero.
-
-    The axes are in mm, and the coordinates of `at` are in m. Places without a value are grey.
-    """
+    """Draw values (y, x) in colours symmetric about zero, over `at` in m."""
     limit = largest(values) if limit is None else limit
     shown = np.ma.masked_invalid(values)
     look: dict[str, Any] = {"cmap": DIVERGING, "vmin": -limit, "vmax": limit, "rasterized": rasterized}
@@ -270,10 +237,7 @@ def plan_axes(ax: Axes) -> None:
 
 
 def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
-    """Size of a figure of a map in inches.
-
-    The map lies over the coordinates of `at`.
-    """
+    """Size in inches of a figure of a map over `at`."""
     return figure_size(float(np.ptp(at.x.values)), float(np.ptp(at.y.values)))
 
 

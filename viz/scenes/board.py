@@ -37,10 +37,7 @@ _COPPER = "copper "
 
 @dataclass(frozen=True, eq=False)
 class CoilColours:
-    """Values of the coils as colours of their copper.
-
-    There is a value per coil.
-    """
+    """Values of the coils as colours of their copper."""
 
     values: npt.NDArray[np.float64]  # shape (coils,), NaN for a coil without a value
     scale: Scale  # its `array` is the name of the values in the meshes
@@ -119,10 +116,7 @@ def copper_parts(
     box: Box | None = None,
     parts: Mapping[str, trimesh.Trimesh] | None = None,
 ) -> tuple[Part, ...]:
-    """Copper of a board, one part per layer.
-
-    Layers without copper have no part. The arguments are the same as for `scene_of_board`.
-    """
+    """Copper of a board, one part per layer, see `scene_of_board`."""
     parts = board_solids(array) if parts is None else parts
     copper = tuple(
         Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None)
@@ -133,10 +127,7 @@ def copper_parts(
 
 
 def board_in_pieces(array: Array) -> tuple[tuple[Part, ...], Scene]:
-    """Copper of a board, and the scene of the rest.
-
-    The copper can be coloured by `recoloured`.
-    """
+    """Copper of a board for `recoloured`, and the scene of the rest."""
     board = scene_of_board(array)
     copper = tuple(part for part in board.parts if part.name.startswith(_COPPER))
     return copper, replace(board, parts=tuple(part for part in board.parts if part not in copper))
@@ -155,10 +146,7 @@ def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]
 
 
 def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
-    """Scene of flat sheets on a board as glass.
-
-    The sheets have clear edges, and the uppermost sheet comes first. `lift` has the same meaning as in `sheet_meshes`.
-    """
+    """Scene of flat sheets as glass, lifted as in `sheet_meshes`."""
     thick = {sheet.name: sheet.thickness for sheet in sheets}
     colours = cycled(SHEETS, list(thick))
     parts: list[Part] = []
@@ -175,10 +163,7 @@ def sheet_label(name: str, thickness: float) -> str:
 
 
 def coil_names(array: Array, heights: npt.ArrayLike = 0.0) -> tuple[Text, ...]:
-    """Names of the coils over the centres of their windings.
-
-    The heights in m are a number, or an array over the coils.
-    """
+    """Names over the coils' centres, at one or each height in m."""
     z = np.broadcast_to(np.asarray(heights, dtype=np.float64), (len(array.names),)) * MM_PER_M
     return tuple(
         Text(name, (x, y, up), 24.0, bold=True)
@@ -210,10 +195,7 @@ def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
 
 
 def _risers(array: Array, top: float) -> tuple[Part, ...]:
-    """Upright lines from the board's far corners.
-
-    They end at the height `top` in mm.
-    """
+    """Upright lines from the board's far corners to `top` in mm."""
     from coilarray.viz.extra_3d import pyvista
 
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
@@ -222,10 +204,7 @@ def _risers(array: Array, top: float) -> tuple[Part, ...]:
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
-    """Ticks with numbers along an axis, in mm.
-
-    The other coordinate is `at`, and `length` is the length of the ticks. All lengths are in mm.
-    """
+    """Ticks of a length with numbers along an axis, in mm."""
     from matplotlib.ticker import MaxNLocator
 
     from coilarray.viz.extra_3d import pyvista
@@ -236,10 +215,7 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
     edge_on: Side = "right" if axis == "x" else "front"
 
     def place(along: float, outwards: float) -> tuple[float, float, float]:
-        """Place of a text beside the board.
-
-        It is as far below the board as outside it, so that numbers stand below the board when seen from the side.
-        """
+        """Place as far below the board as outside it, for views from the side."""
         return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
@@ -308,9 +284,8 @@ def scene_of_dent(
 ) -> Scene:
     """Scene of the deformed sheets and the indenter.
 
-    It shows one depth of an indentation, without the board. The arguments are the same as for `dent_scene`. A `box`
-    x_min, y_min, x_max, y_max in m shows this part of the sheets, by default all over the board. A centre outside it
-    raises a ValueError.
+    The arguments are the same as for `dent_scene`. A `box` x_min, y_min, x_max, y_max in m shows this part of the
+    sheets, by default all over the board. A centre outside it raises a ValueError.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])

@@ -103,10 +103,7 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
 
 
 def actor_of(part: Part, pixel: float = 1.0) -> Any:
-    """Make the pyvista.Actor of a part.
-
-    Its colours are in the mesh, so that every renderer shows the same.
-    """
+    """Make the pyvista.Actor of a part, with its colours in the mesh."""
     from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
 
     from coilarray.viz.extra_3d import pyvista
@@ -133,10 +130,7 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
 
 
 def _surface(part: Part) -> pyvista.PolyData:
-    """Surface of a part's mesh.
-
-    It has only its colours and normals.
-    """
+    """Surface of a part's mesh."""
     mesh: Any = surface_of(part.mesh)
     surface: pyvista.PolyData = mesh.copy(deep=False)
     surface.clear_data()
@@ -205,10 +199,7 @@ def pixel_of(size: Sequence[int]) -> float:
 
 
 def _legend(view: Any, scene: Scene) -> None:
-    """Write every group beside a square of its colour.
-
-    The letters are in ink, because VTK's own legend colours the letters too.
-    """
+    """Write every group in ink, beside a square of its colour."""
     pixel, height = pixel_of(view.window_size), view.window_size[1]
     look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
     for row, (group, colours) in enumerate(scene.groups.items()):
@@ -263,10 +254,7 @@ def shown_units(scale: Scale) -> tuple[float, str]:
 
 
 def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
-    """Title, colours and numbers of a colour bar.
-
-    The colours ``#rrggbb`` are at equal steps.
-    """
+    """Title, colours ``#rrggbb`` at equal steps, and numbers of a colour bar."""
     factor, title = shown_units(scale)
     ticks = [true_minus(f"{value * factor:.3g}") for value in scale.values(_TICKS).tolist()]
     return title, scale.steps(stops), ticks

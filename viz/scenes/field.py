@@ -62,10 +62,7 @@ def count_of(places: Iterable[Spans]) -> int:
 
 
 def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
-    """Level and upright plane for a coil's field.
-
-    The level plane is at the design's field height.
-    """
+    """Level and upright plane for a coil's field."""
     x_min, y_min, x_max, y_max = design.array.bounds
     z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
@@ -82,10 +79,7 @@ def field_box(design: Design, coil: str, spacing: float) -> Spans:
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
-    """Axes of a box without points in the copper.
-
-    There B of thin wires differs from B of the traces. B_z is continuous across it, and is interpolated.
-    """
+    """Axes of a box without points in the copper, across which B_z is continuous and interpolated."""
     x, y, z = box
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
     below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]
@@ -109,10 +103,7 @@ def beside_faces(design: Design, heights: FloatArray, frequency: float) -> Float
 
 
 def line_seeds(design: Design, coil: str) -> FloatArray:
-    """Seeds of field lines, (n, 3) in m.
-
-    They are on rings above a coil, at the design's field height or under the metal there.
-    """
+    """Seeds of field lines, (n, 3) in m."""
     centre, inner, _ = _middle_and_radii(design.array, coil)
     free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)
     height = design.field_height if design.field_height < free else free / 2
@@ -140,10 +131,7 @@ def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
 
 
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Scene of planes of `flux_density` coloured by |B|.
-
-    The planes are empty if |B| is below the scale.
-    """
+    """Scene of planes of `flux_density` coloured by |B| above the scale's end."""
     parts = []
     for k, plane in enumerate(slices):
         low, high = np.reshape(plane.bounds, (3, 2)).T
@@ -160,10 +148,7 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
 
 
 def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: Scale) -> Scene:
-    """Scene of field lines of B as thin tubes.
-
-    The lines lie in a box `grid` and go through points `seeds`, shape (n, 3) in m.
-    """
+    """Scene of thin field lines of B through `seeds`, (n, 3) in m."""
     lines = field_lines(grid, seeds)
     if not lines.n_cells:
         return Scene()
@@ -172,10 +157,7 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
 
 
 def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
-    """Scene of translucent surfaces of equal |B|.
-
-    They lie in a box `grid`, and |B| has the given values in T on them.
-    """
+    """Scene of translucent surfaces of equal |B| in T."""
     surfaces = field_surfaces(grid, levels)
     if not surfaces.n_cells:
         return Scene()

@@ -62,10 +62,7 @@ def around_board(array: Array) -> Box:
 
 
 def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene:
-    """Scene of the plates of a design.
-
-    Infinite plates are cut to `within` in m.
-    """
+    """Scene of the plates of a design, cut to `within` in m."""
     colours = cycled(METALS, [plate.name for plate in plates])
     parts: list[Part] = []
     for plate in plates:
@@ -168,10 +165,7 @@ def working_point(design: Design, coupling: xr.Dataset, coil: str, current: floa
 def eddies_of_plates(
     design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Eddy currents of the plates of a design.
-
-    Infinite plates have them over the rectangle `within` in m.
-    """
+    """Eddy currents of plates, over `within` in m if infinite."""
     endless = [plate for plate in plates if isinstance(plate, Plate)]
     _require_alike(plates)
     return [*_endless(design, endless, endless, operation, within), *_outlined(design, plates, operation)]
@@ -202,10 +196,7 @@ def eddies_of_target(
 
 
 def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse infinite plates beside plates with an outline.
-
-    Both together raise a MetalError.
-    """
+    """Raise MetalError for infinite plates beside plates with an outline."""
     kinds = {isinstance(plate, FinitePlate) for plate in plates}
     if len(kinds) > 1:
         raise MetalError(
@@ -236,10 +227,7 @@ def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: 
 def _endless(
     design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Eddy currents of infinite plates.
-
-    They are computed for `shown`, the first of `plates`, on a grid over their upper faces.
-    """
+    """Eddy currents of the first of infinite plates, on a grid."""
     if not shown:
         return []
     x_min, y_min, x_max, y_max = within
@@ -257,10 +245,7 @@ def _endless(
 
 
 def at_their_largest(all_phasors: Sequence[Phasors]) -> tuple[list[Eddies], str]:
-    """Eddy currents at the instant of their largest strength.
-
-    It is either the instant of the coil's largest current, or a quarter of a period before.
-    """
+    """Eddy currents at the instant of their largest strength."""
     in_phase, before = (
         sum(float((part(density) ** 2).sum()) for *_, density in all_phasors) for part in (np.real, np.imag)
     )
@@ -338,19 +323,13 @@ def scene_of_metal(
 def target_at(
     design: Design, place: tuple[float, float], distances: Sequence[float], *, progress: Progress | None = None
 ) -> xr.Dataset:
-    """Compute the effect of a target at several distances.
-
-    All lengths are in m.
-    """
+    """Compute the effect of a target at distances, all in m."""
     x, y = (value - origin for value, origin in zip(place, target_of(design).origin_point, strict=True))
     return target_map(design, distances=distances, x=[x], y=[y], progress=progress)
 
 
 def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
-    """Describe the effect of a target at one place.
-
-    There is a line about the state of a coil, and a line with the largest other δ.
-    """
+    """Describe the effect of a target at one place."""
     states = [str(name) for name in at.state.values]
     first = coil if coil in states else states[0]
     one = at.sel(state=first)
@@ -376,10 +355,7 @@ def percent(delta: xr.DataArray) -> str:
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:
-    """Distances of the target in m for a slider, with others between few distances.
-
-    A plate with an outline over magnetic sheets or beside plates takes seconds for each distance, and gets no others.
-    """
+    """Distances of the target in m for a slider, with others between few, unless each takes seconds."""
     target = target_of(design)
     given, wanted = target.distances, [] if distance is None else [distance]
     layers = any(sheet.magnetic for sheet in design.sheets) or bool(design.plates)

@@ -61,10 +61,7 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
 
 
 def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique") -> str:
-    """Make a web page with a scene to turn.
-
-    If trame-vtk is not installed, it raises a MissingDependencyError.
-    """
+    """Make a web page with a scene to turn, or raise MissingDependencyError."""
     from jinja2 import Environment, PackageLoader
     from markupsafe import escape
 
@@ -93,10 +90,7 @@ def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique"
 
 
 def check_page() -> None:
-    """Refuse pages if a library is missing.
-
-    Without PyVista or a known trame-vtk it raises a MissingDependencyError, before a scene is made.
-    """
+    """Raise MissingDependencyError before a scene is made for a page."""
     require_pyvista("pages", "3d")
     _viewer()
 

@@ -76,10 +76,7 @@ def _index(scene: Scene, files: Sequence[str]) -> str:
 
 
 def _placed(write: Callable[[Path], None], folder: Path, names: Sequence[str]) -> tuple[Path, ...]:
-    """Fill a folder through a temporary folder.
-
-    `write` fills the temporary folder. Its files are then moved into `folder`, in the order of `names`.
-    """
+    """Fill a folder through a temporary folder, in the order of `names`."""
     with (
         writing(f"into {folder}"),
         tempfile.TemporaryDirectory(prefix=hidden_prefix("vtk"), dir=folder, ignore_cleanup_errors=True) as temporary,

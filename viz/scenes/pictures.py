@@ -102,10 +102,7 @@ def save_dent_picture(
 
 
 def check_rendering(size: tuple[int, int] = SIZE) -> None:
-    """Refuse a picture that cannot be made here.
-
-    It is refused before its scene is computed, with the errors of `save_picture`.
-    """
+    """Raise the errors of `save_picture` before a scene is computed."""
     if not all(1 <= pixels <= _LONGEST for pixels in size):
         raise OutputError(f"a picture must have sides of 1 to {_LONGEST} pixels; got {size[0]}x{size[1]}.")
     problem = rendering_problem()
@@ -115,10 +112,7 @@ def check_rendering(size: tuple[int, int] = SIZE) -> None:
 
 @contextmanager
 def off_screen(size: tuple[int, int]) -> Iterator[Any]:
-    """Open a plotter without a window.
-
-    The errors are the same as in `save_picture`.
-    """
+    """Open a plotter without a window, or raise as `save_picture`."""
     check_rendering(size)
     from coilarray.viz.extra_3d import pyvista
 
@@ -291,10 +285,7 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
 
 
 def check_window() -> None:
-    """Refuse a window that cannot be opened.
-
-    It raises a MissingDependencyError before the scene is computed.
-    """
+    """Raise MissingDependencyError before the scene of a window is computed."""
     problem = window_problem()
     if problem is not None:
         raise MissingDependencyError(problem)
@@ -309,10 +300,7 @@ def show_board(array: Array, sheets: Sequence[Sheet] = ()) -> None:
 
 
 def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
-    """Put a switch for every group into a window.
-
-    True shows the group, and False hides it.
-    """
+    """Put a switch for every group into a window."""
     from matplotlib.colors import to_rgb
 
     height = plotter.window_size[1]

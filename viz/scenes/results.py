@@ -67,10 +67,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
 
 
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
-    """Colour the passive coils by their currents.
-
-    `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
-    """
+    """Colour the coils by currents in A per A of the `active`, complex, (coils,)."""
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
     scale = about_zero(CURRENT, "current in phase", "A/A", values)
@@ -97,10 +94,7 @@ def scene_of_response(
     *,
     outlines: Sequence[npt.ArrayLike] = (),
 ) -> Scene:
-    """Scene of δ of one state draped over the board.
-
-    The surface is higher where δ is larger. The arguments are the same as for `coilarray.viz.draped_outlines`.
-    """
+    """Scene of δ of one state draped over the board, see `draped_outlines`."""
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
     surface = meshes.response_surface(response, state, depth, height=_OVER, relief=relief)
     scale = about_zero(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])

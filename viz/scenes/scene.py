@@ -74,10 +74,7 @@ def aim_again(
     left: float,
     right: float,
 ) -> Camera:
-    """Aim a camera at the centre of another box.
-
-    The other arguments are the same as for `aim`.
-    """
+    """Aim a camera at another box, with the arguments of `aim`."""
     out = np.array(camera.position) - camera.focus
     along = np.cross(camera.up, out)
     return _aimed(bounds, size, out / np.linalg.norm(out), along / np.linalg.norm(along), left, right)
@@ -92,10 +89,7 @@ def _aimed(
     right: float,
     bottom: float = 0.0,
 ) -> Camera:
-    """Aim from a direction.
-
-    `along` is the direction from left to right.
-    """
+    """Aim from a direction, with `along` from left to right."""
     up = np.cross(out, along)
     corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
     seen = corners @ np.column_stack((along, up))
@@ -138,31 +132,16 @@ class Scale:
     """Mapping from values of an array to colours.
 
     The array belongs to points or cells. Values beyond its ends have the colour of the end.
-
-    Parameters
-    ----------
-    array : str
-        Name of the array.
-    title, unit : str
-        Title of the colour bar, and the unit behind it, which is SI without a prefix, or empty.
-    low, high : float
-        Values at the ends of the colours, in this unit.
-    colours : str
-        Name of a colour map of Matplotlib.
-    logarithmic : bool
-        Whether equal ratios are equal steps of colour.
-    missing : str
-        Colour of NaN.
     """
 
-    array: str
-    title: str
+    array: str  # name of the array
+    title: str  # title of the colour bar, and the unit behind it, which is SI without a prefix, or empty
     unit: str
-    low: float
+    low: float  # values at the ends of the colours, in this unit
     high: float
-    colours: str = SEQUENTIAL
-    logarithmic: bool = False
-    missing: str = UNKNOWN
+    colours: str = SEQUENTIAL  # name of a colour map of Matplotlib
+    logarithmic: bool = False  # whether equal ratios are equal steps of colour
+    missing: str = UNKNOWN  # colour of NaN
 
     def colours_of(self, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Red, green and blue from 0 to 255 of values, shape (n, 3)."""
@@ -189,10 +168,7 @@ class Scale:
 
 
 def about_zero(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
-    """Scale of values about zero.
-
-    The colours come from `coilarray.viz.palette.signed_colours`.
-    """
+    """Scale of values about zero in the colours of `signed_colours`."""
     colours, low, high = signed_colours(values, _DIVERGING)
     return Scale(array, title, unit, low, high, colours)
 

@@ -38,10 +38,7 @@ class Touch:
     delta: FloatArray  # shape (n, coils), of the first state that measures each coil, or NaN
 
     def scenes(self) -> Iterator[Scene]:
-        """Make one scene per place.
-
-        It has the dented sheets, the indenter, and the copper coloured by δ.
-        """
+        """Make one scene per place."""
         design, setup = self.design, indentation_of(self.design)
         dent, copper, scale = dent_of_design(design, self.depth), copper_parts(design.array), self.scale
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
@@ -52,10 +49,7 @@ class Touch:
             yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
 
     def _numbers(self, delta: FloatArray) -> tuple[Text, ...]:
-        """Texts of δ below the names of the coils.
-
-        They are in the unit of the colour bar.
-        """
+        """Texts of δ below the coils' names, in the bar's unit."""
         factor, _ = shown_units(self.scale)
         below = _BELOW * float(np.ptp(self.design.array.placements[0].coil.outline[:, 1]))
         return tuple(
@@ -123,10 +117,7 @@ def off_middle(setup: Indentation) -> tuple[float, float]:
 
 
 def dent_of_design(design: Design, depth: float) -> xr.Dataset:
-    """Press into a design's sheets to a depth in m.
-
-    See `coilarray.elastomer.contact.indent`.
-    """
+    """Press into a design's sheets to a depth in m, see `indent`."""
     return contact_at(indentation_of(design), design.sheets, np.array([depth])).isel(depth=0)
 
 
@@ -159,10 +150,7 @@ def _require_on_board(design: Design, places: FloatArray) -> None:
 
 
 def _positions(values: FloatArray, step: float) -> FloatArray:
-    """Positions over all values, at most a step apart.
-
-    There are at least four positions.
-    """
+    """At least four positions over all values, at most a step apart."""
     low, high = float(values.min()), float(values.max())
     short = _LEAST_STEPS * step - (high - low)
     if short > 0:

@@ -83,10 +83,7 @@ class DesignPanel(Panel):
         self._session.state.shelf = self._session.setup.shelf.names()
 
     def _open(self, name: str, discarded: str = "") -> None:
-        """Open a file.
-
-        If this loses changes, its name must be given a second time, as `discarded`.
-        """
+        """Open a file, and lose changes if `discarded` names it."""
         session = self._session
         name = str(name)
         if session.work.changed and name != discarded:
@@ -110,10 +107,7 @@ class DesignPanel(Panel):
             session.take(work)
 
     def _save(self, name: str, title: str | None, replaced: str = "") -> None:
-        """Save under a name and a title.
-
-        To replace another file, its name must be given again, as `replaced`.
-        """
+        """Save under a name and a title, over another file if `replaced` names it."""
         session = self._session
         name = str(name).strip()
         try:
@@ -200,10 +194,7 @@ class NewPanel(Panel):
         super().__init__(session, values, make_design=self._make)
 
     def _make(self, texts: Mapping[str, Any], discard: bool = False) -> None:
-        """Make a design.
-
-        If this loses changes, `discard` must confirm it.
-        """
+        """Make a design, and lose changes only to `discard` them."""
         session, state = self._session, self._session.state
         name = str(texts.get("name", "")).strip().removesuffix(".toml")
         try:

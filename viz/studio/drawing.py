@@ -29,10 +29,7 @@ _LEAST = 0.35  # least semi-axis of an ellipse in mm
 
 @dataclass(frozen=True)
 class TopView:
-    """Coordinates of a drawing of the board.
-
-    They are a rectangle in mm, whose y is minus y of the board.
-    """
+    """Rectangle of a drawing in mm, whose y is minus the board's."""
 
     left: float
     top: float
@@ -86,10 +83,7 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
 
 
 def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
-    """Possible positions of a location with 95 % ellipses.
-
-    The best position comes first.
-    """
+    """Possible positions of a location with 95 % ellipses."""
     marks = []
     for k, mode in enumerate(location.modes):
         x, y = view.point(mode.x, mode.y)
@@ -106,20 +100,14 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 
 
 def delta_fills(design: Design, delta: Mapping[str, float | None], least: float = 0.0) -> dict[str, str]:
-    """Colour of each coil by its δ.
-
-    `least` has the same meaning as in `coilarray.viz.scenes.results.colours_of_delta`.
-    """
+    """Colour of each coil by its δ, see `colours_of_delta`."""
     colours = colours_of_delta(delta_by_coil(design, delta), least)
     red_green_blue = colours.scale.colours_of(colours.values).tolist()
     return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
 
 
 def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
-    """δ of the first state that measures each coil.
-
-    It is NaN for a coil without such a state.
-    """
+    """δ of the first state that measures each coil, or NaN."""
     states = first_states(design)
     return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
 
@@ -149,10 +137,7 @@ def _mm(value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BoardParts:
-    """Board in pieces.
-
-    They are computed once and can have other colours.
-    """
+    """Board in pieces."""
 
     design: Design
     copper: tuple[Part, ...]  # one part per layer
@@ -164,8 +149,5 @@ class BoardParts:
 
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
-    """Scene of a board with its copper coloured by δ.
-
-    `least` has the same meaning as in `colours_of_delta`.
-    """
+    """Board with its copper coloured by δ, see `colours_of_delta`."""
     return board.coloured(colours_of_delta(delta_by_coil(board.design, delta), least))

@@ -82,10 +82,7 @@ def entries_of(file: DesignFile) -> tuple[Entry, ...]:
 
 
 def number_of(key: str, text: str) -> float:
-    """Read a typed number.
-
-    Any other text raises a DesignError with the key.
-    """
+    """Read a typed number, or raise DesignError with its key."""
     try:
         if "_" in text:  # only Python reads it as a number
             raise ValueError
@@ -166,10 +163,7 @@ def _entry(key: str, name: str, label: str, meaning: str, group: str, value: flo
 
 
 def _range(value: float) -> tuple[float, float, float]:
-    """Half and twice a value, and a step.
-
-    The step is a hundredth of the value's decade.
-    """
+    """Half and twice a value, and a step."""
     if value <= 0:
         return min(value, 0.0), _RANGE_OF_ZERO, _RANGE_OF_ZERO / 100
     step = 10.0 ** math.floor(math.log10(value)) / _STEPS_IN_A_DECADE

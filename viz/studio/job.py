@@ -85,10 +85,7 @@ class Job:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the job to end and return at once.
-
-        It may be called again.
-        """
+        """Ask the job to end and return at once."""
         if not self._stopped.is_set():
             self._stopped.set()
             with suppress(OSError):
@@ -96,10 +93,7 @@ class Job:
             threading.Thread(target=self._end, daemon=True).start()
 
     def send(self, order: str) -> None:
-        """Send an order to the task.
-
-        The task takes it from its `coilarray.viz.studio.services.Orders`.
-        """
+        """Send an order to the task, see `Orders`."""
         if not self._stopped.is_set():
             with suppress(OSError):
                 self._connection.send(order)
@@ -141,19 +135,13 @@ class Job:
 
 
 def with_progress(item: Any, tell: Tell, _: Orders) -> Any:
-    """Call a function with a progress function.
-
-    This task takes the function from the first part of `item`, and its arguments from the other parts.
-    """
+    """Call the function and arguments of an item with a progress function."""
     function, *arguments = item
     return function(*arguments, progress_of(tell))
 
 
 def progress_of(tell: Tell) -> Callable[[int, int], None]:
-    """Make a progress function that sends (done, total).
-
-    It is a `coilarray.compute.threads.Progress`.
-    """
+    """Make a `coilarray.compute.threads.Progress` that sends (done, total)."""
     return lambda done, total: tell((done, total))
 
 
@@ -176,10 +164,7 @@ def time_left(part: float, since: float) -> str:
 
 
 def _serve(connection: Connection, payload: bytes, patience: float) -> None:
-    """Run the task.
-
-    The process ends with the connection at the latest.
-    """
+    """Run the task in a process that ends with the connection."""
     collect_seldom()
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _leave)
@@ -213,10 +198,7 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
 
 
 class _Orders:
-    """Orders to the task of this process.
-
-    See `coilarray.viz.studio.services.Orders`.
-    """
+    """Orders to the task of this process, see `coilarray.viz.studio.services.Orders`."""
 
     def __init__(self) -> None:
         self.stopped = threading.Event()
@@ -230,10 +212,7 @@ class _Orders:
 
 
 def _watch(connection: Connection, orders: _Orders, patience: float) -> None:
-    """Wait for a stop or the studio's end.
-
-    Then the process ends, by force if necessary.
-    """
+    """End the process after a stop or the studio's end."""
     with suppress(EOFError, OSError):
         while (order := connection.recv()) != _STOP:
             orders.waiting.append(order)
@@ -312,10 +291,7 @@ class Calculator:
             await self._do(step)
 
     def _next(self) -> tuple[Step, float]:
-        """Choose the next step.
-
-        The time in s before it may begin is returned too.
-        """
+        """Next step, and the time in s before it may begin."""
         now = self._now()
         for step in self._todo.values():
             if now - self._waiting[step.name] > step.patience:

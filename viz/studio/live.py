@@ -69,10 +69,7 @@ class History:
         self._last = [-1] * len(SPANS)  # number of the latest time, counted from 0 s
 
     def add(self, time: float, delta: Mapping[str, float | None]) -> None:
-        """Add a scan.
-
-        `time` in s never falls. None stands for no value.
-        """
+        """Add a scan at a time in s that never falls."""
         self.end = time
         values = np.array([delta.get(name) for name in self.states], dtype=np.float64)  # None is NaN
         for k, span in enumerate(SPANS):
@@ -91,8 +88,7 @@ class History:
     def values(self, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Read least and largest δ (state, time) over time.
 
-        They cover one of the `SPANS`. Times without a scan are left out. NaN is a time with scans but without a value
-        of the state.
+        They cover one of the `SPANS`. NaN is a time with scans but without a value of the state.
         """
         k = SPANS.index(span)
         numbers = np.arange(max(self._last[k] - BINS + 1, 0), self._last[k] + 1)
@@ -111,10 +107,7 @@ _TICKS = 6
 
 
 def state_colours(design: Design) -> dict[str, str]:
-    """Colour of each state.
-
-    It is the colour of the first coil that the state measures, as in every picture.
-    """
+    """Colour of each state."""
     colours = coil_colours(design.array.names, design.array.centres)
     return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 
@@ -158,10 +151,7 @@ def curves(
 
 
 def _path(times: FloatArray, least: FloatArray, largest: FloatArray, across: Any, down: Any) -> str:
-    """Path of a curve.
-
-    It goes through the least and the largest value of each time. It is broken at times without values.
-    """
+    """Path of a curve through the least and largest values."""
     parts, before, reach = [], False, 0.0
     for time, a, b in zip(times.tolist(), least.tolist(), largest.tolist(), strict=True):
         if math.isnan(a):
@@ -193,10 +183,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def press_row(press: Press) -> dict[str, Any]:
-    """Texts of a press for a list.
-
-    They are number, begin, duration, place, depth, and the largest δ.
-    """
+    """Texts of a press for a list."""
     place, depth = "–", "–"
     if press.location is not None and press.location.modes:
         best = press.location.modes[0]
@@ -237,10 +224,7 @@ def nearest_place(location: Location, before: tuple[float, float] | None) -> tup
 
 
 def trail_lines(view: TopView, trail: Sequence[tuple[int, float, float]]) -> list[dict[str, Any]]:
-    """Lines of a trail of places.
-
-    A place is (number of the press, x, y in m).
-    """
+    """Lines of a trail of (number of the press, x, y in m)."""
     lines = []
     for k, ((press, *start), (other, *end)) in enumerate(pairwise(trail), start=1):
         if press == other:
@@ -311,10 +295,7 @@ class LivePanel(Panel):
         state.live_bars, state.live_lines, state.live_pins, state.live_fills = [], [], [], {}
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Board coloured by the last δ.
-
-        It is None before the first δ. The method runs in a thread.
-        """
+        """Board coloured by the last δ, or None before it."""
         frame = self._frame
         if frame is None or not _has_delta(frame) or self._design is not design:
             return None
@@ -352,10 +333,7 @@ class LivePanel(Panel):
             })  # fmt: skip
 
     def _file(self, name: str, given: str | None, suffixes: Sequence[str]) -> Path:
-        """File of the folder with a name.
-
-        It may also be the file that the caller of the studio named.
-        """
+        """File of the folder with a name."""
         return Path(name) if name == given else self._session.setup.shelf.file(name, suffixes)
 
     def _list(self) -> None:
@@ -465,10 +443,7 @@ def _later(press: Press, shift: float) -> Press:
 
 
 def _has_delta(frame: BoardFrame) -> bool:
-    """Check if a frame has δ.
-
-    The first frames come while the board is opened, or before there is a baseline.
-    """
+    """Check if a frame has δ."""
     return bool(frame.delta) and not frame.waiting
 
 

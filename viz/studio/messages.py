@@ -48,10 +48,7 @@ class Axis(TypedDict):
 
 @with_config(_STRICT)
 class _Changes(TypedDict, total=False):
-    """Values in the state that the page may change.
-
-    A field that is cleared is None.
-    """
+    """State that the page may change; a cleared field is None."""
 
     tab: str
     problem: str
@@ -136,10 +133,7 @@ class Inbox:
 
 
 def refusal(message: Message) -> str:
-    """Explain in one line why a message is refused.
-
-    The line is empty for a message as a page sends it.
-    """
+    """Explain in one line why a message is refused."""
     method, arguments = message["method"], message["args"]
     if any(isinstance(one, float) and not math.isfinite(one) for one in _leaves(message)):
         return f"the numbers of {shown(method)} must be finite."
@@ -154,10 +148,7 @@ def refusal(message: Message) -> str:
 
 
 def checked(name: str, function: Callable[..., Any]) -> Callable[..., Awaitable[None]]:
-    """Wrap a function that the page calls by a name.
-
-    The coroutine raises a MessageError if the arguments are not of its types.
-    """
+    """Wrap a function of the page, which then refuses wrong arguments with MessageError."""
     strict = validate_call(config=_STRICT)(function)
 
     async def call(*arguments: Any) -> None:
@@ -190,10 +181,7 @@ def _message(data: bytes) -> Message:
 
 
 def _leaves(tree: Any, depth: int = 0) -> Iterator[Any]:
-    """Go through the keys and values of a tree.
-
-    A tree that is too deep raises a MessageError.
-    """
+    """Go through the keys and values of a tree of limited depth."""
     if depth > _DEEPEST:
         raise MessageError(f"a message must be at most {_DEEPEST} deep.")
     if isinstance(tree, dict):

@@ -62,10 +62,7 @@ FIRST = {
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Effect of a design's target at several distances.
-
-    The target is at one place on the board, in m.
-    """
+    """Effect of a design's target at several distances over a place in m."""
 
     design: Design
     place: tuple[float, float]
@@ -88,10 +85,7 @@ def moved(design: Design, place: tuple[float, float] | None) -> Moved:
 
 
 def target_rows(moved: Moved, step: int) -> list[list[str]]:
-    """Rows of the states at one distance.
-
-    A row has name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz.
-    """
+    """Rows of name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz at one distance."""
     at = with_reasons(moved.numbers.isel(distance=step, x=0, y=0))[0]
     return [
         [
@@ -159,10 +153,7 @@ def with_body(document: Document, form: Mapping[str, Any]) -> Document:
 
 
 def without_body(document: Document, key: str) -> Document:
-    """Remove a body from the document of a design.
-
-    `key` is a key of `body_rows`.
-    """
+    """Remove a body by its key in `body_rows`."""
     if key != "target":
         if not key.isdecimal():
             raise DesignError(f"a body must be target or the number of a plate; got {shown(key)}.")
@@ -235,20 +226,14 @@ class MetalPanel(Panel):
             state.target_rows, state.distances, state.target_problem = [], [], ""
 
     def steps(self, design: Design) -> list[Step]:
-        """Make the step that moves the target over its place.
-
-        A design without a target has no step.
-        """
+        """Make the step that moves the target over its place."""
         if design.target is None:
             return []
         compute = partial(moved, design, self._place)
         return [Step("target", compute, self._show, partial(self._fail, design), rest=_REST)]
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Board with its metal, and the target at its distance.
-
-        The method runs in a thread.
-        """
+        """Board with its metal and the target, made in a thread."""
         if not design.plates and design.target is None:
             return None
         known = self._moved if self._moved is not None and self._moved.design is design else None

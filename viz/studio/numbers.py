@@ -59,27 +59,18 @@ class Cell:
 
 
 def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
-    """Compute the inductance matrix of a design.
-
-    Impossible coils, such as two in one place, raise a NetworkError.
-    """
+    """Compute the inductance matrix, or raise NetworkError for impossible coils."""
     inductance = checked_network(design_inductance(design, accuracy=accuracy)[0], 0.0)[0]
     return Numbers(design.array.names, inductance, accuracy)
 
 
 def circuit_of(design: Design) -> Circuit:
-    """Solve the circuit of a design.
-
-    A state of its scan plan without a resonance raises a NetworkError.
-    """
+    """Solve the circuit, or raise NetworkError without a resonance."""
     return Circuit(design_circuit(design), couple_design(design))
 
 
 def margins_of(design: Design) -> tuple[Margin, ...]:
-    """Worst margin of every rule on every layer.
-
-    The worst margin comes first.
-    """
+    """Worst margin of every rule on every layer."""
     worst: dict[tuple[str, str], Margin] = {}
     for margin in check_rules(design.array, design.rules):
         worst.setdefault((margin.rule, margin.layer), margin)
@@ -87,10 +78,7 @@ def margins_of(design: Design) -> tuple[Margin, ...]:
 
 
 def coupling_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
-    """Cells of the coupling matrix.
-
-    They have colours of both signs about zero.
-    """
+    """Cells of the coupling matrix."""
     return _cells(numbers.k, numbers.names, lambda a, b, k: (number_text(k, 4, "+"), f"k({a}, {b}) = {k!r}"))
 
 
@@ -124,7 +112,7 @@ def _cells(
 
 
 def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[str, ...], ...]:
-    """Rows of the coils."""
+    """Rows of name, L and L_eff in µH, change in %, R in Ω, Q, resonance in MHz and ideal L_eff in µH."""
     rows = []
     for name, own in zip(numbers.names, np.diag(numbers.inductance).tolist(), strict=True):
         seen: tuple[str, ...] = ("…",) * 6
@@ -143,7 +131,7 @@ def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[s
 
 
 def margin_rows(margins: Sequence[Margin]) -> tuple[tuple[str, str, str, str, str, str, bool], ...]:
-    """Rows of the margins."""
+    """Rows of rule, layer, feature, value, limit, margin, and whether the rule is kept."""
     return tuple(
         (
             margin.rule,
@@ -273,10 +261,7 @@ class NumbersPanel(Panel):
             self._solve(design)
 
     def draw(self) -> None:
-        """Show the matrix that the page requests.
-
-        If there are many coils, both matrices together take twice the time.
-        """
+        """Show the matrix that the page requests, as both take twice the time."""
         if self._numbers is None:
             return
         numbers, state = self._numbers[1], self._session.state
@@ -359,10 +344,7 @@ class SummaryPanel(Panel):
         return [Step("summary", lambda: summarize(design, coupling, response), show, fail)]
 
     def _respond(self) -> None:
-        """Compute the response map for the summary.
-
-        It gives the summary's rows of the response.
-        """
+        """Compute the response map for the summary."""
         session = self._session
         design = session.work.design
 
@@ -377,10 +359,7 @@ class SummaryPanel(Panel):
 
 
 def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """Compute the response map of a design on the board.
-
-    It is the same map as in the design's report.
-    """
+    """Compute the response map of a design on the board."""
     from coilarray.response.dataset import on_board
     from coilarray.response.map import response_map
 

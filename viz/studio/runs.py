@@ -83,10 +83,7 @@ class Run:
         return f"score {k + 1}"
 
     def values(self, name: str) -> list[float]:
-        """Read a value of every point.
-
-        It is NaN if a point has no such value.
-        """
+        """Values of every point, NaN if a point has none."""
         if name in self.objectives:
             k = self.objectives.index(name)
             return [point.scores[k] for point in self.points]
@@ -100,10 +97,7 @@ class Run:
 
     @property
     def start(self) -> int | None:
-        """Index of the point from which the search began.
-
-        It is None if this point is unknown or is not a possible board.
-        """
+        """Index of the possible board from which the search began, or None."""
         return next((k for k, point in enumerate(self.points) if point.start), None)
 
     @property
@@ -209,7 +203,11 @@ def front_rows(run: Run) -> list[dict[str, Any]]:
 
 
 def _address(path: Path) -> str:
-    """Read-only address of a database."""
+    """Read-only address of a database.
+
+    With it SQLite does not wait for a search that writes the database. Without a journal no search is running, and the
+    database is opened as immutable, which creates no files.
+    """
     journal = path.with_name(f"{path.name}-wal").exists()
     return f"{path.resolve().as_uri()}?{'mode=ro' if journal else 'immutable=1'}"
 
@@ -436,10 +434,7 @@ class RunsPanel(Panel):
 
 
 def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
-    """All goals as the page lists them.
-
-    Goals that fit the design come first.
-    """
+    """All goals as the page lists them."""
     items = {name: {"subtitle": says, "disabled": False, "lines": "two"} for name, says in NAMES.items()}
     for name, why in unfit.items():
         items[name] = items.pop(name) | {"subtitle": why, "disabled": True, "lines": "three"}

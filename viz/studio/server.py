@@ -92,10 +92,7 @@ class Address:
 
 
 def check_studio() -> None:
-    """Check that all libraries of the studio are installed.
-
-    A missing library raises a MissingDependencyError.
-    """
+    """Raise MissingDependencyError if a library of the studio is missing."""
     require_pyvista("pages of the studio", "studio")
     needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
     for module, package in {**needed, "aiohttp": "aiohttp"}.items():

@@ -27,71 +27,34 @@ Document = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class BoardRequest:
-    """Request for the readings of a board.
+    """Request for the readings of a board."""
 
-    Parameters
-    ----------
-    document, name
-        Document and name of the design.
-    port : str
-        Port of the board, or ``"emulator"`` without a board.
-    recording : str or None
-        File of a recording that is replayed instead.
-    reference : sequence of str
-        States that nothing touches. Their δ is subtracted from δ of all other states.
-    log : str or None
-        File of a recording to be written.
-    """
-
-    document: Document
+    document: Document  # of the design, and its name
     name: str
-    port: str
-    recording: str | None = None
-    reference: Sequence[str] = ()
-    log: str | None = None
+    port: str  # port of the board, or ``"emulator"`` without a board
+    recording: str | None = None  # file of a recording that is replayed instead
+    reference: Sequence[str] = ()  # states that nothing touches. Their δ is subtracted from δ of all other states
+    log: str | None = None  # file of a recording to be written
 
 
 @dataclass(frozen=True, eq=False)
 class BoardFrame:
-    """Readings of one scan of a board.
+    """Readings of one scan of a board."""
 
-    Parameters
-    ----------
-    line : str
-        Description of the board.
-    emulated : bool
-        True for an emulated board.
-    sequence : int
-        Number of the scan.
-    delta, reasons : mapping of str to (float or None), and to str
-        δ of every state, None for a state without δ, and why the readings of states are not good.
-    waiting, lost : int
-        Numbers of scans that the baseline still needs, and of lost scans.
-    location, problem : Location or None, and str
-        Position of the indentation, or the reason why there is none.
-    rate : float or None
-        Number of scans per second.
-    time : float
-        Time of the scan in s since the first scan.
-    press : Press or None
-        Press during this scan, or that has ended with it.
-    temperature : float or None
-        Temperature of the board in °C, if it is known.
-    """
-
-    line: str
-    emulated: bool
-    sequence: int
+    line: str  # description of the board
+    emulated: bool  # true for an emulated board
+    sequence: int  # number of the scan
+    # δ of every state, None for a state without it, and why the readings of states are not good.
     delta: Mapping[str, float | None]
     reasons: Mapping[str, str] = field(default_factory=dict)
-    waiting: int = 0
-    location: Location | None = None
+    waiting: int = 0  # numbers of scans that the baseline still needs, and of lost scans
+    location: Location | None = None  # position of the indentation, or the reason why there is none
     problem: str = ""
-    rate: float | None = None
+    rate: float | None = None  # number of scans per second
     lost: int = 0
-    time: float = 0.0
-    press: Press | None = None
-    temperature: float | None = None
+    time: float = 0.0  # time of the scan in s since the first scan
+    press: Press | None = None  # press during this scan, or that has ended with it
+    temperature: float | None = None  # temperature of the board in °C, if it is known
 
 
 @dataclass(frozen=True)
@@ -151,33 +114,16 @@ def compute_table(document: Document, name: str, progress: Progress) -> xr.Datas
 
 @dataclass(frozen=True)
 class Services:
-    """Functions that the caller of the studio provides.
-
-    Parameters
-    ----------
-    response_table : callable
-        A `ResponseTable`.
-    write_report, watch_board, summarize : callable, optional
-        A `WriteReport`, a `WatchBoard` and a `Summarize`. A missing function has no button, tab or table.
-    port : str
-        Port of the watched board, if the page does not name another port.
-    recording, log : str, optional
-        Files of a recording that is replayed instead, and of one to be written, for the first reading.
-    reference : sequence of str
-        States that nothing touches, for the first reading.
-    alone : bool
-        Whether the page is the live display alone, and reads at once.
-    failed : callable
-        Called with the reason if reading a board has failed.
-    """
+    """Functions that the caller of the studio provides."""
 
     response_table: ResponseTable = compute_table
+    # A `WriteReport`, a `WatchBoard` and a `Summarize`. A missing function has no button, tab or table.
     write_report: WriteReport | None = None
     watch_board: WatchBoard | None = None
-    port: str = "emulator"
+    port: str = "emulator"  # port of the watched board, if the page does not name another port
     summarize: Summarize | None = None
-    recording: str | None = None
-    log: str | None = None
-    reference: Sequence[str] = ()
-    alone: bool = False
-    failed: Callable[[str], None] = lambda problem: None
+    recording: str | None = None  # file of a recording that is replayed instead
+    log: str | None = None  # file of a recording to be written
+    reference: Sequence[str] = ()  # states that nothing touches, for the first reading
+    alone: bool = False  # whether the page is the live display alone, and reads at once
+    failed: Callable[[str], None] = lambda problem: None  # called with the reason if reading a board has failed

@@ -39,10 +39,7 @@ _DPI = 110
 
 
 class ReportPages:
-    """Reports that the pages of one studio have written, each by a key that nobody can guess.
-
-    A file that was changed after it was added is not served any more.
-    """
+    """Reports of a studio, each by a key that nobody can guess, unless the file has changed since."""
 
     def __init__(self) -> None:
         self._written: dict[str, tuple[Path, bytes]] = {}  # with the SHA-256 digest of the file
@@ -194,8 +191,8 @@ class Session(ABC):
         """Change the document of the design and show the design.
 
         `made` makes the new document from the present design. `refused` is called with one line if the change is
-        impossible. Routing all coils to a connector takes seconds, so it is done beside the page, and changes in the
-        meantime wait for it. From several changes of one `entry` only the last is made.
+        impossible. Routing coils to a connector takes seconds: it is done beside the page, and changes meanwhile wait.
+        From several changes of one `entry` only the last is made.
         """
         change = _Change(made, refused, typed)
         if self._changing is None or self._changing.done():
@@ -325,10 +322,7 @@ class Session(ABC):
         on_end: Callable[[Outcome], None],
         patience: float = PATIENCE,
     ) -> bool:
-        """Start a `Job` whose functions are called on the page.
-
-        If a job of this name still runs, the result is False.
-        """
+        """Start a `Job` whose functions are called on the page, unless one of its name runs."""
         if name in self._jobs:
             return False
 
@@ -421,10 +415,7 @@ class Session(ABC):
 
 
 class Panel:
-    """Panel of a page.
-
-    It puts its first `values` into the page's state. The page calls its functions by their names.
-    """
+    """Panel of a page, with its first values and its functions by name."""
 
     def __init__(self, session: Session, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
         self._session = session

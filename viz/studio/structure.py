@@ -64,10 +64,7 @@ def remove_coil(document: Document, design: Design, name: str) -> Document:
 
 
 def place_coil(document: Document, design: Design, name: str, key: str, value: float) -> Document:
-    """Set one entry of a coil's place.
-
-    The entry is ``x_mm``, ``y_mm`` or ``rotation_deg``.
-    """
+    """Set ``x_mm``, ``y_mm`` or ``rotation_deg`` of a coil."""
     new = {key: value}
     places = _placements(document, design)
     return _free(document, [{**place, **new} if place["name"] == name else place for place in places])
@@ -141,10 +138,7 @@ def _in_rings(rings: int) -> int:
 
 
 def set_layers(document: Document, _: Design, number: float) -> Document:
-    """Set the number of copper layers of the board.
-
-    The dielectrics change by one factor, so that the thickness of the board stays the same.
-    """
+    """Set the number of copper layers of a board of the same thickness."""
     stackup = document["stackup"]
     names = list(stackup["layers"])
     if not (1 <= number <= 64 and number == (count := int(number))):
@@ -164,10 +158,7 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
 
 
 def on_its_layers(document: Document) -> dict[str, Any]:
-    """Lay every coil on the layers of its shape.
-
-    It is laid on as many layers as its shape has. A board with too few layers raises a DesignError.
-    """
+    """Lay coils on as many layers as they have, or raise DesignError."""
     array, free = document["array"], document["array"]["lattice"] == "free"
     names = list(document["stackup"]["layers"])
     laid = [(place["coil"], tuple(place["layers"])) for place in array["placements"]] if free else [
@@ -207,10 +198,7 @@ def set_house(document: Document, _: Design, house: str) -> Document:
 
 
 def set_leads(document: Document, _: Design, *, there: bool, before: Sequence[Document] = ()) -> Document:
-    """Give every wound coil leads and terminals, or none.
-
-    They are taken from the first of the documents `before` that had them.
-    """
+    """Give wound coils leads as in the first document `before` with any, or none."""
     coils, reasons = dict(document["coils"]), dict[str, str]()
     for shape, table in coils.items():
         if table.get("shape") == "path" or (there and "leads" in table):
@@ -279,11 +267,7 @@ def without_entry(document: Document, table: str, index: int) -> Document:
 
 
 def set_base(document: Document, _: Design, base: str, *, before: Sequence[Document] = ()) -> Document:
-    """Set the base of the lowest sheet.
-
-    It is bonded or lies without friction on the board, or it lies on a seat. The entries of the seat are taken from the
-    document, or from the first of `before` that had them.
-    """
+    """Set the base of the lowest sheet, on a seat as `before` if it had one."""
     if base not in BASES:
         raise DesignError(f"indentation.base must be one of {', '.join(BASES)}; got {base!r}.")
     if "indentation" not in document:
@@ -299,10 +283,7 @@ def set_base(document: Document, _: Design, base: str, *, before: Sequence[Docum
 
 
 def _as_before(before: Sequence[Document], *path: str, start: str = "") -> tuple[dict[str, Any], dict[str, str]]:
-    """Entries of a table in the first document with any.
-
-    They begin with `start`.
-    """
+    """Entries that begin with `start` in the first document with any."""
     for document in before:
         try:
             table = reduce(getitem, path, document)

@@ -41,10 +41,7 @@ PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.requi
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """Sweep of a design.
-
-    Without quantities the first of the design is used.
-    """
+    """Sweep of a design."""
 
     document: Document
     name: str
@@ -177,10 +174,7 @@ class StudiesPanel(Panel):
         )  # fmt: skip
 
     def show(self, work: Work, *, anew: bool) -> None:
-        """Offer the entries of a design.
-
-        `anew` is true if its file or its coils are others.
-        """
+        """Offer the entries of a design, `anew` for another file or other coils."""
         state = self._session.state
         state.study_old = self._of is not None and self._of.digest != work.design.digest
         if anew or not state.sweep_axes:

@@ -40,10 +40,7 @@ SPACING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class UnitFields:
-    """B of one ampere in every coil alone.
-
-    Lengths are in m.
-    """
+    """B of one ampere in every coil alone, on a plane, lengths in m."""
 
     x: FloatArray  # shape (nx,)
     y: FloatArray  # shape (ny,)
@@ -51,10 +48,7 @@ class UnitFields:
     fields: FloatArray  # T/A, shape (coils, nx, ny, 1, 3)
 
     def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
-        """Field of currents in A, shape (coils,).
-
-        It is given in the form of `coilarray.viz.flux_density`.
-        """
+        """Field of currents in A, shape (coils,), as of `coilarray.viz.flux_density`."""
         B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
         return flux_grid(self.x, self.y, [self.height], B)
 
@@ -85,10 +79,7 @@ def state_of(settings: Mapping[str, Setting]) -> ScanState:
 
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
-    """Compute B of every coil on a plane.
-
-    The plane is at the design's field height. Too many points raise a GeometryError.
-    """
+    """B of every coil on a plane, or GeometryError for too many points."""
     x_min, y_min, x_max, y_max = design.array.bounds
     x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     conductors = design.array.conductors()
@@ -101,8 +92,7 @@ def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
 def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult) -> Scene:
     """Scene of a switch state.
 
-    Above it is a plane of B for 1 mA in its first coil. The `fields` are None for a design with plates, because beside
-    plates they differ at every frequency.
+    The `fields` are None for a design with plates, because beside plates they differ at every frequency.
     """
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
@@ -127,10 +117,7 @@ class SwitchesPanel(Panel):
         super().__init__(session, values, switch=self._switch)
 
     def show(self, design: Design, *, anew: bool) -> None:
-        """Show another design.
-
-        `anew` is true for another file.
-        """
+        """Show another design, `anew` for another file."""
         self._session.state.settings = kept_settings(design.array, {} if anew else self._session.state.settings)
         self._result = None
 
@@ -155,10 +142,7 @@ class SwitchesPanel(Panel):
             state.switched, state.currents, state.switch_problem = [], [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Make the scene of the state.
-
-        It is None without a solution. The method runs in a thread.
-        """
+        """Scene of the solved state or None, made in a thread."""
         result = self._result
         if result is None or len(result.currents) != len(design.array.names):
             return None
@@ -179,10 +163,7 @@ class SwitchesPanel(Panel):
 
 
 def _rows(result: Resonance) -> list[list[str]]:
-    """Rows of the readings of the converter.
-
-    A row has label, number, unit and all digits.
-    """
+    """Rows of label, number, unit and all digits."""
     values = (
         ("L_eff", result.effective_inductance, 1e6, "µH", 3),
         ("R_eff", result.effective_resistance, 1.0, "Ω", 2),
@@ -197,10 +178,7 @@ def _rows(result: Resonance) -> list[list[str]]:
 
 
 def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:
-    """Magnitude and phase of every coil's current.
-
-    They are relative to the current of the first measured coil.
-    """
+    """Magnitude and phase of every coil's current."""
     rows = []
     for name, current in zip(design.array.names, result.currents.tolist(), strict=True):
         angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0

@@ -126,10 +126,7 @@ def _by_ellipses(
 
 @lru_cache(maxsize=16)
 def _ellipse_model(model: ForwardModel, depth: float, row: tuple[float, float]) -> EllipseModel | str:
-    """Fit the paper's model to the response at one depth.
-
-    `row` is its origin.
-    """
+    """Fit the paper's model about its origin `row` at one depth."""
     x, y = (np.arange(axis[0], axis[-1] + _STEP / 2, _STEP) for axis in (model.x, model.y))
     x, y = (np.minimum(axis, last[-1]) for axis, last in ((x, model.x), (y, model.y)))
     points = np.empty((len(y), len(x), 3))
@@ -154,10 +151,7 @@ def crossing_line(touch: Touched) -> str:
 
 
 def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
-    """Scene of a touch.
-
-    The board is coloured by δ.
-    """
+    """Scene of a touch."""
     design, setup = board.design, indentation_of(board.design)
     scene = coloured_by_delta(board, touch.delta)
     x, y = touch.at
@@ -169,10 +163,7 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
-    """Draw the marks of a touch.
-
-    They are the indenter, the paper's ellipses, the located positions, and the colours of the coils.
-    """
+    """Draw the marks of a touch."""
     colours = coil_colours(design.array.names, design.array.centres)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
@@ -249,10 +240,7 @@ class TouchPanel(Panel):
             state.touch_note = "The design has changed: its response is to be computed anew."
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Scene of the touch.
-
-        It is None without a touch. The method runs in a thread.
-        """
+        """Scene of the touch or None, made in a thread."""
         touch = self._touched
         if touch is None or self._sensor is None or self._sensor.design is not design or touch.depth <= 0:
             return None
@@ -296,10 +284,7 @@ class TouchPanel(Panel):
     # ---------------------------------------------------------------- the indenter
 
     def _press(self, across: float, down: float) -> None:
-        """Press at the pointer.
-
-        Its place is given as shares of the drawing's sides.
-        """
+        """Press at the pointer."""
         if self._sensor is not None and self._touched is not None:
             x, y = self._view.place(float(across), float(down))
             self._put(x, y, self._touched.depth)
@@ -350,10 +335,7 @@ def touch_work(design: Design) -> str:
 
 
 def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
-    """Place and depth in m from texts in mm.
-
-    A text that is not a number, or a number beyond the response, raises a DesignError.
-    """
+    """Place and depth in m from texts in mm, or DesignError."""
     numbers = []
     limits = zip(sensor.model.lower.tolist(), sensor.model.upper.tolist(), strict=True)
     for name, text, (low, high) in zip(("x", "y", "depth"), texts, limits, strict=True):

@@ -69,11 +69,7 @@ class SceneView:
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
 
     def show(self, scene: Scene, sent: Callable[[], None]) -> None:
-        """Draw another scene.
-
-        `sent` is called with its first picture. The whole scene is seen from the user's direction, unless the user has
-        moved or zoomed the picture.
-        """
+        """Draw another scene, and call `sent` with its first picture."""
         self._sent = sent
         self._show(scene)
 
@@ -96,10 +92,7 @@ class SceneView:
             self._push()
 
     def make_room_for(self, scene: Scene | None) -> None:
-        """Aim the camera at all of another scene too.
-
-        A `picture` of the other scene is shown beside. None stands for no other scene.
-        """
+        """Aim the camera at all of another scene too, or at none."""
         bounds = () if scene is None else scene.bounds
         aimed, self._beside_bounds = self._beside_bounds != bounds and self._is_aimed(), bounds
         if aimed:
@@ -212,10 +205,7 @@ class SceneView:
         self._send_encoded(app, smooth, _LOOKS)
 
     def _send_encoded(self, app: Any, smooth: bool, looks: int) -> None:
-        """Send the picture if encoded, or test again soon.
-
-        The widget would send the last picture once more, and look for the new picture half a second later.
-        """
+        """Send the picture if encoded, or test again soon."""
         self._forget("sending")
         quality = self._server.protocol_call("viewport.image.push.quality.get", self._id)["quality"]
         app.StillRenderToBuffer(self._window, 0, quality)
@@ -233,10 +223,7 @@ class SceneView:
             self._at_rest(True)
 
     def _resized(self) -> None:
-        """Draw letters and lines for another height.
-
-        This happens once the size of the page is constant.
-        """
+        """Draw letters and lines for another height."""
         width, height = (min(side, most) for side, most in zip(self._size, _LARGEST, strict=True))
         if (width, height) != self._size:  # the page may ask for any size
             self._window.SetSize(width, height)
@@ -248,10 +235,7 @@ class SceneView:
             self._show(self._scene)
 
     def _later(self, name: str, seconds: float, function: Callable[..., None], *arguments: Any) -> None:
-        """Call a function after some seconds.
-
-        It is not called if it is requested again or forgotten before.
-        """
+        """Call a function after some seconds, unless it is requested again or forgotten."""
         self._forget(name)
         self._timers[name] = asyncio.get_running_loop().call_later(seconds, function, *arguments)
 
@@ -284,10 +268,7 @@ class SceneView:
 
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
-    """Scene whose letters and lines fit a narrow picture.
-
-    It has no notes, because the page shows them.
-    """
+    """Scene with letters and lines for a narrow picture, without its notes."""
     part = _part(size)
     parts = tuple(replace(one, line_width=one.line_width * part) for one in scene.parts)
     texts = tuple(replace(text, height=_letters(text, size)) for text in scene.texts)
@@ -295,10 +276,7 @@ def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
 
 
 def _letters(text: Text, size: tuple[int, int]) -> float:
-    """Legible height of a text's letters.
-
-    It is in pixels of a picture 900 pixels high, and legible in this picture.
-    """
+    """Legible height of a text's letters."""
     return max(text.height * _part(size), _LEAST_LETTER * _HEIGHT / size[1])
 
 
@@ -340,10 +318,7 @@ class ScenePanel(Panel):
 
     @property
     def html(self) -> str:
-        """HTML of the view.
-
-        It is empty if nothing can be rendered.
-        """
+        """HTML of the view, empty if nothing can be rendered."""
         return "" if self._view is None else str(self._view.widget.html)
 
     def expect(self) -> None:
@@ -384,10 +359,7 @@ class ScenePanel(Panel):
             self._view.close()
 
     def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
-        """Compute a scene in a thread.
-
-        The `sheets` are lifted off the board if nothing else lies over it.
-        """
+        """Compute a scene in a thread, with or without lifted sheets."""
         scene = None
         if tab in self._tabs:
             scene = self._tabs[tab](design, self._board(design))
@@ -438,10 +410,7 @@ class ScenePanel(Panel):
             self._session.state.saved_picture = png_url(self._view.picture(self._saved))
 
     def show_saved(self, there: bool) -> None:
-        """Show or hide the saved design beside the shown design.
-
-        A design without a file has no saved design.
-        """
+        """Show or hide the saved design beside the shown design."""
         self._session.state.scene_saved = there and bool(self._session.work.kept)
         self._saved = None
         if self._view is not None:

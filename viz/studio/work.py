@@ -80,10 +80,7 @@ class Work:
         return vary_chosen(self.opened.document, changes)
 
     def with_document(self, document: Mapping[str, Any]) -> Work:
-        """Replace the document.
-
-        If no board is possible with it, the same kind of DesignError is raised.
-        """
+        """Replace the document, or raise the same kind of DesignError."""
         try:
             opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
@@ -92,10 +89,7 @@ class Work:
         return replace(self, opened=opened)
 
     def for_file(self, file: str, title: str) -> Work:
-        """Change the title, and the name for another file.
-
-        An empty title removes it.
-        """
+        """Change the title, and the name for another file."""
         stem = file.removesuffix(".toml")
         return self._called(self.design.name if stem == self.file.removesuffix(".toml") else stem, title)
 
@@ -129,10 +123,7 @@ class Work:
 
 
 def work_on(opened: DesignFile, file: str) -> Work:
-    """Begin to work on a design file.
-
-    A design that is too large for the studio raises a DesignError.
-    """
+    """Begin to work on a file, unless it is too large (DesignError)."""
     require_small(opened.design)
     return Work(opened, file, opened.document, opened.text)
 
@@ -162,10 +153,7 @@ _NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # short enough for a
 
 @dataclass(frozen=True)
 class Shelf:
-    """Design files of one folder, and the bundled designs.
-
-    The folder must exist.
-    """
+    """Design files of one folder, and the bundled designs."""
 
     folder: Path
 
@@ -178,10 +166,7 @@ class Shelf:
         return [*files, *bundled.names()]
 
     def open(self, name: str) -> Work:
-        """Read a design.
-
-        An unknown name or an invalid file raises a DesignError.
-        """
+        """Read a design, or raise DesignError."""
         if name in bundled.names():
             return work_on(parse_design_file(bundled.read(name), name), name)
         path = self.path(name)
@@ -206,10 +191,7 @@ class Shelf:
         return work.saved_as(name)
 
     def would_lose(self, work: Work, name: str) -> bool:
-        """Check if saving a design replaces another file.
-
-        The OutputError is the same as in `path`.
-        """
+        """Check if saving replaces another file, or raise the OutputError of `path`."""
         path = self.path(name)
         if not path.exists():
             return False
@@ -219,10 +201,7 @@ class Shelf:
             return True
 
     def files(self, suffix: str) -> list[str]:
-        """Names of the files of the folder with a suffix.
-
-        The latest file comes first.
-        """
+        """Names of the files of the folder with a suffix."""
         try:
             found = [path for path in self.folder.glob(f"*{suffix}") if _NAME.fullmatch(path.name)]
             return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
@@ -230,10 +209,7 @@ class Shelf:
             return []
 
     def file(self, name: str, suffixes: Sequence[str]) -> Path:
-        """Path of a file of the folder.
-
-        A name that is not allowed raises an OutputError.
-        """
+        """Path of a file of the folder, or OutputError for its name."""
         if not (_NAME.fullmatch(name) and name.lower().endswith(tuple(suffixes))):
             raise OutputError(
                 f"a file must have a plain, short name that ends in {' or '.join(suffixes)}; got {name[:60]!r}."
