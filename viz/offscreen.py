@@ -1,7 +1,4 @@
-"""Test whether this machine can render in 3-D.
-
-The test runs in a child process, because a failure ends the process.
-"""
+"""Test in a child process, which a failure ends, whether this machine can render in 3-D."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Colours of all pictures.
-
-They are distinct with any colour vision, as the tests measure.
-"""
+"""Colours of all pictures, distinct with any colour vision, as the tests measure."""
 
 from __future__ import annotations
 

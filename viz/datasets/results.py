@@ -1,7 +1,4 @@
-"""Datasets over a board.
-
-Couplings as arcs, a response as a surface, and a located position with its ellipse.
-"""
+"""Results over a board: couplings as arcs, a response as a surface, a position with its ellipse."""
 
 from __future__ import annotations
 

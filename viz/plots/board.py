@@ -1,7 +1,4 @@
-"""Plans of a board and its narrowest places.
-
-The copper of a single layer, all layers from above, and the places where the board comes nearest to its rules.
-"""
+"""Plans of a board: the copper of one layer, all layers from above, and the narrowest places."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Figures of B_z along a line and on a plane.
-
-The line runs across a coil, and the plane lies above the board.
-"""
+"""Figures of B_z along a line across a coil, and on a plane above the board."""
 
 from __future__ import annotations
 

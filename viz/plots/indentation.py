@@ -1,7 +1,4 @@
-"""Flat figures of an indentation.
-
-Force over depth, and the dent in section.
-"""
+"""Figures of an indentation: force over depth, and the dent in section."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Flat figures of the localization.
-
-Ellipses and their parameters, errors of x, distortion of x0, and bounds.
-"""
+"""Figures of the localization: ellipses and their parameters, errors of x, distortion, and bounds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Pictures of a search.
-
-Its convergence, the importance of its variables, its Pareto front, and boards.
-"""
+"""Figures of a search: convergence, importance of the variables, Pareto front, and boards."""
 
 from __future__ import annotations
 

@@ -64,6 +64,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:
         """Draw with the settings of `STYLE`."""
+        # Matplotlib's own context would undo the settings that a notebook makes when its first figure loads a backend.
         before = {key: matplotlib.rcParams[key] for key in STYLE}
         matplotlib.rcParams.update(STYLE)
         try:

@@ -1,7 +1,4 @@
-"""Flat figures of a tolerance analysis.
-
-The contributions to every spread, and the scatter of the drawn boards.
-"""
+"""Figures of a tolerance analysis: contributions to every spread, and the scatter of the boards."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Scenes of a design.
-
-All parts that a view requests are computed and joined.
-"""
+"""Scenes of a design: all parts that a view requests, computed and joined."""
 
 from __future__ import annotations
 
@@ -130,11 +127,6 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
     `track` gives the progress function of each computation. An unknown coil or layer, an indenter off the board, or a
     field that needs too much memory raises a GeometryError. An impossible indentation, map or reading raises an
     ElastomerError or LocalizeError. Metal that the design does not have or that is not computed raises a MetalError.
-
-    Returns
-    -------
-    Scene
-        Scene in mm, to be rendered, exported or shown in the studio.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 

@@ -1,7 +1,4 @@
-"""Scene as a web page that needs no network.
-
-vtk.js draws the meshes. The page itself draws all texts.
-"""
+"""Scene as a web page that needs no network: vtk.js draws the meshes, the page the texts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Scene as VTK files for ParaView.
-
-Every part has all its arrays.
-"""
+"""Scene as VTK files for ParaView, with all arrays of every part."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Scenes over a board.
-
-Fields, coupling, passive currents, a response, and a located indentation.
-"""
+"""Scenes of results over a board: coupling, passive currents, a response, and a located indentation."""
 
 from __future__ import annotations
 

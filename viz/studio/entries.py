@@ -1,7 +1,4 @@
-"""Entries of a design with a slider.
-
-Their labels, units and ranges.
-"""
+"""Entries of a design with a slider: labels, meanings, units and ranges."""
 
 from __future__ import annotations
 

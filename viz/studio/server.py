@@ -1,7 +1,4 @@
-"""Web server of the studio.
-
-It has access control, one session for each page, and an end without leftovers.
-"""
+"""Web server of the studio: access control, one session for each page, and an end without leftovers."""
 
 from __future__ import annotations
 

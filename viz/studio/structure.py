@@ -1,7 +1,4 @@
-"""Structure of a design, changed in its document.
-
-The structure has coils, their places and lattice, layers, leads and sheets.
-"""
+"""Structure of a design in its document: coils, places and lattice, layers, leads and sheets."""
 
 from __future__ import annotations
 

@@ -175,15 +175,7 @@ class Shelf:
         return work_on(load_design_file(path), name)
 
     def save(self, work: Work, name: str) -> Work:
-        """Write a design into the folder in one step.
-
-        It is returned with its new file.
-
-        Raises
-        ------
-        OutputError
-            If the name is not allowed, or the file cannot be written.
-        """
+        """Write a design, which is returned with its new file, or raise OutputError."""
         path = self.path(name)
         text = work.text()
         parse_design(text, name)  # refuses a file that would not be readable
