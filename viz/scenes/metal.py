@@ -290,24 +290,18 @@ def scene_of_metal(
         steps = steps[:1] if distance is None else [distance]
     place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
     numbers = target_at(design, place, steps, progress=progress) if steps else None
-    of_plates: list[Eddies] = []
-    of_target: list[Eddies | None] = [None] * len(steps)
+    scale: Scale | None = None
+    of_target: Sequence[Eddies | None] = [None] * len(steps)
     if "eddies" in shown:
         if not plates and not steps:
             raise MetalError(f"eddy currents need plates or a target in the picture of {design.name}.")
         operation = working_point(design, coupling(), coil, current, terminated=terminated)
-        phasors = eddies_of_plates(design, plates, operation, within)
-        moved = eddies_of_target(design, place, steps, operation, within)
-        shown_now, when = at_their_largest([*phasors, *(one for one in moved if one is not None)])
-        of_plates, rest = shown_now[: len(phasors)], iter(shown_now[len(phasors) :])
-        of_target = [None if one is None else next(rest) for one in moved]
+        eddies = scene_of_eddies(design, plates, place, steps, operation, within)
+        scale, of_target = eddies.scale, eddies.of_target
         carried = f"{operation.frequency * 1e-6:.4g} MHz, {abs(current) * 1e3:g} mA in {coil}"
-        notes = [f"Eddy currents {when}, {carried}, the currents of the coils as without a target."]
-        notes += ["Those in the target are not drawn."] if None in moved else []
-        scene += Scene(notes=tuple(notes))
-    scale = scale_of_eddies([*of_plates, *(one for one in of_target if one is not None)])
-    for number, one in enumerate(of_plates):
-        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+        notes = [f"Eddy currents {eddies.when}, {carried}, the currents of the coils as without a target."]
+        notes += ["Those in the target are not drawn."] if None in of_target else []
+        scene += Scene(notes=tuple(notes)) + eddies.of_plates
     if numbers is None:
         return scene
     target = target_of(design)
@@ -318,6 +312,35 @@ def scene_of_metal(
     ]
     first = 0 if distance is None else steps.index(distance)
     return scene + scene_of_target(target.body, positions, within, scale, first)
+
+
+@dataclass(frozen=True, eq=False)
+class EddyScene:
+    """Eddy currents of all bodies at one instant and on one scale."""
+
+    of_plates: Scene
+    of_target: Sequence[Eddies | None]  # at each distance, None for a ball
+    scale: Scale
+    when: str  # the instant
+
+
+def scene_of_eddies(
+    design: Design,
+    plates: Sequence[Plate | FinitePlate],
+    place: tuple[float, float],
+    distances: Sequence[float],
+    operation: WorkingPoint,
+    within: Box,
+) -> EddyScene:
+    """Eddy currents of plates, and of the target at distances over a place, in m."""
+    of_plates = eddies_of_plates(design, plates, operation, within)
+    of_target = eddies_of_target(design, place, distances, operation, within)
+    found, when = at_their_largest([*of_plates, *(one for one in of_target if one is not None)])
+    scale, rest = scale_of_eddies(found), iter(found[len(of_plates) :])
+    scene = Scene()
+    for number, one in enumerate(found[: len(of_plates)]):
+        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+    return EddyScene(scene, [None if one is None else next(rest) for one in of_target], scale, when)
 
 
 def target_at(

@@ -22,11 +22,7 @@ from coilarray.viz.scenes.board import scene_of_sheets
 from coilarray.viz.scenes.metal import (
     Position,
     around_board,
-    at_their_largest,
-    eddies_of_plates,
-    eddies_of_target,
-    eddy_parts,
-    scale_of_eddies,
+    scene_of_eddies,
     scene_of_plates,
     scene_of_target,
     steps_of,
@@ -171,21 +167,16 @@ def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.
     scene += Scene(board.copper) + board.rest
     distances = [] if moved is None else [moved.distances[step]]
     place = (0.0, 0.0) if moved is None else moved.place
-    scale, of_target = None, None
+    eddies = None
     if coupling is not None:
         coil = design.array.middle_coil
         operation = working_point(design, coupling, coil, 1e-3, terminated=True)
-        phasors = eddies_of_plates(design, design.plates, operation, within)
-        found = [one for one in eddies_of_target(design, place, distances, operation, within) if one is not None]
-        eddies, when = at_their_largest([*phasors, *found])
-        scale = scale_of_eddies(eddies)
-        for number, one in enumerate(eddies[: len(phasors)]):
-            scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
-        of_target = eddies[-1] if found else None
-        scene += Scene(notes=(f"Eddy currents {when}; 1 mA in {coil}.",))
+        eddies = scene_of_eddies(design, design.plates, place, distances, operation, within)
+        scene += eddies.of_plates + Scene(notes=(f"Eddy currents {eddies.when}; 1 mA in {coil}.",))
     for distance in distances:
         height = target_of(design).height(design.top, distance)
-        position = Position(distance, (*place, height), of_target)
+        position = Position(distance, (*place, height), None if eddies is None else eddies.of_target[0])
+        scale = None if eddies is None else eddies.scale
         scene += scene_of_target(target_of(design).body, [position], within, scale, 0).still()
     return scene
 
