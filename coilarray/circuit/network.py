@@ -115,6 +115,11 @@ class Network:
         if mutual.shape != (n, n) or not np.array_equal(mutual, mutual.T) or not (mutual >= 0).all():
             raise NetworkError(f"{n} coils need a mutual capacitance matrix ({n}, {n}), symmetric and not negative.")
 
+    def __repr__(self) -> str:
+        names = self.names if len(self.names) <= 6 else (*self.names[:5], "…", self.names[-1])
+        low, high = self.inductance.diagonal().min() * 1e6, self.inductance.diagonal().max() * 1e6
+        return f"<Network of {len(self.names)} coils: {', '.join(names)}; {low:.4g} to {high:.4g} µH>"
+
 
 @dataclass(frozen=True, eq=False)
 class PortImpedance:

@@ -79,7 +79,7 @@ def test_the_usual_construction():
     assert ca.Placement("A", SPIRAL, ("L1", "L2"), 0, 0).coil is SPIRAL.coil()
 
 
-@pytest.mark.parametrize("value", [SMALL, ROW.placements[0], ROW, SPIRAL])
+@pytest.mark.parametrize("value", [SMALL, ROW.placements[0], ROW, SPIRAL, ca.design_circuit(ca.Design(ROW))])
 def test_values_print_on_one_short_line(value):
     assert len(repr(value)) < 200
     assert "\n" not in repr(value)
